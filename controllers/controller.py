@@ -1,0 +1,84 @@
+"""The controller contract: a callable (State, Reference) → Command, and what guards its input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from softdyn import Reference, SetPoint, State
+
+
+class Status(Enum):
+    """How a command came about."""
+
+    OK = "ok"
+    NOT_SOLVED = "not solved"
+    NON_FINITE = "non-finite"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a controller answers.
+
+    Attributes
+    ----------
+    u : (nu,) the input, held until the next command.
+    V : value of the Lyapunov function where the controller has one.
+    delta : slack δ of its decrease condition.
+    status : anything but `Status.OK` means that `u` is a fallback.
+    """
+
+    u: np.ndarray
+    V: float = float("nan")
+    delta: float = float("nan")
+    status: Status = Status.OK
+
+
+class Controller(Protocol):
+    """One instance a run: it may keep a warm start and counters, never the robot's state."""
+
+    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The input for this control period."""
+        ...
+
+
+class InputGuard:
+    """Stands between a law's answer and the robot: always finite, always within bounds, counted.
+
+    The one fallback is to hold the last good input; before there is one, the input nearest to 0.
+
+    Attributes
+    ----------
+    not_solved : answers whose recomputed residual was too large.
+    fallbacks : commands that held the last good input instead.
+    max_bound_violation : largest violation of the bounds by an accepted answer, before clipping.
+    """
+
+    def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
+        self.u_min, self.u_max = u_min, u_max
+        self.not_solved = 0
+        self.fallbacks = 0
+        self.max_bound_violation = 0.0
+        self._held = np.clip(np.zeros_like(u_min), u_min, u_max)
+        self._held.flags.writeable = False
+
+    def accept(self, u: np.ndarray, V: float, delta: float, clamped: bool = False) -> Command:
+        """A command from the law's answer `u` (nu,); `clamped` laws saturate by design."""
+        inside = np.minimum(np.maximum(u, self.u_min), self.u_max)
+        violation = float(np.abs(u - inside).max()) if u.size else 0.0
+        if not np.isfinite(violation):
+            return self.fall_back(Status.NON_FINITE, V, delta)
+        if not clamped and violation > self.max_bound_violation:
+            self.max_bound_violation = violation
+        inside.flags.writeable = False
+        self._held = inside
+        return Command(inside, V, delta, Status.OK)
+
+    def fall_back(self, status: Status, V: float, delta: float) -> Command:
+        """The last good input, counted."""
+        self.fallbacks += 1
+        self.not_solved += status is Status.NOT_SOLVED
+        return Command(self._held, V, delta, status)

@@ -1,0 +1,55 @@
+"""Checks of arguments: numbers that are numbers, arrays of the stated shape, or `InputError`."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from softdyn.exceptions import InputError
+
+
+def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -math.inf) -> float:
+    """`value` as a finite float, ``>= lower`` and ``> above``.
+
+    Raises
+    ------
+    InputError
+        For anything that is not a real number (text and booleans are not), NaN and infinities.
+    """
+    if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
+        try:
+            result = float(value)
+        except OverflowError:  # an int beyond the floats
+            result = math.inf
+        if math.isfinite(result) and result >= lower and result > above:
+            return result
+    bound = f" >= {lower:g}" if lower > -math.inf else ""
+    bound += f" > {above:g}" if above > -math.inf else ""
+    raise InputError(name, f"a finite number{bound}", repr(value))
+
+
+def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True) -> np.ndarray:
+    """`value` as a new read-only float array of `shape`.
+
+    Raises
+    ------
+    InputError
+        For text, complex numbers, ragged lists, another shape, NaN and infinities.
+    """
+    expected = f"{'finite ' if finite else ''}numbers of shape {shape}"
+    try:
+        given = np.asarray(value)
+    except ValueError:  # ragged
+        raise InputError(name, expected, repr(value)) from None
+    if given.dtype.kind not in "fiu":
+        raise InputError(name, expected, repr(value))
+    if given.shape != shape:
+        raise InputError(name, expected, f"shape {given.shape}")
+    result = np.array(given, dtype=float)
+    if finite and not np.isfinite(result).all():
+        raise InputError(name, expected, repr(value))
+    result.flags.writeable = False
+    return result

@@ -1,0 +1,49 @@
+"""Every exception softdyn raises on purpose; all derive from `SoftdynError`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class SoftdynError(Exception):
+    """Root of softdyn's exceptions: its text is one line that says what to do next."""
+
+
+class UrdfError(SoftdynError, ValueError):
+    """A robot description that cannot be used, with the evidence.
+
+    Attributes
+    ----------
+    file : the URDF's path.
+    element : the offending element, e.g. ``<joint name="j1"><limit>``.
+    expected, got : what the format asks for and what stands in the file.
+    line : line number in the file, or None where the defect has no single place.
+    """
+
+    def __init__(
+        self, file: Path | str, element: str, expected: str, got: object, line: int | None = None
+    ) -> None:
+        self.file, self.element, self.line = Path(file), element, line
+        self.expected, self.got = expected, one_line(got)
+        place = f"{file}:{line}" if line else f"{file}"
+        super().__init__(f"{place}: {element}: expected {expected}, got {self.got}")
+
+
+class InputError(SoftdynError, ValueError):
+    """An argument of the wrong shape, range or kind.
+
+    Attributes
+    ----------
+    name : the argument.
+    expected, got : what it should have been and what it was.
+    """
+
+    def __init__(self, name: str, expected: str, got: object) -> None:
+        self.name, self.expected, self.got = name, expected, one_line(got)
+        super().__init__(f"{name}: expected {expected}, got {self.got}")
+
+
+def one_line(value: object, limit: int = 120) -> str:
+    """`value` as text without line breaks, cut to `limit` characters."""
+    text = " ".join(str(value).split()) or repr(value)
+    return text if len(text) <= limit else text[: limit - 1] + "…"

@@ -1,0 +1,73 @@
+"""Spatial inertias of rigid bodies: transport, lumping, and what makes one physical."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Rounding in a file's decimals must not condemn a flat plate (a + b = c) or a point mass:
+# slack relative to the largest moment, and the moment of the mass at a micrometre.
+SLACK = 1e-6
+MICROMETRE = 1e-6
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Mass (kg), centre of mass (m) and rotational inertia about it (kg·m²), in one frame."""
+
+    mass: float
+    com: np.ndarray
+    tensor: np.ndarray
+
+    @staticmethod
+    def zero() -> Inertia:
+        return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+    def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Inertia:
+        """The same body seen from a frame in which this one sits at (rotation, translation)."""
+        return Inertia(
+            self.mass, rotation @ self.com + translation, rotation @ self.tensor @ rotation.T
+        )
+
+    def __add__(self, other: Inertia) -> Inertia:
+        """Both bodies welded together (parallel-axis theorem)."""
+        mass = self.mass + other.mass
+        if mass == 0.0:
+            return Inertia(0.0, np.zeros(3), self.tensor + other.tensor)
+        com = (self.mass * self.com + other.mass * other.com) / mass
+        tensor = self.tensor + other.tensor
+        for body in (self, other):
+            d = body.com - com
+            tensor = tensor + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        return Inertia(mass, com, tensor)
+
+    def defect(self) -> str | None:
+        """What makes this inertia impossible for a rigid body, or None.
+
+        A real mass distribution has principal moments a ≤ b ≤ c with a ≥ 0 and a + b ≥ c.
+        """
+        if self.mass < 0:
+            return f"mass {self.mass:g} kg"
+        a, b, c = np.linalg.eigvalsh(self.tensor)
+        slack = SLACK * max(abs(a), abs(c)) + MICROMETRE**2 * self.mass
+        moments = f"principal moments {a:.6g}, {b:.6g}, {c:.6g} kg m^2"
+        if a < -slack:
+            return f"{moments}: not positive"
+        if a + b < c - slack:
+            return f"{moments}: {a:.6g} + {b:.6g} < {c:.6g}"
+        if self.mass == 0.0 and slack > 0.0:
+            return f"{moments} without mass"
+        return None
+
+
+def rotation_rpy(rpy: np.ndarray) -> np.ndarray:
+    """Rotation matrix of URDF's roll, pitch, yaw (rad): Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

@@ -1,0 +1,340 @@
+"""SoftModel: a Pinocchio model, the robot's compliance and its tendons, composed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from softdyn.exceptions import InputError, UrdfError
+from softdyn.state import State
+from softdyn.tendons import compile_tendons
+from softdyn.urdf import Robot, moving_bodies
+
+
+class SoftModel:
+    """The analytic dynamics of an annotated robot.
+
+    It owns scratch memory: use one model per thread. States are independent of it.
+
+    Parameters
+    ----------
+    robot : the parsed description; the engine reads the same file.
+    bundled : name among the bundled robots, None for any other file.
+
+    Raises
+    ------
+    UrdfError
+        When Pinocchio refuses the file, reads another robot in it than the strict parse did, or
+        finds a singular mass matrix.
+    """
+
+    def __init__(self, robot: Robot, bundled: str | None = None) -> None:
+        self.robot = robot
+        self.bundled = bundled
+        self.name = robot.name
+        self.pin_model = _build(robot)
+        self._data = self.pin_model.createData()
+        self._rotations, self._translations = _live_placements(self._data)
+        model = self.pin_model
+        self.nq, self.nv, self.nu = model.nq, model.nv, len(robot.actuators)
+        self.joint_names = tuple(model.names[1:])
+        self.q0 = _read_only(pin.neutral(model))
+        self.u_min = _read_only([a.lower for a in robot.actuators])
+        self.u_max = _read_only([a.upper for a in robot.actuators])
+
+        joints = {joint.name: joint for joint in robot.joints}
+        ordered = [joints[name] for name in self.joint_names]
+        self.lower = _read_only([joint.lower for joint in ordered])
+        self.upper = _read_only([joint.upper for joint in ordered])
+        self.stiffness = _read_only([joint.stiffness for joint in ordered])
+        self.rest = _read_only([joint.rest for joint in ordered])
+        self.damping = _read_only([joint.damping for joint in ordered])
+        self.armature = _read_only([joint.armature for joint in ordered])
+        model.armature = self.armature.copy()
+
+        # A continuous joint holds (cos, sin) in q; every other one its coordinate.
+        self._circular = np.array([joint.kind == "continuous" for joint in ordered])
+        self._idx_q = np.array([model.joints[i + 1].idx_q for i in range(self.nv)])
+
+        self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
+        supports = np.zeros((self.nv, model.njoints), bool)
+        for body in range(1, model.njoints):
+            supports[[j - 1 for j in model.supports[body] if j > 0], body] = True
+        self._supports = supports
+        self.tendons = compile_tendons(
+            robot.tendons,
+            {name: i for i, name in enumerate(self.joint_names)},
+            self._anchor,
+            supports,
+        )
+        index = {name: t for t, name in enumerate(self.tendons.names)}
+        # B = Σ gear (∂ℓ/∂q)ᵀ over the actuators of each tendon
+        self._gear = np.array([a.gear for a in robot.actuators])
+        self._actuated = np.array([index[a.tendon] for a in robot.actuators], int)
+        self.tendon_stiffness = _read_only([tendon.stiffness for tendon in robot.tendons])
+        self.tendon_damping = _read_only([tendon.damping for tendon in robot.tendons])
+        self._elastic = bool(self.tendon_stiffness.any())
+        neutral = self._bodies(self.q0)
+        lengths = self.tendons.lengths(self.coordinates(self.q0), *neutral)
+        self.tendon_rest = _read_only(
+            [
+                length if tendon.rest is None else tendon.rest
+                for tendon, length in zip(robot.tendons, lengths, strict=True)
+            ]
+        )
+        self._fixed_arms = _read_only(self.tendons.coefficients)
+        self._fixed_B = _read_only(self._input_matrix(self._fixed_arms))
+        self._fixed_D = _read_only(self._damping_matrix(self._fixed_arms))
+        self._check_mass_matrix()
+
+    # -- state ---------------------------------------------------------------------------------
+
+    def state(self, q: np.ndarray, v: np.ndarray) -> State:
+        """Every term of the dynamics at (q, v).
+
+        Parameters
+        ----------
+        q : (nq,) configuration (rad, m; (cos, sin) of a continuous joint).
+        v : (nv,) velocity.
+
+        Raises
+        ------
+        InputError
+            Wrong shape or a number that is not finite.
+        """
+        q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
+        model, data = self.pin_model, self._data
+        M = np.array(pin.crba(model, data, q)).reshape(self.nv, self.nv)
+        bias = np.array(pin.nonLinearEffects(model, data, q, v))
+        pin.computeJointJacobiansTimeVariation(model, data, q, v)
+        J = self._frame_jacobian(pin.getFrameJacobian)
+        Jdot = self._frame_jacobian(pin.getFrameJacobianTimeVariation)
+        y = np.array(pin.updateFramePlacement(model, data, self._frame).translation)
+        coordinates = self.coordinates(q)
+        if self.tendons.spatial:
+            jacobian = np.array(data.J).reshape(6, self.nv)
+            arms, lengths = self.tendons.moment_arms(jacobian, *self._placements())
+            lengths += self.tendons.coefficients @ coordinates + self.tendons.offset
+            B, D = self._input_matrix(arms), self._damping_matrix(arms)
+        else:
+            arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+            lengths = self.tendons.coefficients @ coordinates
+        K = self.stiffness * (coordinates - self.rest)
+        if self._elastic:
+            K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))
+        h = bias + D @ v + K
+        arrays = (q, v, M, bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
+        for array in arrays:
+            array.flags.writeable = False
+        return State(self, *arrays)
+
+    def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
+        C = pin.computeCoriolisMatrix(self.pin_model, self._data, q, v)
+        return _read_only(np.reshape(C, (self.nv, self.nv)))
+
+    def gravity(self, q: np.ndarray) -> np.ndarray:
+        """Gravity force g (n,), the gradient of `gravity_energy`."""
+        return _read_only(pin.computeGeneralizedGravity(self.pin_model, self._data, q))
+
+    # -- dynamics ------------------------------------------------------------------------------
+
+    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Acceleration q̈ (nv,) under the input u (nu,), by the articulated-body algorithm."""
+        q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
+        u = self._vector("u", u, self.nu)
+        if self.tendons.spatial:
+            arms = self.tendon_moment_arms(q)
+            B, D = self._input_matrix(arms), self._damping_matrix(arms)
+        else:
+            arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        tau = B @ u - D @ v - self._spring_force(q, arms)
+        return np.array(pin.aba(self.pin_model, self._data, q, v, tau))
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """½ q̇ᵀ M q̇ (J), armature included."""
+        q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
+        M = np.reshape(pin.crba(self.pin_model, self._data, q), (self.nv, self.nv))
+        return float(v @ M @ v) / 2
+
+    def gravity_energy(self, q: np.ndarray) -> float:
+        """Potential energy of gravity (J), zero at the world's origin."""
+        q = self._vector("q", q, self.nq)
+        return float(pin.computePotentialEnergy(self.pin_model, self._data, q))
+
+    def elastic_energy(self, q: np.ndarray) -> float:
+        """Energy of joint springs and elastic tendons (J)."""
+        q = self._vector("q", q, self.nq)
+        stretch = self.coordinates(q) - self.rest
+        slack = self.tendon_lengths(q) - self.tendon_rest
+        return float(self.stiffness @ stretch**2 + self.tendon_stiffness @ slack**2) / 2
+
+    def potential_energy(self, q: np.ndarray) -> float:
+        """Gravity and elastic energy together (J)."""
+        return self.gravity_energy(q) + self.elastic_energy(q)
+
+    # -- tendons -------------------------------------------------------------------------------
+
+    def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
+        """Lengths (tendons,) of all tendons, in the file's order."""
+        q = self._vector("q", q, self.nq)
+        return self.tendons.lengths(self.coordinates(q), *self._bodies(q))
+
+    def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
+        """Moment arms ∂ℓ/∂q (tendons, nv)."""
+        q = self._vector("q", q, self.nq)
+        jacobian = self._joint_jacobian(q)
+        return self.tendons.moment_arms(jacobian, *self._placements())[0]
+
+    def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
+        """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
+        q = self._vector("q", q, self.nq)
+        jacobian = self._joint_jacobian(q)
+        return self.tendons.hessian(jacobian, *self._placements())
+
+    def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
+        """∂K/∂q (nv, nv): joint springs, and k (a aᵀ + (ℓ - rest) ∂a/∂q) of each elastic tendon."""
+        arms, force = self.tendon_moment_arms(q), self._tension(q)
+        return (
+            np.diag(self.stiffness)
+            + arms.T @ (self.tendon_stiffness[:, None] * arms)
+            + np.tensordot(force, self.tendon_hessians(q), 1)
+        )
+
+    # -- configurations ------------------------------------------------------------------------
+
+    def coordinates(self, q: np.ndarray) -> np.ndarray:
+        """Joint coordinates (nv,): q itself but for continuous joints, in (-π, π]."""
+        if self.nq == self.nv:
+            return np.asarray(q, float)
+        values = np.asarray(q, float)[self._idx_q]
+        sines = self._idx_q[self._circular] + 1
+        values[self._circular] = np.arctan2(q[sines], values[self._circular])
+        return values
+
+    def configuration(self, coordinates: np.ndarray) -> np.ndarray:
+        """Configuration q (nq,) of joint coordinates (nv,): the inverse of `coordinates`."""
+        values = self._vector("coordinates", coordinates, self.nv)
+        q = np.empty(self.nq)
+        q[self._idx_q] = np.where(self._circular, np.cos(values), values)
+        q[self._idx_q[self._circular] + 1] = np.sin(values[self._circular])
+        return q
+
+    def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
+        """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""
+        return np.array(pin.integrate(self.pin_model, q, dv))
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _vector(self, name: str, value: np.ndarray, size: int) -> np.ndarray:
+        """A fresh finite (size,) copy of an argument."""
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            raise InputError(name, f"{size} numbers", value) from None
+        if array.shape != (size,):
+            raise InputError(name, f"shape ({size},)", f"shape {array.shape}")
+        # one dot product instead of a temporary: it overflows only where the slow test decides
+        if not math.isfinite(array @ array) and not np.isfinite(array).all():
+            raise InputError(name, "finite numbers", array)
+        return array
+
+    def _anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
+        """Moving body that carries a point of a link, and the point in the body's frame."""
+        model = self.pin_model
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        return frame.parentJoint, frame.placement.act(np.array(xyz))
+
+    def _placements(self) -> tuple[np.ndarray, np.ndarray]:
+        """Live views: rotations (bodies, 3, 3), translations (bodies, 3) of the last kinematics."""
+        return self._rotations, self._translations
+
+    def _bodies(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pin.forwardKinematics(self.pin_model, self._data, q)
+        return self._placements()
+
+    def _joint_jacobian(self, q: np.ndarray) -> np.ndarray:
+        jacobian = pin.computeJointJacobians(self.pin_model, self._data, q)
+        return np.reshape(jacobian, (6, self.nv))
+
+    def _frame_jacobian(self, get) -> np.ndarray:
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        columns = get(self.pin_model, self._data, self._frame, axes)
+        return np.array(np.reshape(columns, (6, self.nv))[:3], order="C")
+
+    def _input_matrix(self, arms: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray((self._gear[:, None] * arms[self._actuated]).T)
+
+    def _damping_matrix(self, arms: np.ndarray) -> np.ndarray:
+        return np.diag(self.damping) + arms.T @ (self.tendon_damping[:, None] * arms)
+
+    def _tension(self, q: np.ndarray) -> np.ndarray:
+        return self.tendon_stiffness * (self.tendon_lengths(q) - self.tendon_rest)
+
+    def _spring_force(self, q: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        force = self.stiffness * (self.coordinates(q) - self.rest)
+        return force + arms.T @ self._tension(q) if self._elastic else force
+
+    def _check_mass_matrix(self) -> None:
+        M = self.state(self.q0, np.zeros(self.nv)).M
+        scale = np.sqrt(np.diag(M))
+        weakest = int(np.argmin(np.diag(M)))
+        if not (scale > 0).all() or np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-14:
+            raise UrdfError(
+                self.robot.path,
+                "<robot>",
+                "a positive definite mass matrix at q = 0",
+                f"a singular one; joint {self.joint_names[weakest]!r} moves the least inertia",
+            )
+
+
+def _read_only(values: object) -> np.ndarray:
+    array = np.array(values, float)
+    array.flags.writeable = False
+    return array
+
+
+def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
+    """Views of all joint placements in `data`, which its algorithms refresh in place.
+
+    `data.oMi` is a C++ vector of (rotation, translation) pairs, contiguous by the standard; going
+    through its Python accessor costs a microsecond a joint.
+    """
+    count, first, last = len(data.oMi), data.oMi[0], data.oMi[len(data.oMi) - 1]
+    stride = last.rotation.ctypes.data - first.rotation.ctypes.data
+    stride //= max(count - 1, 1)
+    row, column = first.rotation.strides
+    rotations = as_strided(first.rotation, (count, 3, 3), (stride, row, column))
+    translations = as_strided(first.translation, (count, 3), (stride, *first.translation.strides))
+    for i, placement in enumerate(data.oMi):
+        views = ((rotations[i], placement.rotation), (translations[i], placement.translation))
+        if any(view.ctypes.data != array.ctypes.data for view, array in views):
+            raise RuntimeError("this Pinocchio keeps joint placements in an unknown layout")
+    return rotations, translations
+
+
+def _build(robot: Robot) -> pin.Model:
+    """Pinocchio's model of the file, checked against the strict parse."""
+    try:
+        model = pin.buildModelFromUrdf(str(robot.path))
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
+    moving = {joint.name: joint for joint in robot.moving_joints}
+    if not moving:
+        raise UrdfError(robot.path, "<robot>", "at least one joint that moves", "none")
+    if set(model.names[1:]) != set(moving) or model.nv != len(moving):
+        raise UrdfError(robot.path, "<robot>", f"joints {sorted(moving)}", list(model.names[1:]))
+    bodies = moving_bodies(robot)
+    for name, inertia in zip(model.names[1:], model.inertias[1:], strict=True):
+        mass = bodies[moving[name].child].mass
+        if not math.isclose(inertia.mass, mass, rel_tol=1e-9, abs_tol=1e-12):
+            raise UrdfError(
+                robot.path,
+                f'<link name="{moving[name].child}">',
+                f"mass {mass:g} kg, its fixed links included",
+                f"{inertia.mass:g} kg in Pinocchio",
+            )
+    return model

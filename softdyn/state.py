@@ -1,0 +1,59 @@
+"""Everything the dynamics say at one (q, v), computed once and never changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from softdyn.model import SoftModel
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Terms of M q̈ + C q̇ + D q̇ + K + g = B u at (q, v); paper, eq. (1). Arrays are read-only.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) configuration and velocity (rad, m; per second).
+    M : (n, n) mass matrix, armature included.
+    bias : (n,) C q̇ + g.
+    K : (n,) forces of joint springs and elastic tendons.
+    D : (n, n) damping of joints and tendons.
+    B : (n, m) input matrix, Σ gear · (∂ℓ/∂q)ᵀ.
+    h : (n,) C q̇ + D q̇ + K + g.
+    J, Jdot : (3, n) linear Jacobian of the tip in the world's axes and its time derivative, so
+        that ÿ = J q̈ + J̇ q̇ is the classical acceleration.
+    y, ydot : (3,) tip position and velocity in the world (m, m/s).
+    lengths : (tendons,) tendon lengths.
+    moment_arms : (tendons, n) ∂ℓ/∂q.
+    """
+
+    model: SoftModel
+    q: np.ndarray
+    v: np.ndarray
+    M: np.ndarray
+    bias: np.ndarray
+    K: np.ndarray
+    D: np.ndarray
+    B: np.ndarray
+    h: np.ndarray
+    J: np.ndarray
+    Jdot: np.ndarray
+    y: np.ndarray
+    ydot: np.ndarray
+    lengths: np.ndarray
+    moment_arms: np.ndarray
+
+    @cached_property
+    def C(self) -> np.ndarray:
+        """(n, n) Coriolis matrix with Ṁ - 2C skew, computed on first use."""
+        return self.model.coriolis(self.q, self.v)
+
+    @cached_property
+    def g(self) -> np.ndarray:
+        """(n,) gravity force, computed on first use."""
+        return self.model.gravity(self.q)

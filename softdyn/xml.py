@@ -1,0 +1,125 @@
+"""Strict reading of XML: no DTD, no entities, no recovery, and numbers that are numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from softdyn.exceptions import UrdfError
+
+MAX_BYTES = 16 * 2**20  # the largest URDF of example-robot-data is 0.2 MB
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Element:
+    """An XML element that knows its file, so that every complaint names its place."""
+
+    file: Path
+    node: etree._Element
+    label: str
+
+    def error(self, expected: str, got: object) -> UrdfError:
+        """The exception to raise about this element."""
+        return UrdfError(self.file, self.label, expected, got, self.node.sourceline)
+
+    @property
+    def tag(self) -> str:
+        return str(self.node.tag)
+
+    def children(self, tag: str | None = None) -> Iterator[Element]:
+        """Child elements in document order; those named `tag`, or all."""
+        for node in self.node:
+            if isinstance(node.tag, str) and tag in (None, node.tag):
+                name = node.get("name")
+                label = f'<{node.tag} name="{name}">' if name else f"<{node.tag}>"
+                prefix = "" if self.node.getparent() is None else self.label
+                yield Element(self.file, node, prefix + label)
+
+    def child(self, tag: str) -> Element | None:
+        """The only child named `tag`, or None; several are an error."""
+        found = list(self.children(tag))
+        if len(found) > 1:
+            raise found[1].error(f"one <{tag}>", f"{len(found)} of them")
+        return found[0] if found else None
+
+    def text(self, attribute: str) -> str:
+        """A required, non-empty attribute."""
+        value = self.node.get(attribute)
+        if value is None or not value.strip():
+            raise self.error(f'attribute {attribute}="…"', "none" if value is None else "nothing")
+        return str(value)
+
+    def number(self, attribute: str, default: float | None = None) -> float:
+        """A finite number in an attribute; required where there is no default."""
+        value = self.node.get(attribute)
+        if value is None and default is not None:
+            return default
+        return self.to_number(self.text(attribute), attribute)
+
+    def vector(
+        self, attribute: str, default: tuple[float, float, float] | None = None
+    ) -> np.ndarray:
+        """Three finite numbers in an attribute, read-only."""
+        if self.node.get(attribute) is None and default is not None:
+            array = np.array(default)
+        else:
+            words = self.text(attribute).split()
+            if len(words) != 3:
+                raise self.error(f"{attribute} of three numbers", self.node.get(attribute))
+            array = np.array([self.to_number(word, attribute) for word in words])
+        array.flags.writeable = False
+        return array
+
+    def to_number(self, text: str, what: str) -> float:
+        """`text` as a finite float; Python's laxer spellings (1_0, inf, nan) are refused."""
+        if not NUMBER.fullmatch(text.strip()) or not math.isfinite(value := float(text)):
+            raise self.error(f"{what} a finite number", text)
+        return value
+
+    def non_negative(self, attribute: str, default: float | None = 0.0) -> float:
+        """A finite number ≥ 0 in an attribute."""
+        value = self.number(attribute, default)
+        if value < 0:
+            raise self.error(f"{attribute} >= 0", self.node.get(attribute))
+        return value
+
+    def allow(self, *attributes: str) -> None:
+        """Refuse every attribute that is not listed."""
+        for name in self.node.attrib:
+            if name not in attributes:
+                raise self.error(f"attributes among {', '.join(attributes)}", f"attribute {name}")
+
+
+def read(path: Path) -> Element:
+    """Parse the file strictly and return its root.
+
+    Raises
+    ------
+    UrdfError
+        Unreadable, empty, too large, malformed or truncated, or with a DTD.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", f"{size} bytes")
+        data = path.read_bytes()
+    except OSError as error:
+        raise UrdfError(path, "file", "a readable URDF file", error.strerror or error) from None
+    parser = etree.XMLParser(
+        resolve_entities=False, load_dtd=False, no_network=True, recover=False, huge_tree=False
+    )
+    try:
+        root = etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        line = error.lineno or None
+        raise UrdfError(path, "file", "well-formed XML", error.msg or "nothing", line) from None
+    if root.getroottree().docinfo.doctype:
+        raise UrdfError(path, "<!DOCTYPE>", "no DTD and no entities", "a document type declaration")
+    return Element(path, root, f"<{root.tag}>")
