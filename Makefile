@@ -1,0 +1,34 @@
+# The two commands: `make run` and `make test`. Both set up what they need; a second call reuses it.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: run test lint clean help
+
+help:
+	@echo "make run    regulate finger, helix and spirob to the paper's set points"
+	@echo "make test   run the test suite"
+	@echo "make lint   ruff and mypy"
+	@echo "make clean  remove the virtual environment and build leftovers"
+
+run: $(READY)
+	$(BIN)/python scripts/regulate.py
+
+test: $(READY)
+	$(BIN)/python -m pytest -n auto
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# The marker is written last, so an interrupted set-up is done again.
+$(READY): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "softdyn needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
