@@ -1,10 +1,36 @@
-"""Controllers: each a class C(model, gains=None) whose instances map (State, Reference) → Command."""
+"""Controllers: each a class C(model, gains=None) that maps (State, Reference) → Command."""
 
+from controllers.clf_qp import ClfQp
 from controllers.controller import Command, Controller, InputGuard, Status
 from controllers.gains import Gains
-from controllers.id_clf_qp import SoftIdClfQp
+from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
+from controllers.impedance import Impedance, UnderactuatedImpedance
+from controllers.impedance_qp import ImpedanceQp
 
 # command-line name → class
-CONTROLLERS = {controller.name: controller for controller in (SoftIdClfQp,)}
+CONTROLLERS = {
+    controller.name: controller
+    for controller in (
+        SoftIdClfQp,
+        IdClfQp,
+        ClfQp,
+        Impedance,
+        UnderactuatedImpedance,
+        ImpedanceQp,
+    )
+}
 
-__all__ = ["CONTROLLERS", "Command", "Controller", "Gains", "InputGuard", "SoftIdClfQp", "Status"]
+__all__ = [
+    "CONTROLLERS",
+    "ClfQp",
+    "Command",
+    "Controller",
+    "Gains",
+    "IdClfQp",
+    "Impedance",
+    "ImpedanceQp",
+    "InputGuard",
+    "SoftIdClfQp",
+    "Status",
+    "UnderactuatedImpedance",
+]

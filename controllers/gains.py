@@ -49,8 +49,8 @@ _SPIROB = {
     "clf-qp": Gains(500, 0.01),
     "soft-id-clf-qp": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
     "id-clf-qp": Gains(500, 0.01, 1, 0.2, 0.5, 0.1),
-    "ic": Gains(500),
-    "uic": Gains(500),
+    "ic": Gains(500, 0.01),
+    "uic": Gains(500, 0.01),
     "ic-qp": Gains(2000, 0.01, 1, 0.2, 0.5, 0.1),
 }
 # w4 of IC-QP is not in the paper's table; the values are the reference code's. The hard ID-CLF-QP
@@ -60,16 +60,16 @@ PUBLISHED: dict[str, dict[str, Gains]] = {
         "clf-qp": Gains(500, 0.05),
         "soft-id-clf-qp": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
         "id-clf-qp": Gains(500, 0.03, 1, 0.2, 0.2, 0.1),
-        "ic": Gains(500),
-        "uic": Gains(500),
+        "ic": Gains(500, 0.03),
+        "uic": Gains(500, 0.03),
         "ic-qp": Gains(1500, 0.03, 1, 0.02, 0.2, 0.0),
     },
     "helix": {
         "clf-qp": Gains(500, 0.05),
         "soft-id-clf-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
         "id-clf-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
-        "ic": Gains(2000),
-        "uic": Gains(1000),
+        "ic": Gains(2000, 0.05),
+        "uic": Gains(1000, 0.05),
         "ic-qp": Gains(500, 0.05, 1, 0.1, 0.2, 0.1),
     },
     "spirob": _SPIROB,
@@ -92,7 +92,9 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     if gains is None:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:
-            expected = f"controllers.Gains(Kp=…, …) for {model.robot.path}, which has no published ones"
+            expected = (
+                f"controllers.Gains(Kp=…, …) for {model.robot.path}, which has no published ones"
+            )
             raise InputError("gains", expected, None)
         return table[controller]
     if not isinstance(gains, Gains):

@@ -1,19 +1,16 @@
-"""Soft ID-CLF-QP: the paper's controller, exactly as published, in condensed form."""
+"""Soft ID-CLF-QP, the paper's controller exactly as published, and its hard ancestor."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from controllers.clf import make_clf
-from controllers.controller import Command, InputGuard, Status
+from controllers.controller import Command
 from controllers.gains import Gains, resolve
-from controllers.qp import DenseQp, Problem
+from controllers.linear_algebra import row_space
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
+from controllers.task import Task
+from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
-
-# The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
-# that its answer lies inside the true ones without clipping.
-BACKOFF = 1e-8
 
 
 class SoftIdClfQp:
@@ -34,37 +31,61 @@ class SoftIdClfQp:
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
         self.gains = resolve(model, self.name, gains)
-        self.guard = InputGuard(model.u_min, model.u_max)
-        self._clf = make_clf(self.gains.eps)
-        self._dynamics = SoftInverseDynamics(self.gains, model.nu)
-        size = self._dynamics.size
-        self._qp = DenseQp(size + 1, model.nu + 1)
-        margin = BACKOFF * (model.u_max - model.u_min)
-        self._lower = np.concatenate((model.u_min + margin, [-np.inf]))
-        self._upper = np.concatenate((model.u_max - margin, [np.inf]))
-        self._H = np.zeros((size + 1, size + 1))
-        self._H[size, size] = 2 * self.gains.rho
-        self._A = np.zeros((model.nu + 1, size + 1))
-        self._A[-1, -1] = -1.0
+        self._qp = TaskQp(
+            model, self.gains, SoftInverseDynamics(self.gains, model.nu), decrease=True
+        )
+        self.guard = self._qp.guard
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
-        e, edot = state.y - reference.y, state.ydot - reference.ydot
-        V, row, bound = self._clf.decrease(np.concatenate((e, edot)))
-        mu_ref = -self.gains.Kd * edot - self.gains.Kp * e
-        p = self._dynamics.condense(state, mu_ref, reference.yddot)
-        k = len(p.g)
-        self._H[:k, :k] = p.H
-        self._A[:-1, :k] = p.u_map
-        self._A[-1, :k] = row @ p.mu_map
-        lower, upper = self._lower.copy(), self._upper.copy()
-        lower[:-1] -= p.u_0
-        upper[:-1] -= p.u_0
-        upper[-1] = bound - row @ p.mu_0
-        solution = self._qp.solve(Problem(self._H, np.append(p.g, 0.0), self._A, lower, upper))
-        if solution is None:
-            return self.guard.fall_back(Status.NON_FINITE, V, np.nan)
-        delta = float(solution.x[k])
-        if not solution.solved:
-            return self.guard.fall_back(Status.NOT_SOLVED, V, delta)
-        return self.guard.accept(p.u_0 + p.u_map @ solution.x[:k], V, delta)
+        return self._qp.command(state, reference)
+
+
+class IdClfQp:
+    """ID-CLF-QP after Reher et al. 2019: the whole dynamics M q̈ + h = B u as the constraint.
+
+    The paper's Discussion reports that it does not converge on highly underactuated robots.
+    Parameters and errors as for `SoftIdClfQp`.
+    """
+
+    name = "id-clf-qp"
+
+    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+        self.gains = resolve(model, self.name, gains)
+        self._qp = TaskQp(
+            model, self.gains, HardInverseDynamics(self.gains, model.nu), decrease=True
+        )
+        self.guard = self._qp.guard
+
+    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The input at this state; see `Command`."""
+        return self._qp.command(state, reference)
+
+
+class HardInverseDynamics:
+    """The published objective with q̈ = M⁻¹(B u - h) substituted: the unknowns are u.
+
+    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u‖² + w4 ‖N (q̈ + D q̇)‖².
+    """
+
+    def __init__(self, gains: Gains, nu: int) -> None:
+        self.gains = gains
+        self.size = nu
+
+    def condense(self, state: State, task: Task) -> Condensed:
+        """The programme at this state."""
+        w, v = self.gains, state.v
+        columns = np.linalg.solve(state.M, np.column_stack((state.B, state.h)))
+        X, drift = columns[:, :-1], -columns[:, -1]  # q̈ = drift + X u
+        reach = row_space(state.J)
+
+        def null(a: np.ndarray) -> np.ndarray:
+            return a - reach.T @ (reach @ a)
+
+        mu_map, mu_0 = state.J @ X, state.J @ drift + state.Jdot @ v - task.yddot
+        NX, N_drift = null(X), null(drift + w.null_damping * v)
+        H = 2 * (w.w1 * mu_map.T @ mu_map + w.w2 * X.T @ X + w.w4 * NX.T @ NX)
+        H += 2 * w.w3 * np.eye(self.size)
+        g = 2 * (w.w1 * mu_map.T @ (mu_0 - task.mu_ref) + w.w2 * X.T @ drift)
+        g += 2 * w.w4 * NX.T @ N_drift
+        return Condensed(H, g, mu_map, mu_0, np.eye(self.size), np.zeros(self.size))

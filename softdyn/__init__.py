@@ -14,8 +14,6 @@ from softdyn.state import State
 from softdyn.urdf import Robot, parse
 
 
-
-
 def load(source: str | Path) -> SoftModel:
     """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
 

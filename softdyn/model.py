@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -260,7 +261,7 @@ class SoftModel:
         jacobian = pin.computeJointJacobians(self.pin_model, self._data, q)
         return np.reshape(jacobian, (6, self.nv))
 
-    def _frame_jacobian(self, get) -> np.ndarray:
+    def _frame_jacobian(self, get: Callable[..., np.ndarray]) -> np.ndarray:
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         columns = get(self.pin_model, self._data, self._frame, axes)
         return np.array(np.reshape(columns, (6, self.nv))[:3], order="C")

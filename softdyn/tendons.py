@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -138,6 +139,13 @@ class Tendons:
         return result
 
 
+def _anchors(points: list[tuple[int, np.ndarray]]) -> Anchors:
+    return Anchors(
+        np.array([body for body, _ in points], int),
+        np.array([offset for _, offset in points], float).reshape(-1, 3),
+    )
+
+
 def compile_tendons(
     tendons: tuple[Tendon, ...],
     dof: dict[str, int],
@@ -155,26 +163,21 @@ def compile_tendons(
     """
     nt, nv = len(tendons), supports.shape[0]
     coefficients, offset = np.zeros((nt, nv)), np.zeros(nt)
-    ends: list[tuple[int, tuple[int, np.ndarray], tuple[int, np.ndarray]]] = []
+    owner: list[int] = []
+    starts: list[tuple[int, np.ndarray]] = []
+    ends: list[tuple[int, np.ndarray]] = []
     for t, tendon in enumerate(tendons):
         for term in tendon.terms:
             coefficients[t, dof[term.joint]] = term.coef
-        anchors = [anchor(site.link, site.xyz) for site in tendon.sites]
-        for a, b in zip(anchors, anchors[1:], strict=False):
+        for a, b in pairwise(anchor(site.link, site.xyz) for site in tendon.sites):
             if a[0] == b[0]:
                 offset[t] += np.linalg.norm(b[1] - a[1])
             else:
-                ends.append((t, a, b))
-
-    def anchors_of(side: int) -> Anchors:
-        pairs = [end[side] for end in ends]
-        return Anchors(
-            np.array([body for body, _ in pairs], int),
-            np.array([xyz for _, xyz in pairs], float).reshape(-1, 3),
-        )
-
-    start, end = anchors_of(1), anchors_of(2)
-    segment_tendon = np.array([t for t, _, _ in ends], int)
+                owner.append(t)
+                starts.append(a)
+                ends.append(b)
+    start, end = _anchors(starts), _anchors(ends)
+    segment_tendon = np.array(owner, int)
     sign = supports[:, end.body].astype(float) - supports[:, start.body]
     dofs, segments = np.nonzero(sign)
     incidence = Incidence(

@@ -1,0 +1,29 @@
+"""IC-QP: impedance control wrapped in the soft inverse-dynamics programme."""
+
+from __future__ import annotations
+
+from controllers.controller import Command
+from controllers.gains import Gains, resolve
+from controllers.soft_inverse_dynamics import SoftInverseDynamics
+from controllers.task_qp import TaskQp
+from softdyn import Reference, SetPoint, SoftModel, State
+
+
+class ImpedanceQp:
+    """Paper, "IC-QP": the Soft ID-CLF-QP without its Lyapunov condition.
+
+    Parameters and errors as for `SoftIdClfQp`.
+    """
+
+    name = "ic-qp"
+
+    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+        self.gains = resolve(model, self.name, gains)
+        self._qp = TaskQp(
+            model, self.gains, SoftInverseDynamics(self.gains, model.nu), decrease=False
+        )
+        self.guard = self._qp.guard
+
+    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The input at this state; see `Command`."""
+        return self._qp.command(state, reference)
