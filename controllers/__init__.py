@@ -6,19 +6,7 @@ from controllers.gains import Gains
 from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
-
-# command-line name → class
-CONTROLLERS = {
-    controller.name: controller
-    for controller in (
-        SoftIdClfQp,
-        IdClfQp,
-        ClfQp,
-        Impedance,
-        UnderactuatedImpedance,
-        ImpedanceQp,
-    )
-}
+from controllers.registry import CONTROLLERS, find_controller
 
 __all__ = [
     "CONTROLLERS",
@@ -33,4 +21,5 @@ __all__ = [
     "SoftIdClfQp",
     "Status",
     "UnderactuatedImpedance",
+    "find_controller",
 ]

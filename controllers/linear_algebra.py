@@ -12,18 +12,18 @@ RANK_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class InputFactors:
-    """B⁺ = inverse · range and the directions of u that B does not see.
+    """B = rangeᵀ · forward and B⁺ = inverse · range.
 
     Attributes
     ----------
     range : (rank, n) orthonormal rows that span range(B).
+    forward : (rank, m), range · B.
     inverse : (m, rank).
-    null : (m, m - rank) orthonormal basis of null(B).
     """
 
     range: np.ndarray
+    forward: np.ndarray
     inverse: np.ndarray
-    null: np.ndarray
 
 
 def row_space(J: np.ndarray) -> np.ndarray:
@@ -34,6 +34,7 @@ def row_space(J: np.ndarray) -> np.ndarray:
 
 def factor(B: np.ndarray) -> InputFactors:
     """Factors of the input matrix B (n, m), its rank judged at `RANK_TOLERANCE`."""
-    left, values, right = np.linalg.svd(B, full_matrices=len(B) < len(B.T))
+    left, values, right = np.linalg.svd(B, full_matrices=False)
     rank = int((values > RANK_TOLERANCE * max(values[0], np.finfo(float).tiny)).sum())
-    return InputFactors(left[:, :rank].T, right[:rank].T / values[:rank], right[rank:].T)
+    left, values, right = left[:, :rank], values[:rank], right[:rank]
+    return InputFactors(left.T, values[:, None] * right, right.T / values)

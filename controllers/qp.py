@@ -8,6 +8,7 @@ the GIL) for up to a minute, NaN in a bound is dropped in silence, lower > upper
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from proxsuite import proxqp
 EPS = 1e-9  # what ProxQP is asked for, in scaled variables
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
 MAX_ITERATIONS, MAX_INNER = 200, 100
+POLISH_STEPS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +53,14 @@ class Solution:
     dual: float
     gap: float
 
+    def within(self, tolerance: float) -> bool:
+        """Whether every residual is at most `tolerance`; NaN is not."""
+        return self.primal <= tolerance and self.dual <= tolerance and self.gap <= tolerance
+
     @property
     def solved(self) -> bool:
-        """Whether every residual is small enough; NaN is not."""
-        return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
+        """Whether every residual is small enough."""
+        return self.within(ACCEPTED)
 
 
 def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
@@ -67,6 +73,8 @@ def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, fl
     # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
     up, down = z > 0, z < 0
     support = z[up] @ problem.upper[up] + z[down] @ problem.lower[down]
+    if not math.isfinite(support):  # a multiplier on an open bound
+        return float(primal), float(dual), math.inf
     quadratic, linear = x @ Hx, problem.g @ x
     gap = abs(quadratic + linear + support)
     gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
@@ -78,11 +86,12 @@ def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, 
 
     Solves the optimality conditions with the active rows as equalities (as in Stellato et al.
     2020, OSQP, section 5.2): the answer then depends neither on the warm start nor on the
-    tolerance. Whether it is the optimum is for its residuals to say.
+    tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
+    it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
     """
     n, Ax = len(x), problem.A @ x
-    at_upper = z > np.maximum(problem.upper - Ax, 0.0)
-    at_lower = -z > np.maximum(Ax - problem.lower, 0.0)
+    at_upper = z > problem.upper - Ax
+    at_lower = -z > Ax - problem.lower
     active = np.flatnonzero(at_upper | at_lower)
     rows = problem.A[active]
     kkt = np.zeros((n + len(active), n + len(active)))
@@ -160,11 +169,14 @@ class DenseQp:
             return Solution(x, z, np.inf, np.inf, np.inf)
         # an open bound has no multiplier; what the solver leaves there counts as a dual residual
         z[((z > 0) & np.isposinf(scaled.upper)) | ((z < 0) & np.isneginf(scaled.lower))] = 0.0
-        exact = polish(scaled, x, z)
-        if exact is not None:
-            residual = residuals(scaled, *exact)
-            if max(residual) <= EPS:
-                return Solution(*exact, *residual)
+        exact: tuple[np.ndarray, np.ndarray] | None = (x, z)
+        for _ in range(POLISH_STEPS):
+            exact = polish(scaled, *exact)
+            if exact is None:
+                break
+            solution = Solution(*exact, *residuals(scaled, *exact))
+            if solution.within(EPS):
+                return solution
         return Solution(x, z, *residuals(scaled, x, z))
 
     def _run(self, p: Problem) -> proxqp.dense.Results:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -18,7 +19,8 @@ def bundled_names() -> tuple[str, ...]:
 
 def bundled_name(path: Path) -> str | None:
     """The name of a bundled robot's own file; None for any other file, whatever it is called."""
-    return path.stem if path.resolve().parent == BUNDLED else None
+    own = path.resolve()
+    return own.stem if own.parent == BUNDLED and own.suffix == ".urdf" else None
 
 
 def example_robots() -> dict[str, Path]:
@@ -43,7 +45,7 @@ def find(source: str | Path) -> Path:
     if text in bundled_names():
         return BUNDLED / f"{text}.urdf"
     path = Path(text)
-    if path.is_file():
+    if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
         return path
     if path.suffix or len(path.parts) != 1:
         raise InputError("robot", "an existing URDF file", text)

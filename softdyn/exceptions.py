@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class SoftdynError(Exception):
@@ -28,6 +29,9 @@ class UrdfError(SoftdynError, ValueError):
         place = f"{file}:{line}" if line else f"{file}"
         super().__init__(f"{place}: {element}: expected {expected}, got {self.got}")
 
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.file, self.element, self.expected, self.got, self.line)
+
 
 class InputError(SoftdynError, ValueError):
     """An argument of the wrong shape, range or kind.
@@ -41,6 +45,9 @@ class InputError(SoftdynError, ValueError):
     def __init__(self, name: str, expected: str, got: object) -> None:
         self.name, self.expected, self.got = name, expected, one_line(got)
         super().__init__(f"{name}: expected {expected}, got {self.got}")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.name, self.expected, self.got)
 
 
 def one_line(value: object, limit: int = 120) -> str:

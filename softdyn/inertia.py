@@ -22,6 +22,7 @@ class Inertia:
 
     @staticmethod
     def zero() -> Inertia:
+        """No body."""
         return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Inertia:

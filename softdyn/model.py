@@ -118,11 +118,11 @@ class SoftModel:
         if self.tendons.spatial:
             jacobian = np.array(data.J).reshape(6, self.nv)
             arms, lengths = self.tendons.moment_arms(jacobian, *self._placements())
-            lengths += self.tendons.coefficients @ coordinates + self.tendons.offset
             B, D = self._input_matrix(arms), self._damping_matrix(arms)
         else:
             arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
-            lengths = self.tendons.coefficients @ coordinates
+            lengths = 0.0
+        lengths = lengths + self.tendons.coefficients @ coordinates + self.tendons.offset
         K = self.stiffness * (coordinates - self.rest)
         if self._elastic:
             K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar, cast
 
 import numpy as np
 from lxml import etree
 
-from softdyn.exceptions import UrdfError
+from softdyn.exceptions import UrdfError, one_line
 
+T = TypeVar("T")
 MAX_BYTES = 16 * 2**20  # the largest URDF of example-robot-data is 0.2 MB
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+LARGEST = 1e50  # beyond any robot, and far enough from overflow for mass · length² and its sums
 
 
 @dataclass(frozen=True)
@@ -27,10 +30,12 @@ class Element:
 
     def error(self, expected: str, got: object) -> UrdfError:
         """The exception to raise about this element."""
-        return UrdfError(self.file, self.label, expected, got, self.node.sourceline)
+        line = self.node.sourceline  # which the stubs know nothing about
+        return UrdfError(self.file, self.label, expected, got, cast("int | None", line))
 
     @property
     def tag(self) -> str:
+        """The element's name, with its namespace if it has one."""
         return str(self.node.tag)
 
     def children(self, tag: str | None = None) -> Iterator[Element]:
@@ -40,7 +45,7 @@ class Element:
                 name = node.get("name")
                 label = f'<{node.tag} name="{name}">' if name else f"<{node.tag}>"
                 prefix = "" if self.node.getparent() is None else self.label
-                yield Element(self.file, node, prefix + label)
+                yield Element(self.file, node, prefix + one_line(label))
 
     def child(self, tag: str) -> Element | None:
         """The only child named `tag`, or None; several are an error."""
@@ -48,6 +53,16 @@ class Element:
         if len(found) > 1:
             raise found[1].error(f"one <{tag}>", f"{len(found)} of them")
         return found[0] if found else None
+
+    def unique(self, tag: str, convert: Callable[[Element], T]) -> dict[str, T]:
+        """Children named `tag`, converted and keyed by their name, which must not repeat."""
+        found: dict[str, T] = {}
+        for element in self.children(tag):
+            name = element.text("name")
+            if name in found:
+                raise element.error(f"a unique {tag} name", f"a second {name!r}")
+            found[name] = convert(element)
+        return found
 
     def text(self, attribute: str) -> str:
         """A required, non-empty attribute."""
@@ -70,31 +85,41 @@ class Element:
         if self.node.get(attribute) is None and default is not None:
             array = np.array(default)
         else:
-            words = self.text(attribute).split()
+            words = [word for word in self.text(attribute).split(" ") if word]
             if len(words) != 3:
-                raise self.error(f"{attribute} of three numbers", self.node.get(attribute))
+                raise self.error(f"three numbers as {attribute}", repr(self.node.get(attribute)))
             array = np.array([self.to_number(word, attribute) for word in words])
         array.flags.writeable = False
         return array
 
     def to_number(self, text: str, what: str) -> float:
-        """`text` as a finite float; Python's laxer spellings (1_0, inf, nan) are refused."""
-        if not NUMBER.fullmatch(text.strip()) or not math.isfinite(value := float(text)):
-            raise self.error(f"{what} a finite number", text)
+        """`text` as a finite float, spelled as every engine reads it.
+
+        Python's ``1_0``, ``inf`` and ``nan`` are refused, and so are blanks around a number: with
+        one behind a mass, Pinocchio's parser silently drops the inertia.
+        """
+        if not NUMBER.fullmatch(text) or not math.isfinite(value := float(text)):
+            raise self.error(f"a finite number as {what}", repr(text))
+        if abs(value) > LARGEST:
+            raise self.error(f"a number within ±{LARGEST:g} as {what}", text)
         return value
 
     def non_negative(self, attribute: str, default: float | None = 0.0) -> float:
         """A finite number ≥ 0 in an attribute."""
         value = self.number(attribute, default)
         if value < 0:
-            raise self.error(f"{attribute} >= 0", self.node.get(attribute))
+            raise self.error(f"{attribute} >= 0", f"{value:g}")
         return value
 
-    def allow(self, *attributes: str) -> None:
-        """Refuse every attribute that is not listed."""
+    def allow(self, *attributes: str, children: tuple[str, ...] = ()) -> None:
+        """Refuse every attribute and every child element that is not listed."""
         for name in self.node.attrib:
             if name not in attributes:
-                raise self.error(f"attributes among {', '.join(attributes)}", f"attribute {name}")
+                raise self.error(f"no attribute but {', '.join(attributes)}", one_line(name))
+        for child in self.children():
+            if child.tag not in children:
+                expected = " or ".join(f"<{tag}>" for tag in children) or "no element inside"
+                raise child.error(expected, f"<{child.tag}>")
 
 
 def read(path: Path) -> Element:
@@ -106,12 +131,13 @@ def read(path: Path) -> Element:
         Unreadable, empty, too large, malformed or truncated, or with a DTD.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", f"{size} bytes")
-        data = path.read_bytes()
-    except OSError as error:
-        raise UrdfError(path, "file", "a readable URDF file", error.strerror or error) from None
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = getattr(error, "strerror", None) or error
+        raise UrdfError(path, "file", "a readable URDF file", reason) from None
+    if len(data) > MAX_BYTES:
+        raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", "more")
     parser = etree.XMLParser(
         resolve_entities=False, load_dtd=False, no_network=True, recover=False, huge_tree=False
     )
@@ -120,6 +146,6 @@ def read(path: Path) -> Element:
     except etree.XMLSyntaxError as error:
         line = error.lineno or None
         raise UrdfError(path, "file", "well-formed XML", error.msg or "nothing", line) from None
-    if root.getroottree().docinfo.doctype:
+    if root.getroottree().docinfo.internalDTD is not None:
         raise UrdfError(path, "<!DOCTYPE>", "no DTD and no entities", "a document type declaration")
-    return Element(path, root, f"<{root.tag}>")
+    return Element(path, root, one_line(f"<{root.tag}>"))

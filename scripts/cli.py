@@ -1,0 +1,99 @@
+"""What the commands share: one-line errors, exit codes, one thread, JSON output."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn
+
+PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that says what is wrong on one line and knows negative numbers."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+        # argparse takes -1e-3 for an option: its own pattern knows no exponents.
+        self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with code 2."""
+        self.exit(BAD_INPUT, f"error: {message}\n")
+
+
+def finite(text: str) -> float:
+    """A finite number, for `type=`."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a finite number, got {text!r}")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number > 0, for `type=`."""
+    value = finite(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a number > 0, got {text!r}")
+    return value
+
+
+def count(text: str) -> int:
+    """A whole number > 0, for `type=`."""
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"expected a whole number > 0, got {text!r}")
+    return int(text)
+
+
+def one_thread() -> None:
+    """Keep BLAS and OpenMP to one thread: to be called before NumPy is imported."""
+    for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+
+
+def run(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
+    """Call `command` and turn what it raises into an exit code and one line on stderr."""
+    from softdyn import SoftdynError
+
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    try:
+        return command(arguments)
+    except SoftdynError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print("error: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:
+    """Print `summary`, or the report as JSON with target ``-``; any other is a file for it."""
+    from validation.files import to_json, write_json
+
+    if target == "-":
+        print(to_json(report))
+        return
+    if target is not None:
+        write_json(target, report)
+    print(summary)
+
+
+def make_folder(path: Path) -> None:
+    """Create an output folder, or say in one line why it cannot be used."""
+    from softdyn import InputError
+    from validation.files import check_writable
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(str(path), "a folder to write to", error.strerror or error) from None
+    check_writable(path / "probe")

@@ -1,0 +1,225 @@
+#!/usr/bin/env python3
+"""Run one closed loop: a controller on the analytic model against the MuJoCo twin."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import cli  # type: ignore[import-not-found]  # beside this script
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
+    from validation import Log
+    from validation.paper import Experiment
+
+EPILOG = """\
+ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
+of a robot of example-robot-data.
+
+CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic or ic-qp, or a class of your own as
+FILE.py:CLASS. It is built once as CLASS(model), or CLASS(model, table) with --gains, and called as
+controller(state, reference); what it returns needs an attribute u.
+
+--theta and --omega are multiples of pi on the paper's ellipse. For a robot that is not bundled the
+ellipse is scaled to its length, the summed joint offsets from base to tip, as for the finger
+(L/3 by L/8, its far end at distance L below and before the origin); --target needs no length.
+
+--gains FILE is TOML with the fields of controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
+Bundled robots have the paper's gains by default; others need some.
+
+exit codes: 0 the loop ended closer to its reference than it began; 1 it failed or diverged;
+2 bad input.
+"""
+
+
+def parser() -> cli.Parser:
+    """The command line."""
+    found = cli.Parser(description=__doc__, epilog=EPILOG)
+    found.add_argument("robot", metavar="ROBOT")
+    found.add_argument("controller", metavar="CONTROLLER")
+    goal = found.add_mutually_exclusive_group(required=True)
+    goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
+    goal.add_argument(
+        "--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles"
+    )
+    goal.add_argument(
+        "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
+    )
+    found.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
+    found.add_argument(
+        "--period",
+        type=cli.positive,
+        metavar="S",
+        help="control period in s (default: the paper's, 0.002 for other robots)",
+    )
+    found.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
+    found.add_argument("--contacts", action="store_true", help="let the links touch")
+    found.add_argument("--log", metavar="FILE", help="write the run as NPZ")
+    found.add_argument(
+        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
+    )
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    cli.one_thread()
+    return cli.run(command, arguments)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Build, simulate, report."""
+    import softdyn
+    from controllers.registry import own_error
+    from validation import simulate
+    from validation.files import check_writable
+
+    for path in (arguments.log, arguments.json):
+        if path not in (None, "-"):
+            check_writable(path)
+    model = softdyn.load(arguments.robot)
+    experiment = make_experiment(model, arguments)
+    controller = make_controller(model, arguments.controller, arguments.gains)
+    try:
+        log = simulate(
+            model,
+            controller,
+            experiment,
+            duration=arguments.duration,
+            contacts=arguments.contacts,
+            name=arguments.controller,
+            progress=True,
+        )
+    except Exception as error:
+        if isinstance(error, softdyn.SoftdynError) or ".py" not in arguments.controller:
+            raise
+        raise own_error(arguments.controller, "a command", error) from error
+    if arguments.log is not None:
+        log.save(arguments.log)
+    cli.write_report(report(log), arguments.json, summary(log))
+    return cli.FAILED if log.failed else cli.PASSED
+
+
+def make_experiment(model: SoftModel, arguments: argparse.Namespace) -> Experiment:
+    """The paper's experiment for a bundled robot; one of its own size for any other."""
+    from dataclasses import replace
+
+    from validation import paper
+
+    setup = paper.setup_of(model)
+    if arguments.period is not None:
+        setup = replace(setup, period=arguments.period)
+    if arguments.target is not None:
+        return setup.target(arguments.target)
+    if arguments.omega is not None:
+        return setup.tracking(arguments.omega)
+    return setup.set_point(arguments.theta)
+
+
+def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
+    """A controller by its command-line name, or a user's class as FILE.py:CLASS."""
+    from controllers import CONTROLLERS, Gains, find_controller
+    from controllers.registry import own_error
+    from softdyn import InputError, SoftdynError
+
+    table = None if gains is None else read_toml(gains)
+    cls = find_controller(name)
+    try:
+        if table is None:
+            return cls(model)
+        return cls(model, Gains(**table) if name in CONTROLLERS else table)
+    except InputError as error:
+        if gains is None:
+            raise
+        raise InputError(f"{gains}: {error.name}", error.expected, error.got) from None
+    except SoftdynError:
+        raise
+    except Exception as error:
+        if name in CONTROLLERS and isinstance(error, TypeError):  # a field missing or unknown
+            raise InputError(gains or "", "the fields of controllers.Gains", error) from None
+        raise own_error(name, "a controller", error) from error
+
+
+def read_toml(path: str) -> dict[str, Any]:
+    """The table in a TOML file."""
+    import tomllib
+
+    from softdyn import InputError
+
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise InputError(path, "a readable file", error.strerror or error) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, "a TOML file", error) from None
+
+
+def report(log: Log) -> dict[str, Any]:
+    """The figures of a run under the names of the JSON contract."""
+    from validation import metrics
+
+    return {
+        "robot": log.robot,
+        "controller": log.controller,
+        "kind": log.kind,
+        "final_error_cm": metrics.final_error_cm(log),
+        "mse_cm2": metrics.mse_cm2(log),
+        "failed": log.failed,
+        "reason": log.reason,
+        "steps": log.steps,
+        "step_us": metrics.step_times_us(log),
+        "not_solved": log.not_solved,
+        "fallbacks": log.fallbacks,
+        "max_bound_violation": log.max_bound_violation,
+    }
+
+
+def summary(log: Log) -> str:
+    """The same for people, the paper's figures beside ours where it has some."""
+    from validation import metrics, paper
+
+    if log.theta is not None:
+        goal = f"set point at {log.theta:g} pi"
+    elif log.omega is not None:
+        goal = f"tracking at {log.omega:g} pi rad/s"
+    else:
+        goal = "set point at " + " ".join(f"{x:g}" for x in log.y_ref[0]) + " m"
+    sp = tt = ""
+    row = paper.published(log.robot, log.controller)
+    if row is not None and log.theta is not None:
+        sp = f"   paper, over its set points: {spread(row.sp_mean_cm, row.sp_std_cm)} cm"
+    elif row is not None and log.omega is not None:
+        tt = f"   paper, over its trajectories: {spread(row.tt_mean_cm2, row.tt_std_cm2)} cm²"
+    times = metrics.step_times_us(log)
+    first, last = (100 * math.dist(log.y[i], log.y_ref[i]) for i in (0, -1))
+    lines = [
+        f"{log.robot}, {log.controller}, {goal}: {log.t[-1]:g} s of {log.duration:g} s, "
+        f"period {1e3 * log.period:g} ms",
+        f"final error    {metrics.final_error_cm(log):.3f} cm{sp}",
+        f"mean |e|^2     {metrics.mse_cm2(log):.3f} cm²{tt}",
+    ]
+    if log.steps:
+        parts = ", ".join(f"{name} {value:.0f}" for name, value in times.items())
+        lines.append(f"step time      {parts} us over {log.steps} steps")
+    lines += [
+        f"solver         {log.not_solved} not solved, {log.fallbacks} fallbacks, "
+        f"bounds exceeded by {log.max_bound_violation:.2g}",
+        f"failed: {log.reason}"
+        if log.failed
+        else f"done: |e| fell from {first:.3f} to {last:.3f} cm",
+    ]
+    return "\n".join(lines)
+
+
+def spread(mean: float | None, std: float | None) -> str:
+    """Mean ± standard deviation, or that there is none."""
+    return "failed convergence" if mean is None else f"{mean:.2f} ± {std:.2f}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

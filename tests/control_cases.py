@@ -1,0 +1,119 @@
+"""Robots and states on which controllers are judged: bundled, micro, recorded, random, hostile."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import softdyn
+from controllers import Gains, SoftIdClfQp
+from softdyn import SetPoint, SoftModel, State
+from softdyn.integrators import step_implicit
+from validation import paper
+
+BUNDLED = ("finger", "helix", "spirob", "spirob48")
+GAINS = Gains(Kp=100.0, eps=0.1)  # for robots without published ones
+
+
+def _chain(axes: str, tendons: tuple[tuple[float, ...], ...], bound: float = 1.0) -> str:
+    """URDF of a serial arm: per joint an axis "x", "y", "z" (revolute), "c" (continuous about y)
+    or "p" (prismatic along z); per tendon its coefficients on the joints."""
+    parts = ['<robot name="micro"><link name="world"/>']
+    parent = "world"
+    for i, axis in enumerate(axes):
+        kind = {"c": "continuous", "p": "prismatic"}.get(axis, "revolute")
+        xyz = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1", "c": "0 1 0", "p": "0 0 1"}[axis]
+        limit = "" if axis == "c" else '<limit lower="-2" upper="2" effort="9" velocity="9"/>'
+        spring = "" if axis == "c" else (
+            f'<gazebo reference="j{i}"><springStiffness>0.5</springStiffness></gazebo>'
+        )  # fmt: skip
+        parts.append(
+            f'<link name="l{i}"><inertial><origin xyz="0.01 0.02 -0.06"/><mass value="0.1"/>'
+            f'<inertia ixx="2e-4" ixy="0" ixz="0" iyy="2.5e-4" iyz="0" izz="3e-4"/></inertial></link>'
+            f'<joint name="j{i}" type="{kind}"><origin xyz="0 0 {-0.1 * (i > 0)}"/>'
+            f'<parent link="{parent}"/><child link="l{i}"/><axis xyz="{xyz}"/>'
+            f'<dynamics damping="0.05"/>{limit}</joint>{spring}'
+        )
+        parent = f"l{i}"
+    parts.append(
+        f'<link name="tip"/><joint name="end" type="fixed"><origin xyz="0.02 0.01 -0.1"/>'
+        f'<parent link="{parent}"/><child link="tip"/></joint><softdyn version="1">'
+    )
+    for t, coefficients in enumerate(tendons):
+        terms = "".join(f'<joint name="j{i}" coef="{c}"/>' for i, c in enumerate(coefficients) if c)
+        parts.append(f'<tendon name="t{t}">{terms}</tendon>')
+    for t in range(len(tendons)):
+        parts.append(
+            f'<actuator name="u{t}" tendon="t{t}" gear="0.5" lower="{-bound}" upper="{bound}"/>'
+        )
+    return "".join(parts) + '<task frame="tip"/></softdyn></robot>'
+
+
+_MICRO = {
+    "one joint": _chain("y", ((1.0,),)),
+    "two identical tendons": _chain("yxy", ((1, 0.5, 1), (1, 0.5, 1))),
+    "three tendons of rank two": _chain("yxyx", ((1, 0, 1, 0), (0, 1, 0, 1), (1, 1, 1, 1))),
+    "more inputs than joints": _chain("yx", ((1, 0), (0, 1), (1, -1))),
+    "n < 3 + m": _chain("yxy", ((1, 1, 0), (0, 1, 1))),
+    "fully actuated": _chain("xyz", ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    "sliding and turning": _chain("pcyx", ((1, 0, 0, 0), (0, 1, 1, 0))),
+    "planar": _chain("yyyyy", ((1, 1, 1, 0, 0), (0, 0, 0, 1, 1))),
+    "a fixed input": _chain("yxyx", ((1, 1, 0, 0), (0, 0, 1, 1)), bound=0.0),
+}
+MICRO = tuple(_MICRO)
+RANK_DEFICIENT = ("two identical tendons", "three tendons of rank two", "more inputs than joints")
+
+
+@cache
+def robot(name: str) -> SoftModel:
+    """A bundled robot, or a micro one by its description."""
+    if name in BUNDLED:
+        return softdyn.load(name)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "micro.urdf"
+        path.write_text(_MICRO[name])
+        return softdyn.load(path)
+
+
+def gains_of(name: str) -> Gains:
+    """The published gains of a bundled robot's Soft ID-CLF-QP, `GAINS` for a micro one."""
+    return SoftIdClfQp(robot(name), None if name in BUNDLED else GAINS).gains
+
+
+@cache
+def recorded(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
+    """(state, set point) pairs of short closed loops from rest, denser at their beginning."""
+    model, setup = robot(name), paper.setup(name)
+    step = 5e-4
+    pairs = []
+    for theta in paper.THETAS:
+        controller, goal = SoftIdClfQp(model), paper.set_point(name, theta).reference(0.0)
+        share = -(-count // len(paper.THETAS))
+        last = round(0.4 / setup.period)
+        wanted = set(np.unique(np.geomspace(1, last + 1, share).round().astype(int) - 1))
+        q, v = model.q0, np.zeros(model.nv)
+        for k in range(last + 1):
+            state = model.state(q, v)
+            if k in wanted:
+                pairs.append((state, goal))
+            u = controller(state, goal).u
+            for _ in range(round(setup.period / step)):
+                q, v = step_implicit(model, q, v, u, step)
+    return tuple(pairs)
+
+
+@cache
+def drawn(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
+    """(state, reference) pairs at random: near and far references, slow and fast joints."""
+    model, rng = robot(name), np.random.default_rng(7)
+    pairs = []
+    for k in range(count):
+        lower, upper = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
+        q = model.configuration(0.7 * rng.uniform(lower, upper))
+        state = model.state(q, rng.normal(size=model.nv) * (0.0, 0.02, 0.5)[k % 3])
+        offset = rng.normal(size=3) * (1e-4, 1e-2, 0.3)[k // 3 % 3]
+        pairs.append((state, SetPoint(state.y + offset)))
+    return tuple(pairs)

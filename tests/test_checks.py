@@ -1,0 +1,56 @@
+"""Checks of arguments: what passes comes out as floats, what does not is named."""
+
+import math
+
+import numpy as np
+import pytest
+
+from softdyn import InputError
+from softdyn.checks import array, number
+
+
+@pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), np.float64(2)])
+def test_numbers_become_floats(value):
+    result = number("x", value)
+    assert result == 2.0
+    assert type(result) is float
+
+
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, "2", None, True, np.True_, 2j, [2.0], np.array(2.0), 10**400]
+)
+def test_what_is_no_number(value):
+    with pytest.raises(InputError, match=r"^x: expected a finite number, got "):
+        number("x", value)
+
+
+def test_bounds_of_numbers():
+    assert number("x", 0.0, lower=0.0) == 0.0
+    with pytest.raises(InputError, match=r"a finite number >= 0, got -1"):
+        number("x", -1, lower=0.0)
+    with pytest.raises(InputError, match=r"a finite number > 0, got 0"):
+        number("x", 0, above=0.0)
+
+
+def test_arrays_are_read_only_copies():
+    given = np.array([1.0, 2.0])
+    result = array("x", given, (2,))
+    given[0] = 5.0
+    assert result.tolist() == [1.0, 2.0]
+    assert not result.flags.writeable
+    assert array("x", [[1, 2]], (1, 2)).dtype == float
+    assert array("x", [], (0,)).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [[1.0], [1.0, math.nan], [1.0, math.inf], "ab", ["1", "2"], None, [1, None], [1j, 2],
+     [[1], [2, 3]], [True, False], 1.0, [[1.0, 2.0]]],
+)  # fmt: skip
+def test_what_is_no_array(value):
+    with pytest.raises(InputError, match=r"^x: expected finite numbers of shape \(2,\), got "):
+        array("x", value, (2,))
+
+
+def test_infinities_on_request():
+    assert math.isinf(array("x", [math.inf], (1,), finite=False)[0])

@@ -1,0 +1,518 @@
+"""Closed loops on micro-robots, against closed forms and against the integration scheme itself."""
+
+import io
+import json
+import math
+import os
+from dataclasses import dataclass, fields, replace
+from enum import Enum
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import Ellipse, InputError, Reference, SetPoint
+from validation import Log, paper, simulate
+from validation.closed_loop import MAX_STEPS, Schedule
+
+MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
+NAN, INF = math.nan, math.inf
+LENGTH = 0.4
+# A cart along x, the tip 0.4 m ahead of it: gravity does no work.
+CART = """<robot name="cart">
+  <link name="base"/>
+  <link name="body"><inertial><mass value="0.5"/>
+    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+  <link name="tip"/>
+  <joint name="x" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="1 0 0"/>
+    <limit lower="-9" upper="9" effort="1" velocity="1"/><dynamics damping="{damping}"/></joint>
+  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/><origin xyz="0.4 0 0"/>
+  </joint>
+  <gazebo reference="x"><springStiffness>{stiffness}</springStiffness></gazebo>
+  <softdyn version="1">
+    <tendon name="cable"><joint name="x" coef="1"/></tendon>
+    <actuator name="u" tendon="cable" gear="1" lower="{lower}" upper="{upper}"/>
+  </softdyn>
+</robot>"""
+WHEEL = """<robot name="wheel">
+  <link name="base"/>
+  <link name="body"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
+    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="body"/>
+    <axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def load(folder, text):
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return softdyn.load(path)
+
+
+@pytest.fixture
+def make_cart(tmp_path):
+    def make(stiffness=STIFFNESS, damping=DAMPING, lower="-20", upper="20"):
+        numbers = {"stiffness": stiffness, "damping": damping, "lower": lower, "upper": upper}
+        return load(tmp_path, CART.format(**numbers))
+
+    return make
+
+
+@pytest.fixture
+def cart(make_cart):
+    return make_cart()
+
+
+def push(force):
+    return lambda state, reference: SimpleNamespace(u=np.array([force]))
+
+
+def steer(state, reference):
+    """Computed torque with both poles at -5: the error obeys ë + 10 ė + 25 e = 0."""
+    a = reference.yddot[0] - 10 * (state.ydot - reference.ydot)[0] - 25 * (state.y - reference.y)[0]
+    return SimpleNamespace(u=(state.M[0] * a + state.h) / state.B[0])
+
+
+TARGET = SetPoint([LENGTH + 0.5, 0.0, 0.0])
+
+
+def step_response(t, force):
+    """Position of the cart after a force on it at rest, t in s."""
+    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
+    omega = math.sqrt(natural - rate**2)
+    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
+    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
+
+
+def implicit(inputs, substeps, h):
+    """The cart by implicitfast, written out: forces at the start, damping at the end of a step."""
+    x, v, states = 0.0, 0.0, [(0.0, 0.0)]
+    for u, n in zip(inputs, substeps, strict=True):
+        for _ in range(n):
+            v += h * (u - DAMPING * v - STIFFNESS * x) / (MASS + h * DAMPING)
+            x += h * v
+        states.append((x, v))
+    return np.array(states)
+
+
+# --- the plant ----------------------------------------------------------------------------------
+
+
+def test_step_response_of_a_spring_and_damper(cart):
+    errors = []
+    for timestep in (5e-4, 2.5e-4):
+        log = simulate(cart, push(4.0), TARGET, duration=2.0, period=0.01, timestep=timestep)
+        errors.append(np.abs(log.q[:, 0] - step_response(log.t, 4.0)).max())
+    assert errors[1] < 2e-4
+    assert 1.9 < errors[0] / errors[1] < 2.1  # a scheme of first order
+
+
+def test_inputs_are_held_and_the_last_hold_is_cut(cart):
+    def ramp(state, reference):
+        ramp.calls += 1
+        return SimpleNamespace(u=[float(ramp.calls)])
+
+    ramp.calls = 0
+    log = simulate(cart, ramp, TARGET, duration=0.0175, period=0.005)
+    assert log.u[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_allclose(log.t, [0, 0.005, 0.01, 0.015, 0.0175], rtol=0, atol=1e-15)
+    expected = implicit(log.u[:, 0], [10, 10, 10, 5], 5e-4)
+    np.testing.assert_allclose(log.q[:, 0], expected[:, 0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(log.v[:, 0], expected[:, 1], rtol=0, atol=1e-13)
+
+
+def test_tip_reference_and_error(cart):
+    path = Ellipse(0.1, 0.1, 0.3, omega=0.5)
+    log = simulate(cart, push(1.0), path, duration=0.1, period=0.01)
+    np.testing.assert_allclose(log.y[:, 0], LENGTH + log.q[:, 0], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(log.y_ref, [path(t).y for t in log.t])
+    np.testing.assert_array_equal(log.error, log.y - log.y_ref)
+
+
+def test_a_law_with_known_error_dynamics(cart):
+    def worst(period):
+        log = simulate(cart, steer, TARGET, duration=1.0, period=period, timestep=period / 4)
+        exact = -0.5 * (1 + 5 * log.t) * np.exp(-5 * log.t)
+        return np.abs(log.error[:, 0] - exact).max()
+
+    coarse, fine = worst(0.002), worst(0.001)
+    assert fine < 5e-3
+    assert 1.8 < coarse / fine < 2.2
+
+
+def test_initial_state(cart):
+    log = simulate(cart, push(0.0), TARGET, duration=0.01, q0=[0.3], v0=[-0.2])
+    assert (log.q[0, 0], log.v[0, 0]) == (0.3, -0.2)
+
+
+def test_two_runs_are_the_same(cart):
+    first, second = (simulate(cart, steer, TARGET, duration=0.2) for _ in range(2))
+    np.testing.assert_array_equal(first.q, second.q)
+    np.testing.assert_array_equal(first.u, second.u)
+
+
+def test_a_continuous_joint_without_inputs(tmp_path):
+    model = load(tmp_path, WHEEL)
+    q0 = model.configuration(np.array([3.0]))
+    nothing = lambda state, reference: SimpleNamespace(u=[])  # noqa: E731
+    log = simulate(model, nothing, SetPoint([0, 0, 0]), duration=0.5, period=0.01, q0=q0)
+    assert log.q.shape == (51, 2)
+    assert log.u.shape == (50, 0)
+    np.testing.assert_allclose(np.hypot(*log.q.T), 1.0, rtol=0, atol=1e-15)
+    # No dissipation: ½ I θ̇² - m g l cos θ stays, but for the scheme's first-order ripple.
+    energy = 0.5 * 3e-3 * log.v[:, 0] ** 2 - 0.2 * 9.81 * 0.1 * log.q[:, 0]
+    assert np.ptp(energy) < 2e-3
+    assert np.abs(log.v).max() > 1.0
+    assert log.length is None
+
+
+# --- the schedule -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("period", "substeps"),
+    [(0.005, 10), (0.0075, 15), (0.002, 4), (0.0005, 1), (0.0001, 1), (0.0007, 2), (0.01, 20)],
+)
+def test_the_plant_step_divides_the_period(period, substeps):
+    plan = Schedule.plan(1.0, period)
+    assert plan.substeps == substeps
+    assert plan.timestep == pytest.approx(period / substeps, rel=1e-15)
+    assert plan.timestep <= 5e-4 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("duration", [10.0, 40 / 3, 0.0075, 0.001, 4.0, 8.0])
+@pytest.mark.parametrize("period", [0.005, 0.0075, 0.002])
+def test_runs_end_within_half_a_plant_step(duration, period):
+    plan = Schedule.plan(duration, period)
+    t = plan.times()
+    assert len(t) == plan.steps + 1
+    assert abs(t[-1] - duration) <= plan.timestep / 2 + 1e-12
+    assert 1 <= plan.last <= plan.substeps
+    assert (np.diff(t) > 0).all()
+
+
+@pytest.mark.parametrize("name", ["duration", "period", "timestep"])
+@pytest.mark.parametrize("value", [NAN, INF, -INF, 0.0, -1.0, "1", [1.0], 1j, True, 1e300, 5e-324])
+def test_hostile_times_are_refused(cart, name, value):
+    with pytest.raises(InputError):
+        simulate(cart, steer, TARGET, **{"duration": 0.01, "period": 0.002, name: value})
+
+
+def test_steps_that_do_not_fit_are_refused():
+    with pytest.raises(InputError, match="integer part of the period"):
+        Schedule.plan(1.0, 0.005, 0.0003)
+    with pytest.raises(InputError, match="integer part of the period"):
+        Schedule.plan(1.0, 0.005, 0.01)
+    with pytest.raises(InputError, match="control periods"):
+        Schedule.plan((MAX_STEPS + 1) * 0.002, 0.002)
+
+
+# --- arguments ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["q0", "v0"])
+@pytest.mark.parametrize("value", [[NAN], [INF], [], [0.0, 0.0], "a", ["1"], 0.0, [1e300]])
+def test_hostile_states_are_refused(cart, name, value):
+    with pytest.raises(InputError):
+        simulate(cart, steer, TARGET, duration=0.01, **{name: value})
+
+
+@pytest.mark.parametrize("value", [None, [1, 2, 3], np.zeros(3), Reference([0, 0, 0]), "finger"])
+def test_what_is_no_reference_is_refused(cart, value):
+    with pytest.raises(InputError, match=r"^reference: expected"):
+        simulate(cart, steer, value)
+
+
+@pytest.mark.parametrize("value", [None, [1, 2, 3], SimpleNamespace(y=[0, 0, 0])])
+def test_what_returns_no_reference_is_refused(cart, value):
+    with pytest.raises(InputError, match=r"^reference: expected"):
+        simulate(cart, steer, lambda t: value)
+
+
+def test_a_reference_that_breaks_on_the_way_is_refused(cart):
+    def reference(t):
+        return SimpleNamespace(y=[1.0, 0, NAN if t > 0.005 else 0], ydot=[0] * 3, yddot=[0] * 3)
+
+    with pytest.raises(InputError, match=r"^y: expected finite"):
+        simulate(cart, steer, reference, duration=0.01)
+
+
+def test_what_is_no_controller_is_refused(cart):
+    with pytest.raises(InputError, match=r"^controller: expected"):
+        simulate(cart, None, TARGET)
+
+
+def test_an_experiment_of_another_robot_is_refused():
+    model = softdyn.load("finger")
+    with pytest.raises(InputError, match=r"expected one for 'finger', got one for 'helix'"):
+        simulate(model, steer, paper.set_point("helix", 0.0))
+
+
+def test_the_experiments_numbers_are_defaults(cart):
+    experiment = replace(paper.tracking("finger", 0.2), duration=0.02, period=0.01, length=5.0)
+    log = simulate(cart, push(0.0), experiment)
+    assert (log.kind, log.theta, log.omega) == ("tracking", None, 0.2)
+    assert (log.duration, log.period, log.length, log.steps) == (0.02, 0.01, 5.0, 2)
+    log = simulate(cart, push(0.0), experiment, duration=0.03, period=0.005)
+    assert (log.duration, log.period, log.steps) == (0.03, 0.005, 6)
+
+
+# --- controllers of all sorts -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "u", [[NAN], [INF], [-INF], [], [1.0, 2.0], 1.0, [[1.0]], None, "1", ["1"], [None], [1j]]
+)
+def test_an_answer_that_is_no_input_ends_the_run(cart, u):
+    def controller(state, reference):
+        return SimpleNamespace(u=[1.0] if state.q[0] == 0 else u)
+
+    log = simulate(cart, controller, TARGET, duration=0.1, period=0.01)
+    assert log.failed
+    assert not log.complete
+    assert log.reason.startswith("the controller failed at t = 0.01 s: u: expected finite numbers")
+    assert (log.steps, len(log.t)) == (1, 2)
+    assert np.isfinite(log.error).all()
+
+
+def test_an_answer_without_input_ends_the_run(cart):
+    log = simulate(cart, lambda state, reference: None, TARGET, duration=0.1)
+    assert log.failed
+    assert log.reason == "the controller failed at t = 0 s: its answer has no u"
+    assert (log.steps, len(log.t), log.u.shape) == (0, 1, (0, 1))
+
+
+def test_inputs_beyond_their_bounds_are_measured_and_clipped(cart):
+    forces = iter([5.0, 21.5, -20.25])
+    log = simulate(
+        cart, lambda s, r: SimpleNamespace(u=[next(forces)]), TARGET, duration=0.03, period=0.01
+    )
+    assert log.u[:, 0].tolist() == [5.0, 20.0, -20.0]
+    assert log.max_bound_violation == 1.5
+    np.testing.assert_allclose(
+        log.q[:, 0], implicit([5.0, 20.0, -20.0], [20] * 3, 5e-4)[:, 0], rtol=0, atol=1e-14
+    )
+
+
+def test_diagnostics_are_logged(cart):
+    class Status(Enum):
+        GOOD = "fine"
+        BAD = "not fine at all"
+
+    class Talker:
+        name = "talker"
+        gains = Gains(3.0, np.array([1.0, 2.0]))
+        guard = SimpleNamespace(not_solved=4, fallbacks=7, max_bound_violation=0.25)
+
+        def __call__(self, state, reference):
+            self.guard.fallbacks += 1
+            status = Status.GOOD if state.v[0] == 0 else Status.BAD
+            return SimpleNamespace(u=[1.0], V=2, delta=None, status=status)
+
+    log = simulate(cart, Talker(), TARGET, duration=0.03, period=0.01)
+    assert log.controller == "talker"
+    assert log.status.tolist() == ["fine", "not fine at all", "not fine at all"]
+    assert log.V.tolist() == [2.0, 2.0, 2.0]
+    assert np.isnan(log.delta).all()
+    assert log.gains == {"Kp": 3.0, "table": [1.0, 2.0]}
+    assert (log.not_solved, log.fallbacks, log.max_bound_violation) == (0, 3, 0.25)
+    assert (log.step_us > 0).all()
+    assert simulate(cart, push(1.0), TARGET, duration=0.01, name="mine").controller == "mine"
+
+
+@dataclass
+class Gains:
+    Kp: float
+    table: np.ndarray
+
+
+def test_counters_on_the_controller_itself(cart):
+    class Counter:
+        not_solved = 2
+        fallbacks = 0
+
+        def __call__(self, state, reference):
+            self.not_solved += 2
+            return SimpleNamespace(u=[0.0])
+
+    log = simulate(cart, Counter(), TARGET, duration=0.03, period=0.01)
+    assert (log.not_solved, log.fallbacks) == (6, 0)
+    assert log.controller == "Counter"
+    assert log.status.tolist() == ["", "", ""]
+
+
+def test_a_controllers_exceptions_pass(cart):
+    def controller(state, reference):
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        simulate(cart, controller, TARGET)
+
+
+def test_on_step_sees_every_step(cart):
+    seen = []
+    log = simulate(
+        cart, push(1.0), TARGET, duration=0.05, period=0.01, on_step=lambda *a: seen.append(a)
+    )
+    assert [t for t, _, _ in seen] == log.t[:-1].tolist()
+    assert [state.q[0] for _, state, _ in seen] == log.q[:-1, 0].tolist()
+    assert [command.u[0] for _, _, command in seen] == [1.0] * 5
+
+
+# --- failures -----------------------------------------------------------------------------------
+
+
+def test_a_tip_that_runs_away_ends_the_run(cart):
+    push_away = lambda state, reference: SimpleNamespace(u=[20.0 * (1 + state.q[0])])  # noqa: E731
+    log = simulate(cart, push_away, SetPoint([LENGTH, 0, 0]), duration=10.0)
+    distance = np.linalg.norm(log.error, axis=1)
+    assert log.failed
+    assert not log.complete
+    assert "more than twice the length of 0.4 m" in log.reason
+    assert distance[-1] > 2 * LENGTH
+    assert (distance[:-1] <= 2 * LENGTH).all()
+    assert f"at t = {log.t[-1]:.4g} s" in log.reason
+    assert log.steps == len(log.t) - 1 < 5000
+
+
+def test_a_plant_that_blows_up_ends_the_run(make_cart, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    cart = make_cart(lower="-9e9", upper="9e9")
+    log = simulate(cart, push(9e9), TARGET, duration=0.1, period=0.01)
+    assert log.failed
+    assert not log.complete
+    assert log.reason.startswith("the plant diverged at t = ")
+    assert "acceleration" in log.reason
+    assert (log.steps, len(log.t)) == (1, 2)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.urdf"]  # no MUJOCO_LOG.TXT
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_run_that_does_not_converge_is_failed_and_complete(cart):
+    log = simulate(cart, push(-1.0), TARGET, duration=0.5)
+    assert log.failed
+    assert log.complete
+    assert log.reason.startswith("no convergence: the final error of ")
+    still = simulate(cart, push(0.0), TARGET, duration=0.1)
+    assert still.failed  # not below the initial error: equal to it
+
+
+def test_a_run_that_converges_is_not_failed(cart):
+    log = simulate(cart, steer, TARGET, duration=2.0)
+    assert not log.failed
+    assert log.complete
+    assert log.reason is None
+    assert np.linalg.norm(log.error[-1]) < 0.01 * np.linalg.norm(log.error[0])
+
+
+def test_staying_on_the_target_is_not_a_failure(cart):
+    assert not simulate(cart, push(0.0), SetPoint([LENGTH, 0, 0]), duration=0.1).failed
+
+
+# --- the log ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def log(cart):
+    experiment = replace(paper.set_point("finger", 0.5), duration=0.03, period=0.0075)
+    return simulate(cart, steer, experiment)
+
+
+def test_a_saved_log_comes_back_exactly(log, tmp_path):
+    log.save(tmp_path / "run.npz")
+    again = Log.load(tmp_path / "run.npz")
+    for field in fields(Log):
+        saved, loaded = getattr(log, field.name), getattr(again, field.name)
+        assert type(saved) is type(loaded), field.name
+        if isinstance(saved, np.ndarray):
+            assert saved.dtype == loaded.dtype
+            assert saved.tobytes() == loaded.tobytes(), field.name
+            assert not loaded.flags.writeable
+        else:
+            assert saved == loaded, field.name
+    assert again.versions["mujoco"]
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".urdf"] == ["run.npz"]
+
+
+def test_a_log_of_no_steps_comes_back(cart, tmp_path):
+    log = simulate(cart, lambda state, reference: None, TARGET)
+    log.save(str(tmp_path / "no suffix added"))
+    assert Log.load(tmp_path / "no suffix added").reason == log.reason
+
+
+def test_arrays_of_a_log_are_read_only(log):
+    with pytest.raises(ValueError, match="read-only"):
+        log.error[0] = 0.0
+
+
+def test_a_failed_write_leaves_the_old_file(log, tmp_path, monkeypatch):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    before = path.read_bytes()
+
+    def no_space(*arguments, **named):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", no_space)
+    with pytest.raises(InputError, match="No space left"):
+        log.save(path)
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.urdf", "run.npz"]
+
+
+@pytest.mark.parametrize("where", ["no/such/folder/run.npz", "."])
+def test_a_log_cannot_be_written_there(log, tmp_path, where):
+    with pytest.raises(InputError, match=r"expected a (writable )?file"):
+        log.save(tmp_path / where)
+
+
+def test_what_is_no_log_is_refused(log, tmp_path):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    content = path.read_bytes()
+    pickled, array, foreign = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.savez(pickled, about=np.array({"a": 1}, dtype=object), t=np.zeros(1))
+    np.save(array, np.zeros(3))
+    np.savez(foreign, x=np.zeros(3))
+    files = (b"", b"text", content[: len(content) // 2], content[:-30], pickled.getvalue(),
+             array.getvalue(), foreign.getvalue())  # fmt: skip
+    for data in files:
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"run\.npz: expected"):
+            Log.load(path)
+    for missing in (tmp_path / "none.npz", tmp_path):
+        with pytest.raises(InputError, match="expected"):
+            Log.load(missing)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"t": np.zeros(3)}, {"u": np.zeros((4, 1, 1))}, {"V": np.zeros(5)}, {"t": np.array(0.0)},
+        {"error": np.zeros((5, 2))}, {"status": np.zeros(4)}, {"q": np.full((5, 1), "a")},
+        {"v": np.zeros((5, 2))}, {"q": np.zeros((5, 1), int)},
+        {"about": np.array("{}")}, {"about": np.array("[1]")}, {"about": np.array("{")},
+        {"about": np.array(json.dumps({"format": "softdyn-log-1"}))}, {"about": np.zeros(2)},
+    ],
+    ids=lambda c: next(iter(c)),
+)  # fmt: skip
+def test_an_inconsistent_log_is_refused(log, tmp_path, change):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    with np.load(path) as file:
+        content = {name: file[name] for name in file.files}
+    assert len(content["t"]) == 5
+    np.savez(path, **{**content, **change})
+    with pytest.raises(InputError, match=r"run\.npz: expected"):
+        Log.load(path)
+
+
+def test_files_are_written_for_everyone_as_usual(log, tmp_path):
+    mask = os.umask(0o022)
+    try:
+        log.save(tmp_path / "run.npz")
+    finally:
+        os.umask(mask)
+    assert Path(tmp_path / "run.npz").stat().st_mode & 0o777 == 0o644

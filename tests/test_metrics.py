@@ -1,0 +1,123 @@
+"""Figures of merit against values worked out by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softdyn import InputError
+from validation import Log, metrics
+
+
+def make_log(t, error, **changes):
+    """A log with these samples and nothing else of interest."""
+    t, error = np.array(t, float), np.array(error, float)
+    steps = len(t) - 1
+    about = {
+        "robot": "r", "controller": "c", "kind": None, "theta": None, "omega": None,
+        "duration": float(t[-1]), "period": 0.1, "timestep": 0.1, "length": None,
+        "joint_names": ("j",), "contacts": False, "complete": True, "failed": False, "reason": None,
+        "not_solved": 0, "fallbacks": 0, "max_bound_violation": 0.0, "gains": None, "versions": {},
+    }  # fmt: skip
+    arrays = {
+        "t": t, "q": np.zeros((steps + 1, 1)), "v": np.zeros((steps + 1, 1)), "y": error,
+        "y_ref": np.zeros_like(error), "error": error, "u": np.zeros((steps, 1)),
+        "V": np.zeros(steps), "delta": np.zeros(steps), "status": np.full(steps, "ok"),
+        "step_us": np.arange(1.0, steps + 1),
+    }  # fmt: skip
+    return Log(**{**arrays, **about, **changes})
+
+
+def test_final_error_is_the_last_samples():
+    log = make_log([0, 1, 2], [[1, 0, 0], [0, 1, 0], [0.03, 0, 0.04]])
+    assert metrics.final_error_cm(log) == pytest.approx(5.0, rel=1e-15)
+
+
+def test_mse_weights_uneven_samples():
+    # ‖e‖² = 0.01, 0.04, 0 at t = 0, 1, 3: (0.025 · 1 + 0.02 · 2) / 3 m²
+    log = make_log([0, 1, 3], [[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0]])
+    assert metrics.mse_cm2(log) == pytest.approx(1e4 * 0.065 / 3, rel=1e-14)
+
+
+def test_mse_of_a_constant_error_is_its_square_whatever_the_samples():
+    for t in ([0, 2], [0, 0.1, 2], np.linspace(0, 2, 77)):
+        log = make_log(t, np.tile([0.03, 0.04, 0.0], (len(t), 1)))
+        assert metrics.mse_cm2(log) == pytest.approx(25.0, rel=1e-13)
+
+
+def test_mse_converges_to_the_integral_at_second_order():
+    def mse(period):
+        t = np.append(np.arange(0, 2, period), 2.0)
+        return metrics.mean_square(t, np.outer(np.exp(-t), [1, 0, 0]))
+
+    exact = (1 - math.exp(-4)) / 4
+    coarse, fine = (abs(mse(period) - exact) for period in (0.1, 0.05))
+    assert fine < 1e-3
+    assert 3.5 < coarse / fine < 4.5
+
+
+def test_mean_square_from_between_two_samples():
+    # ‖e‖² falls from 4 to 0 over [0, 2]: 1 at 1.5, so its mean over [1.5, 2] is a half
+    assert metrics.mean_square([0, 2], [[2, 0, 0], [0, 0, 0]], start=1.5) == pytest.approx(0.5)
+
+
+def test_second_cycle():
+    t = np.linspace(0, 4, 401)  # two cycles at ω = π
+    error = np.where(t[:, None] < 2, 0.5, 0.01) * [1, 0, 0]
+    log = make_log(t, error, omega=1.0, kind="tracking")
+    assert metrics.second_cycle_mse_cm2(log) == pytest.approx(1.0, rel=1e-12)
+    assert metrics.mse_cm2(log) > 1000
+    assert math.isnan(metrics.second_cycle_mse_cm2(replace(log, complete=False)))
+    for changes in ({"omega": None}, {"duration": 3.0}):
+        with pytest.raises(InputError, match="two cycles"):
+            metrics.second_cycle_mse_cm2(replace(log, **changes))
+
+
+def test_a_run_that_ended_early_has_no_figures():
+    log = make_log([0, 1], [[1, 0, 0], [0, 0, 0]], complete=False, duration=10.0)
+    assert math.isnan(metrics.final_error_cm(log))
+    assert math.isnan(metrics.mse_cm2(log))
+
+
+def test_mean_and_population_deviation():
+    mean, std = metrics.mean_std([2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0])
+    assert (mean, std) == (5.0, 2.0)
+    assert metrics.mean_std([3.0]) == (3.0, 0.0)
+
+
+@pytest.mark.parametrize("values", [[], [1.0, math.nan], [math.inf, 2.0]])
+def test_a_mean_without_all_its_cases_is_none(values):
+    assert metrics.mean_std(values) == (None, None)
+
+
+def test_step_times():
+    log = make_log(np.arange(1002), np.zeros((1002, 3)))  # 1 … 1001 µs
+    expected = {"median": 501.0, "p99": 991.0, "p999": 1000.0, "max": 1001.0}
+    assert metrics.step_times_us(log) == pytest.approx(expected)
+    empty = make_log([0.0], [[0, 0, 0]])
+    assert metrics.step_times_us(empty) == dict.fromkeys(expected)
+
+
+@pytest.mark.parametrize(
+    ("t", "error", "start"),
+    [
+        ([0.0], [[0, 0, 0]], None),
+        ([0.0, 0.0], np.zeros((2, 3)), None),
+        ([1.0, 0.0], np.zeros((2, 3)), None),
+        ([0.0, math.nan], np.zeros((2, 3)), None),
+        ([0.0, 1.0], np.zeros((2, 2)), None),
+        ([0.0, 1.0], np.zeros((3, 3)), None),
+        ([0.0, 1.0], np.zeros((2, 3)), 1.0),
+        ([0.0, 1.0], np.zeros((2, 3)), -0.5),
+        ([0.0, 1.0], np.zeros((2, 3)), math.nan),
+        ([0.0, 1.0], np.zeros((2, 3)), "0"),
+    ],
+)
+def test_mean_square_refuses(t, error, start):
+    with pytest.raises(InputError):
+        metrics.mean_square(t, error, start)
+
+
+def test_mean_square_of_samples_that_are_not_finite():
+    assert math.isnan(metrics.mean_square([0, 1], [[math.nan, 0, 0], [0, 0, 0]]))

@@ -1,0 +1,175 @@
+"""Rigid bodies of a URDF, read by yourdfpy: the second parser of the second engine.
+
+Nothing here comes from Pinocchio or from softdyn's own reading of geometry and inertia. Links fixed
+to one another are lumped into one body, whose frame is the frame of the link that its joint moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yourdfpy
+
+from softdyn.exceptions import UrdfError
+
+STATIC = 0  # index of the body that carries the root link: it never moves
+KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """A joint at a body's origin: `kind` is hinge or slide, `axis` a unit vector in its frame."""
+
+    name: str
+    kind: str
+    axis: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A collision primitive: box (half sizes), cylinder (radius, half length) or sphere."""
+
+    link: str
+    kind: str
+    size: tuple[float, ...]
+    pose: np.ndarray
+
+
+@dataclass(eq=False)
+class Body:
+    """Links that move as one.
+
+    Attributes
+    ----------
+    link : the link whose frame is the body's.
+    parent : index of the parent body, None of the static body.
+    pose : (4, 4) in the parent body's frame at q = 0.
+    joint : what moves it, None of the static body.
+    mass, moment, second : kg; Σ m c (kg·m) and Σ of the inertia about the frame's origin (kg·m²),
+        both in the body's frame: sums that need no division while links are added.
+    """
+
+    link: str
+    parent: int | None
+    pose: np.ndarray
+    joint: Freedom | None = None
+    mass: float = 0.0
+    moment: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    second: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: list[Shape] = field(default_factory=list)
+
+    def add(self, inertial: yourdfpy.Inertial, pose: np.ndarray) -> None:
+        """Weld a link's inertia to the body; `pose` (4, 4) is the link's in the body's frame."""
+        frame = pose if inertial.origin is None else pose @ inertial.origin
+        rotation, com = frame[:3, :3], frame[:3, 3]
+        mass = float(inertial.mass or 0.0)
+        self.mass += mass
+        self.moment += mass * com
+        self.second += rotation @ np.asarray(inertial.inertia, float) @ rotation.T
+        self.second += mass * (com @ com * np.eye(3) - np.outer(com, com))
+
+    @property
+    def com(self) -> np.ndarray:
+        """Centre of mass (3,) in the body's frame; the origin of a massless body."""
+        return self.moment / self.mass if self.mass > 0 else np.zeros(3)
+
+    @property
+    def principal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Principal moments (3,) about the centre of mass and their axes (3, 3), right-handed."""
+        com = self.com
+        tensor = self.second - self.mass * (com @ com * np.eye(3) - np.outer(com, com))
+        moments, axes = np.linalg.eigh((tensor + tensor.T) / 2)
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        return moments, axes
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """All bodies, the static one first and parents before children, in the file's order.
+
+    `place` maps a link to its body and its pose (4, 4) there; `skipped` lists the collision shapes
+    that were left out, each with the reason.
+    """
+
+    bodies: tuple[Body, ...]
+    place: dict[str, tuple[int, np.ndarray]]
+    skipped: tuple[str, ...]
+
+
+def read_bodies(path: Path) -> Tree:
+    """Read and lump the bodies of a URDF that has already passed the strict parse.
+
+    Raises
+    ------
+    UrdfError
+        When yourdfpy cannot read the file.
+    """
+    try:
+        robot = yourdfpy.URDF.load(
+            str(path),
+            build_scene_graph=False,
+            load_meshes=False,
+            filename_handler=yourdfpy.filename_handler_null,
+        ).robot
+    except Exception as error:  # it raises whatever its parsing code trips over
+        raise UrdfError(path, "<robot>", "a URDF that yourdfpy reads", error) from error
+    links = {link.name: link for link in robot.links}
+    below: dict[str, list[yourdfpy.Joint]] = {}
+    for joint in robot.joints:
+        below.setdefault(joint.parent, []).append(joint)
+    children = {joint.child for joint in robot.joints}
+    root = next(name for name in links if name not in children)
+
+    bodies = [Body(root, None, np.eye(4))]
+    place = {root: (STATIC, np.eye(4))}
+    skipped: list[str] = []
+    front = [root]
+    while front:
+        name = front.pop()
+        index, pose = place[name]
+        _attach(bodies[index], links[name], pose, skipped)
+        for joint in below.get(name, ()):
+            frame = pose if joint.origin is None else pose @ joint.origin
+            if joint.type in KINDS:
+                place[joint.child] = (len(bodies), np.eye(4))
+                bodies.append(_moving(joint, index, frame))
+            else:
+                place[joint.child] = (index, frame)
+        front += [joint.child for joint in reversed(below.get(name, ()))]
+    return Tree(tuple(bodies), place, tuple(skipped))
+
+
+def _moving(joint: yourdfpy.Joint, parent: int, pose: np.ndarray) -> Body:
+    axis = np.asarray(joint.axis, float)
+    freedom = Freedom(joint.name, KINDS[joint.type], axis / np.linalg.norm(axis))
+    return Body(joint.child, parent, pose, freedom)
+
+
+def _attach(body: Body, link: yourdfpy.Link, pose: np.ndarray, skipped: list[str]) -> None:
+    """Add a link's inertia and collision shapes to its body."""
+    if link.inertial is not None:
+        body.add(link.inertial, pose)
+    for collision in link.collisions:
+        frame = pose if collision.origin is None else pose @ collision.origin
+        kind, size = _primitive(collision.geometry)
+        if not size:
+            skipped.append(f"collision shape of link {link.name!r}: {kind} is not supported")
+        elif not min(size) > 0:
+            skipped.append(f"collision shape of link {link.name!r}: {kind} without extent")
+        else:
+            body.shapes.append(Shape(link.name, kind, size, frame))
+
+
+def _primitive(geometry: yourdfpy.Geometry | None) -> tuple[str, tuple[float, ...]]:
+    """Kind and MuJoCo's sizes of a geometry; no sizes of one that is not a primitive."""
+    if geometry is None:
+        return "no geometry", ()
+    if geometry.box is not None:
+        return "box", tuple(float(size) / 2 for size in geometry.box.size)
+    if geometry.cylinder is not None:
+        return "cylinder", (float(geometry.cylinder.radius), float(geometry.cylinder.length) / 2)
+    if geometry.sphere is not None:
+        return "sphere", (float(geometry.sphere.radius),)
+    return "mesh", ()

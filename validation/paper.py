@@ -1,0 +1,192 @@
+"""The paper's experiments and its results (section Validation), as data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
+from softdyn.checks import number
+
+THETAS = (0.0, 0.5, 1.0, 1.5)  # set points, in multiples of π
+OMEGAS = (0.1, 0.2, 0.3, 0.4, 0.5)  # tracking rates, in multiples of π rad/s
+SET_POINT_DURATION = 10.0  # s
+CYCLES = 2
+DEFAULT_PERIOD = 0.002  # s, for a robot that is not in the paper
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One closed loop to run: a robot starts at rest and follows a reference.
+
+    Attributes
+    ----------
+    robot : name of the robot it is meant for.
+    kind : ``"set_point"`` or ``"tracking"``.
+    theta, omega : which of its kind, in multiples of π; None where it has no such number.
+    reference : t (s) → `Reference`.
+    duration, period : length of the run and of the control period (s).
+    length : the robot's length (m), the scale of a divergence.
+    """
+
+    robot: str
+    kind: str
+    theta: float | None
+    omega: float | None
+    reference: Callable[[float], Reference]
+    duration: float
+    period: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What the experiments need to know of a robot.
+
+    Attributes
+    ----------
+    robot : its name.
+    length : L (m); the ellipse's semi-axes are L/3 and L/8. 0 leaves only `target`.
+    period : control period (s).
+    reach : the ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
+    """
+
+    robot: str
+    length: float
+    period: float
+    reach: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "length", number("length", self.length, lower=0.0))
+        for name in ("period", "reach"):
+            object.__setattr__(self, name, number(name, getattr(self, name), above=0.0))
+
+    def ellipse(self, omega: float = 0.0) -> Ellipse:
+        """The ellipse of the robot's size, run through at `omega`.
+
+        Raises
+        ------
+        InputError
+            For a robot of no length, which can only be given a target.
+        """
+        if self.length == 0:
+            raise InputError("length", "a robot with a length, or a target", f"{self.length:g} m")
+        b = self.length / 8
+        return Ellipse(a=self.length / 3, b=b, c=self.reach * self.length - b, omega=omega)
+
+    def set_point(self, theta: float) -> Experiment:
+        """Reach the ellipse's point at `theta`, in multiples of π, within 10 s."""
+        theta = number("theta", theta)
+        return self._experiment("set_point", theta, None, SetPoint(self.ellipse().point(theta)))
+
+    def tracking(self, omega: float) -> Experiment:
+        """Follow the ellipse at `omega`, in multiples of π rad/s, for two cycles."""
+        omega = number("omega", omega, above=0.0)
+        duration = 2 * CYCLES / omega  # 4π / ω with ω in rad/s
+        if not math.isfinite(duration):
+            raise InputError("omega", "a rate that completes two cycles", omega)
+        return self._experiment("tracking", None, omega, self.ellipse(omega), duration)
+
+    def target(self, y: Any) -> Experiment:
+        """Reach the point y (3,) of the world (m) within 10 s."""
+        return self._experiment("set_point", None, None, SetPoint(y))
+
+    def _experiment(
+        self,
+        kind: str,
+        theta: float | None,
+        omega: float | None,
+        reference: Callable[[float], Reference],
+        duration: float = SET_POINT_DURATION,
+    ) -> Experiment:
+        return Experiment(
+            self.robot, kind, theta, omega, reference, duration, self.period, self.length
+        )
+
+
+# Lengths and centres: the paper. Control periods: its reference implementation.
+ROBOTS = {
+    setup.robot: setup
+    for setup in (
+        Setup("finger", 0.24, 0.005),
+        Setup("helix", 0.45, 0.0075),
+        Setup("spirob", 0.50, 0.002, reach=0.75),
+        Setup("spirob48", 0.50, 0.002, reach=0.75),
+    )
+}
+
+
+def setup(robot: str) -> Setup:
+    """The setup of a robot of the paper.
+
+    Raises
+    ------
+    InputError
+        For any other robot: describe it with a `Setup` of its own.
+    """
+    found = ROBOTS.get(robot) if isinstance(robot, str) else None
+    if found is None:
+        raise InputError("robot", f"one of {', '.join(ROBOTS)}", repr(robot))
+    return found
+
+
+def setup_of(model: SoftModel) -> Setup:
+    """The paper's setup of a bundled robot; for any other one of its own length, 2 ms a period."""
+    if model.bundled in ROBOTS:
+        return ROBOTS[model.bundled]
+    return Setup(model.name, model.robot.length, DEFAULT_PERIOD)
+
+
+def set_point(robot: str, theta: float) -> Experiment:
+    """The paper's set point at `theta`, in multiples of π, for one of its robots."""
+    return setup(robot).set_point(theta)
+
+
+def tracking(robot: str, omega: float) -> Experiment:
+    """The paper's trajectory at `omega`, in multiples of π rad/s, for one of its robots."""
+    return setup(robot).tracking(omega)
+
+
+@dataclass(frozen=True)
+class Published:
+    """A row of the paper's table: mean and standard deviation, None for "Failed Convergence".
+
+    Attributes
+    ----------
+    sp_mean_cm, sp_std_cm : final error over the four set points (cm).
+    tt_mean_cm2, tt_std_cm2 : mean squared error over the five trajectories (cm²).
+    """
+
+    sp_mean_cm: float | None
+    sp_std_cm: float | None
+    tt_mean_cm2: float | None
+    tt_std_cm2: float | None
+
+
+_FAILED = Published(None, None, None, None)
+
+# The paper's "ID-CLF-QP (ours)" is its soft variant; it has no results of a hard one.
+TABLE = {
+    ("finger", "clf-qp"): Published(0.75, 1.05, 6.90, 0.80),
+    ("finger", "soft-id-clf-qp"): Published(0.08, 0.09, 0.53, 0.26),
+    ("finger", "ic"): Published(0.08, 0.14, 1.26, 0.73),
+    ("finger", "uic"): Published(0.22, 0.39, 1.00, 0.51),
+    ("finger", "ic-qp"): Published(0.07, 0.12, 1.26, 0.71),
+    ("helix", "clf-qp"): _FAILED,
+    ("helix", "soft-id-clf-qp"): Published(2.48, 1.20, 24.14, 9.04),
+    ("helix", "ic"): Published(2.66, 1.40, 21.89, 6.08),
+    ("helix", "uic"): Published(3.39, 2.12, 31.70, 7.48),
+    ("helix", "ic-qp"): Published(2.48, 1.20, 24.14, 9.04),
+    ("spirob", "clf-qp"): Published(4.23, 3.98, 255.33, 186.38),
+    ("spirob", "soft-id-clf-qp"): Published(3.50, 3.71, 19.51, 5.66),
+    ("spirob", "ic"): _FAILED,
+    ("spirob", "uic"): _FAILED,
+    ("spirob", "ic-qp"): Published(8.93, 7.80, 157.64, 6.48),
+}
+
+
+def published(robot: str, controller: str) -> Published | None:
+    """The paper's row of a robot and a controller (its command-line name), None if it has none."""
+    return TABLE.get((robot, controller))

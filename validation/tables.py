@@ -1,0 +1,118 @@
+"""The benchmark's table for people: Markdown, LaTeX, and text for a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
+PAPER_NAMES = {
+    "soft-id-clf-qp": "Soft ID-CLF-QP",
+    "id-clf-qp": "ID-CLF-QP (hard)",
+    "clf-qp": "CLF-QP",
+    "ic": "IC",
+    "uic": "UIC",
+    "ic-qp": "IC-QP",
+}
+KINDS = {"set_point": "θ", "tracking": "ω"}
+
+
+def spread(mean: float | None, std: float | None) -> str:
+    """Mean ± standard deviation; "none" for a mean over a run that did not reach its end."""
+    return "none" if mean is None or std is None else f"{mean:.2f} ± {std:.2f}"
+
+
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """One row of the table as text."""
+    published = row["paper"]
+
+    def paper(kind: str, unit: str) -> str:
+        if published is None:
+            return "-"
+        mean, std = (published[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
+        return "failed" if mean is None else spread(mean, std)
+
+    return (
+        row["robot"],
+        PAPER_NAMES.get(row["controller"], row["controller"]),
+        spread(row["sp_mean_cm"], row["sp_std_cm"]),
+        paper("sp", "cm"),
+        spread(row["tt_mean_cm2"], row["tt_std_cm2"]),
+        paper("tt", "cm2"),
+        ", ".join(f"{KINDS[f['kind']]} = {f['value']:g}π" for f in row["failed"]) or "-",
+    )
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """Aligned columns for a terminal."""
+    lines = [TITLES, *(cells(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(TITLES))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """The table, every run's figure, and the failed runs with their reasons."""
+    parts = ["# Benchmark", "", _pipe(TITLES), _pipe(["---"] * len(TITLES))]
+    parts += [_pipe(cells(row)) for row in rows]
+    parts += [
+        "",
+        "SP: mean ± population standard deviation over the set points of the final error. "
+        "TT: the same over the trajectories of the time-mean of the squared error. Means contain "
+        'every run; "none" where one of them ended before its time.',
+        "",
+    ]
+    points = list(rows[0]["set_points_cm"]) if rows else []
+    rates = list(rows[0]["trajectories_cm2"]) if rows else []
+    titles = [
+        "Robot",
+        "Controller",
+        *(f"θ = {x}π (cm)" for x in points),
+        *(f"ω = {x}π (cm²)" for x in rates),
+    ]
+    parts += ["## Every run", "", _pipe(titles), _pipe(["---"] * len(titles))]
+    for row in rows:
+        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
+        shown = ["-" if value is None else f"{value:.3g}" for value in found]
+        parts.append(_pipe([*cells(row)[:2], *shown]))
+    failures = [
+        f"- {row['robot']}, {cells(row)[1]}, {KINDS[f['kind']]} = {f['value']:g}π: {f['reason']}"
+        for row in rows
+        for f in row["failed"]
+    ]
+    if failures:
+        parts += ["", "## Failed runs", "", *failures]
+    return "\n".join(parts) + "\n"
+
+
+def latex(rows: list[dict[str, Any]]) -> str:
+    """A booktabs table in the paper's layout, ours beside the published values."""
+    lines = [
+        r"\begin{tabular}{llrrrrl}",
+        r"\toprule",
+        " & ".join(_tex(title) for title in TITLES) + r" \\",
+    ]
+    robot = None
+    for row in rows:
+        shown = [_tex(cell) for cell in cells(row)]
+        if row["robot"] != robot:
+            lines.append(r"\midrule")
+        else:
+            shown[0] = ""
+        robot = row["robot"]
+        lines.append(" & ".join(shown) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _pipe(row: Any) -> str:
+    return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in row) + " |"
+
+
+def _tex(text: str) -> str:
+    for symbol, command in (
+        ("\\", r"\textbackslash "), ("_", r"\_"), ("&", r"\&"), ("%", r"\%"), ("#", r"\#"),
+        ("±", r"$\pm$"), ("²", r"$^2$"), ("π", r"$\pi$"), ("θ", r"$\theta$"), ("ω", r"$\omega$"),
+    ):  # fmt: skip
+        text = text.replace(symbol, command)
+    return text
