@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.controller import Command
+from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
 
 # Weight on ‖u‖², relative to the task's own curvature, that picks the least-norm minimiser.
 LEAST_NORM = 1e-8
+TINY = float(np.finfo(float).tiny)
 
 
 class ClfQp:
@@ -27,6 +29,7 @@ class ClfQp:
         self._qp = TaskQp(model, self.gains, Linearisation(self.gains, model.nu), decrease=True)
         self.guard = self._qp.guard
 
+    @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
         return self._qp.command(state, reference)
@@ -45,11 +48,20 @@ class Linearisation:
 
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
-        w1 = self.gains.w1
-        columns = np.linalg.solve(state.M, np.column_stack((state.B, state.h)))
-        mu_map = state.J @ columns[:, :-1]
-        mu_0 = state.Jdot @ state.v - state.J @ columns[:, -1] - task.yddot
-        H = 2 * w1 * mu_map.T @ mu_map
-        H += (LEAST_NORM * np.trace(H) + np.finfo(float).tiny) * np.eye(self.size)
-        g = 2 * w1 * mu_map.T @ (mu_0 - task.mu_ref)
-        return Condensed(H, g, mu_map, mu_0, np.eye(self.size), np.zeros(self.size))
+        return Condensed(
+            *_linearised(
+                state.M, state.h, state.v, state.B, state.J, state.Jdot,
+                task.mu_ref, task.yddot, self.gains.w1,
+            )
+        )  # fmt: skip
+
+
+@compiled
+def _linearised(M, h, v, B, J, Jdot, mu_ref, yddot, w1):
+    m = B.shape[1]
+    mu_map = J @ np.linalg.solve(M, B)
+    mu_0 = Jdot @ v - J @ np.linalg.solve(M, h) - yddot
+    H = 2 * w1 * mu_map.T @ mu_map
+    H = H + (LEAST_NORM * np.trace(H) + TINY) * np.eye(m)
+    g = 2 * w1 * mu_map.T @ (mu_0 - mu_ref)
+    return H, g, mu_map, mu_0, np.eye(m), np.zeros(m)

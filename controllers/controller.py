@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from functools import wraps
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from softdyn import Reference, SetPoint, State
+from softdyn import Reference, SetPoint, SoftModel, State
 
 
 class Status(Enum):
@@ -45,6 +47,30 @@ class Controller(Protocol):
         ...
 
 
+class Guarded(Protocol):
+    """What `guarded` needs of a controller."""
+
+    guard: InputGuard
+
+
+Self = TypeVar("Self", bound=Guarded)
+Law = Callable[[Self, State, Any], Command]
+
+
+def guarded(law: Law[Self]) -> Law[Self]:
+    """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback."""
+
+    @wraps(law)
+    def call(self: Self, state: State, reference: Any) -> Command:
+        with np.errstate(all="ignore"):
+            try:
+                return law(self, state, reference)
+            except np.linalg.LinAlgError:
+                return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+
+    return call
+
+
 class InputGuard:
     """Stands between a law's answer and the robot: always finite, always within bounds, counted.
 
@@ -59,10 +85,14 @@ class InputGuard:
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
         self.u_min, self.u_max = u_min, u_max
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything that was counted and held."""
         self.not_solved = 0
         self.fallbacks = 0
         self.max_bound_violation = 0.0
-        self._held = np.clip(np.zeros_like(u_min), u_min, u_max)
+        self._held = np.clip(np.zeros_like(self.u_min), self.u_min, self.u_max)
         self._held.flags.writeable = False
 
     def accept(self, u: np.ndarray, V: float, delta: float, clamped: bool = False) -> Command:
@@ -82,3 +112,13 @@ class InputGuard:
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
         return Command(self._held, V, delta, status)
+
+
+def rehearse(
+    law: Callable[[State, Reference], Command], model: SoftModel, guard: InputGuard
+) -> None:
+    """Call a law once at rest, so that its kernels are compiled before it controls anything."""
+    state = model.state(model.q0, np.zeros(model.nv))
+    with np.errstate(all="ignore"):
+        law(state, Reference(state.y))
+    guard.reset()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.controller import Command
+from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
 from controllers.linear_algebra import row_space
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
 
 
 class SoftIdClfQp:
@@ -36,6 +37,7 @@ class SoftIdClfQp:
         )
         self.guard = self._qp.guard
 
+    @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
         return self._qp.command(state, reference)
@@ -57,6 +59,7 @@ class IdClfQp:
         )
         self.guard = self._qp.guard
 
+    @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
         return self._qp.command(state, reference)
@@ -74,18 +77,24 @@ class HardInverseDynamics:
 
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
-        w, v = self.gains, state.v
-        columns = np.linalg.solve(state.M, np.column_stack((state.B, state.h)))
-        X, drift = columns[:, :-1], -columns[:, -1]  # q̈ = drift + X u
-        reach = row_space(state.J)
+        w = self.gains
+        return Condensed(
+            *_hard(
+                state.M, state.h, state.v, state.B, state.J, state.Jdot, task.mu_ref, task.yddot,
+                w.w1, w.w2, w.w3, w.w4, w.null_damping,
+            )
+        )  # fmt: skip
 
-        def null(a: np.ndarray) -> np.ndarray:
-            return a - reach.T @ (reach @ a)
 
-        mu_map, mu_0 = state.J @ X, state.J @ drift + state.Jdot @ v - task.yddot
-        NX, N_drift = null(X), null(drift + w.null_damping * v)
-        H = 2 * (w.w1 * mu_map.T @ mu_map + w.w2 * X.T @ X + w.w4 * NX.T @ NX)
-        H += 2 * w.w3 * np.eye(self.size)
-        g = 2 * (w.w1 * mu_map.T @ (mu_0 - task.mu_ref) + w.w2 * X.T @ drift)
-        g += 2 * w.w4 * NX.T @ N_drift
-        return Condensed(H, g, mu_map, mu_0, np.eye(self.size), np.zeros(self.size))
+@compiled
+def _hard(M, h, v, B, J, Jdot, mu_ref, yddot, w1, w2, w3, w4, null_damping):
+    m = B.shape[1]
+    X, drift = np.linalg.solve(M, B), -np.linalg.solve(M, h)  # q̈ = drift + X u
+    reach = row_space(J)
+    NX = X - reach.T @ (reach @ X)
+    damped = drift + null_damping * v
+    N_damped = damped - reach.T @ (reach @ damped)
+    mu_map, mu_0 = J @ X, J @ drift + Jdot @ v - yddot
+    H = 2 * (w1 * mu_map.T @ mu_map + w2 * X.T @ X + w4 * NX.T @ NX + w3 * np.eye(m))
+    g = 2 * (w1 * mu_map.T @ (mu_0 - mu_ref) + w2 * X.T @ drift + w4 * NX.T @ N_damped)
+    return H, g, mu_map, mu_0, np.eye(m), np.zeros(m)

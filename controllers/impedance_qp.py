@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from controllers.controller import Command
+from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task_qp import TaskQp
@@ -24,6 +24,7 @@ class ImpedanceQp:
         )
         self.guard = self._qp.guard
 
+    @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
         return self._qp.command(state, reference)

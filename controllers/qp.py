@@ -8,20 +8,21 @@ the GIL) for up to a minute, NaN in a bound is dropped in silence, lower > upper
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from proxsuite import proxqp
 
-EPS = 1e-9  # what ProxQP is asked for, in scaled variables
+from softdyn.compiled import compiled
+
+COARSE, FINE = 1e-6, 1e-9  # what ProxQP is asked for, in scaled variables
+MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
 MAX_ITERATIONS, MAX_INNER = 200, 100
 POLISH_STEPS = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
+class Problem(NamedTuple):
     """min ½ xᵀHx + gᵀx s.t. lower ≤ A x ≤ upper."""
 
     H: np.ndarray  # (n, n) symmetric, positive semidefinite
@@ -30,14 +31,8 @@ class Problem:
     lower: np.ndarray  # (rows,), -inf where open
     upper: np.ndarray  # (rows,), +inf where open
 
-    def is_sane(self) -> bool:
-        """Whether a solver may see it: finite data, bounds that are ordered and not NaN."""
-        finite = np.isfinite(self.H).all() and np.isfinite(self.g).all()
-        return bool(finite and np.isfinite(self.A).all() and (self.lower <= self.upper).all())
 
-
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(NamedTuple):
     """An answer with the residuals of its optimality conditions, recomputed from the problem.
 
     Attributes
@@ -53,32 +48,15 @@ class Solution:
     dual: float
     gap: float
 
-    def within(self, tolerance: float) -> bool:
-        """Whether every residual is at most `tolerance`; NaN is not."""
-        return self.primal <= tolerance and self.dual <= tolerance and self.gap <= tolerance
-
     @property
     def solved(self) -> bool:
-        """Whether every residual is small enough."""
-        return self.within(ACCEPTED)
+        """Whether every residual is small enough; NaN is not."""
+        return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
 
 
 def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
     """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it."""
-    Ax, Hx, Atz = problem.A @ x, problem.H @ x, problem.A.T @ z
-    excess = np.maximum(np.maximum(problem.lower - Ax, Ax - problem.upper), 0.0)
-    primal = excess.max() / max(1.0, np.abs(Ax).max())
-    dual = np.abs(Hx + problem.g + Atz).max()
-    dual /= max(1.0, np.abs(Hx).max(), np.abs(problem.g).max(), np.abs(Atz).max())
-    # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
-    up, down = z > 0, z < 0
-    support = z[up] @ problem.upper[up] + z[down] @ problem.lower[down]
-    if not math.isfinite(support):  # a multiplier on an open bound
-        return float(primal), float(dual), math.inf
-    quadratic, linear = x @ Hx, problem.g @ x
-    gap = abs(quadratic + linear + support)
-    gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
-    return float(primal), float(dual), float(gap)
+    return _residuals(*problem, x, z)
 
 
 def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -89,111 +67,153 @@ def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, 
     tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
     it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
     """
-    n, Ax = len(x), problem.A @ x
-    at_upper = z > problem.upper - Ax
-    at_lower = -z > Ax - problem.lower
-    active = np.flatnonzero(at_upper | at_lower)
-    rows = problem.A[active]
-    kkt = np.zeros((n + len(active), n + len(active)))
-    kkt[:n, :n] = problem.H
-    kkt[:n, n:], kkt[n:, :n] = rows.T, rows
-    target = np.where(at_upper, problem.upper, problem.lower)[active]
-    try:
-        answer = np.linalg.solve(kkt, np.concatenate((-problem.g, target)))
-    except np.linalg.LinAlgError:
-        return None
-    multipliers = np.zeros_like(z)
-    multipliers[active] = answer[n:]
-    return answer[:n], multipliers
+    found, *exact = _polish(*problem, x, z)
+    return (exact[0], exact[1]) if found else None
 
 
 class DenseQp:
-    """A persistent ProxQP workspace for problems of one size, warm-started by the last answer.
-
-    A warm start that fails is tried once more from scratch.
+    """A persistent ProxQP workspace for problems of one size.
 
     Variables are scaled to a unit Hessian diagonal, rows to unit norm and the answer to the order
     of one first: entries of a decrease row are ~1/ε, those of a nearly singular input map larger
-    still, and ProxQP's own test is absolute.
+    still, and ProxQP's own test is absolute. ProxQP is asked for a coarse answer, which mostly
+    tells the active set, and goes on to a fine one where the polished answer is not the optimum.
+    Every problem starts from scratch: the answer depends on nothing but the problem.
     """
 
     def __init__(self, variables: int, rows: int) -> None:
-        self._shape = (variables, rows)
-        self._qp: proxqp.dense.QP | None = None
+        self._qp = proxqp.dense.QP(
+            variables, 0, rows, False,
+            proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
+        )  # fmt: skip
+        settings = self._qp.settings
+        settings.eps_rel = 0.0
+        settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
+        settings.default_mu_in = MU_IN
+        settings.compute_preconditioner = False
+        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
+        self._fresh = True
 
     def solve(self, problem: Problem) -> Solution | None:
         """The answer, whatever its quality; None where no solver may see the problem."""
-        with np.errstate(all="ignore"):  # bad numbers surface in the scaled problem
-            scaled, scale, norms, size = self._scale(problem)
-        if not scaled.is_sane():
+        sane, H, g, A, lower, upper, scale, norms, size = _scaled(*problem)
+        if not sane:
             return None
-        warm = self._qp is not None
-        solution = self._attempt(scaled)
-        if warm and not solution.solved:
-            self._qp = None
-            solution = self._attempt(scaled)
-        if not solution.solved:
-            self._qp = None  # never warm-start from a bad answer
-        return Solution(
-            solution.x * scale * size,
-            solution.multipliers / norms * size,
-            solution.primal,
-            solution.dual,
-            solution.gap,
-        )
+        update = self._qp.init if self._fresh else self._qp.update
+        update(H, g, None, None, A, lower, upper, False)
+        self._fresh = False
+        scaled = Problem(H, g, A, lower, upper)
+        guesses = proxqp.InitialGuess
+        solution = self._attempt(scaled, COARSE, guesses.NO_INITIAL_GUESS)
+        if max(solution[2:]) > FINE:
+            solution = self._attempt(scaled, FINE, guesses.WARM_START_WITH_PREVIOUS_RESULT)
+        x, z = solution.x * scale * size, solution.multipliers / norms * size
+        return Solution(x, z, solution.primal, solution.dual, solution.gap)
 
-    @staticmethod
-    def _scale(problem: Problem) -> tuple[Problem, np.ndarray, np.ndarray, float]:
-        """The scaled problem, and the scales of its variables, rows and answer."""
-        diagonal = problem.H.diagonal()
-        scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        A = problem.A * scale
-        norms = np.sqrt(np.einsum("ij,ij->i", A, A))
-        norms[norms == 0] = 1.0
-        g, lower, upper = problem.g * scale, problem.lower / norms, problem.upper / norms
-        size = max(1.0, np.abs(g).max(), lower.max(), -upper.min())
-        scaled = Problem(
-            problem.H * np.outer(scale, scale),
-            g / size,
-            A / norms[:, None],
-            lower / size,
-            upper / size,
-        )
-        return scaled, scale, norms, size
-
-    def _attempt(self, scaled: Problem) -> Solution:
+    def _attempt(self, scaled: Problem, eps: float, guess: proxqp.InitialGuess) -> Solution:
         """ProxQP's answer to the scaled problem, polished where that is better."""
-        results = self._run(scaled)
-        x, z = np.array(results.x), np.array(results.z)
-        if not (np.isfinite(x).all() and np.isfinite(z).all()):
-            return Solution(x, z, np.inf, np.inf, np.inf)
-        # an open bound has no multiplier; what the solver leaves there counts as a dual residual
-        z[((z > 0) & np.isposinf(scaled.upper)) | ((z < 0) & np.isneginf(scaled.lower))] = 0.0
-        exact: tuple[np.ndarray, np.ndarray] | None = (x, z)
-        for _ in range(POLISH_STEPS):
-            exact = polish(scaled, *exact)
-            if exact is None:
-                break
-            solution = Solution(*exact, *residuals(scaled, *exact))
-            if solution.within(EPS):
-                return solution
-        return Solution(x, z, *residuals(scaled, x, z))
-
-    def _run(self, p: Problem) -> proxqp.dense.Results:
-        if self._qp is not None:
-            self._qp.update(p.H, p.g, None, None, p.A, p.lower, p.upper, False)
-        else:
-            self._qp = proxqp.dense.QP(
-                self._shape[0], 0, self._shape[1], False,
-                proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
-            )  # fmt: skip
-            settings = self._qp.settings
-            settings.eps_abs, settings.eps_rel = EPS, 0.0
-            settings.check_duality_gap = True
-            settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = EPS, 0.0
-            settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
-            settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-            settings.compute_preconditioner = False
-            self._qp.init(p.H, p.g, None, None, p.A, p.lower, p.upper, False)
+        settings, results = self._qp.settings, self._qp.results
+        settings.eps_abs, settings.initial_guess = eps, guess
         self._qp.solve()
-        return self._qp.results
+        return Solution(*_refined(*scaled, np.array(results.x), np.array(results.z)))
+
+
+@compiled
+def _scaled(H, g, A, lower, upper):
+    """(sane, scaled problem, scales of variables and rows, size of the answer).
+
+    Sane is what a solver may see: finite data, bounds that are ordered and not NaN.
+    """
+    n, rows = len(g), len(lower)
+    scale = np.ones(n)
+    for i in range(n):
+        if H[i, i] > 0:
+            scale[i] = 1.0 / np.sqrt(H[i, i])
+    H2, g2, A2 = H * np.outer(scale, scale), g * scale, A * scale
+    norms = np.ones(rows)
+    for i in range(rows):
+        norm = np.sqrt(np.dot(A2[i], A2[i]))
+        if norm != 0:
+            norms[i] = norm
+        A2[i] = A2[i] / norms[i]
+    lower2, upper2 = lower / norms, upper / norms
+    size = max(1.0, np.abs(g2).max())
+    if rows:
+        size = max(size, lower2.max(), -upper2.min())
+    g2, lower2, upper2 = g2 / size, lower2 / size, upper2 / size
+    sane = np.isfinite(size) and np.isfinite(H2).all() and np.isfinite(g2).all()
+    sane = sane and np.isfinite(A2).all() and (lower2 <= upper2).all()
+    return sane, H2, g2, A2, lower2, upper2, scale, norms, size
+
+
+@compiled
+def _residuals(H, g, A, lower, upper, x, z):
+    Hx = H @ x
+    primal, largest, support = 0.0, 1.0, 0.0
+    stationarity = Hx + g
+    dual_scale = max(1.0, np.abs(Hx).max(), np.abs(g).max())
+    if len(z):
+        Ax, Atz = A @ x, z @ A
+        primal = max(0.0, (lower - Ax).max(), (Ax - upper).max())
+        largest = max(largest, np.abs(Ax).max())
+        stationarity = stationarity + Atz
+        dual_scale = max(dual_scale, np.abs(Atz).max())
+        # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
+        for i in range(len(z)):
+            if z[i] > 0:
+                support += z[i] * upper[i]
+            elif z[i] < 0:
+                support += z[i] * lower[i]
+    quadratic, linear = np.dot(x, Hx), np.dot(g, x)
+    gap = abs(quadratic + linear + support)
+    if np.isfinite(gap):
+        gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
+    else:  # a multiplier on an open bound
+        gap = np.inf
+    return primal / largest, np.abs(stationarity).max() / dual_scale, gap
+
+
+@compiled
+def _polish(H, g, A, lower, upper, x, z):
+    n = len(x)
+    Ax = A @ x
+    at_upper = z > upper - Ax
+    at_lower = -z > Ax - lower
+    active = np.flatnonzero(at_upper | at_lower)
+    multipliers = np.zeros_like(z)
+    kkt = np.zeros((n + len(active), n + len(active)))
+    target = np.zeros(n + len(active))
+    kkt[:n, :n] = H
+    target[:n] = -g
+    for k in range(len(active)):
+        i = active[k]
+        kkt[:n, n + k] = A[i]
+        kkt[n + k, :n] = A[i]
+        target[n + k] = upper[i] if at_upper[i] else lower[i]
+    try:
+        answer = np.linalg.solve(kkt, target)
+    except Exception:  # singular; Numba knows no narrower clause
+        return False, x, z
+    multipliers[active] = answer[n:]
+    return True, answer[:n].copy(), multipliers
+
+
+@compiled
+def _refined(H, g, A, lower, upper, x, z):
+    """The polished answer if that is the optimum, else (x, z); with its residuals."""
+    if not (np.isfinite(x).all() and np.isfinite(z).all()):
+        return x, z, np.inf, np.inf, np.inf
+    for i in range(len(z)):
+        # an open bound has no multiplier; what the solver leaves there counts as a dual residual
+        if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
+            z[i] = 0.0
+    x2, z2 = x, z
+    for _ in range(POLISH_STEPS):
+        found, x2, z2 = _polish(H, g, A, lower, upper, x2, z2)
+        if not found:
+            break
+        primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
+        if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
+            return x2, z2, primal, dual, gap
+    primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+    return x, z, primal, dual, gap

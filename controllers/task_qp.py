@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from controllers.clf import make_clf
-from controllers.controller import Command, InputGuard, Status
+from controllers.controller import Command, InputGuard, Status, rehearse
 from controllers.gains import Gains
 from controllers.qp import DenseQp, Problem
 from controllers.task import Task, task_error
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
 
 # The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
 # that its answer lies inside the true ones without clipping.
 BACKOFF = 1e-8
 
 
-@dataclass(frozen=True, slots=True)
-class Condensed:
+class Condensed(NamedTuple):
     """An objective ½ xᵀHx + gᵀx over unknowns x, and what x means.
 
     Attributes
@@ -65,32 +64,41 @@ class TaskQp:
         self._gains, self._objective = gains, objective
         self._clf = make_clf(gains.eps)
         self._decrease = decrease
-        unknowns, rows = objective.size + decrease, model.nu + decrease
-        self._qp = DenseQp(unknowns, rows)
-        self._H, self._g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
-        self._A = np.zeros((rows, unknowns))
-        self._lower, self._upper = np.full(rows, -np.inf), np.full(rows, np.inf)
+        self._qp = DenseQp(objective.size + decrease, model.nu + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
         self._u_min, self._u_max = model.u_min + margin, model.u_max - margin
-        if decrease:
-            self._H[-1, -1] = 2 * gains.rho
-            self._A[-1, -1] = -1.0
+        rehearse(self.command, model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint) -> Command:
         """The bounded input, or the guard's fallback."""
         task = task_error(state, reference, self._gains)
         V, row, bound = self._clf.decrease(task.eta)
         p = self._objective.condense(state, task)
-        k, m = self._objective.size, len(self._u_min)
-        self._H[:k, :k], self._g[:k] = p.H, p.g
-        self._A[:m, :k] = p.u_map
-        self._lower[:m], self._upper[:m] = self._u_min - p.u_0, self._u_max - p.u_0
         if self._decrease:
-            self._A[m, :k], self._upper[m] = row @ p.mu_map, bound - row @ p.mu_0
-        solution = self._qp.solve(Problem(self._H, self._g, self._A, self._lower, self._upper))
+            problem = Problem(
+                *_bounded_decreasing(*p, self._u_min, self._u_max, row, bound, self._gains.rho)
+            )
+        else:
+            problem = Problem(p.H, p.g, p.u_map, self._u_min - p.u_0, self._u_max - p.u_0)
+        solution = self._qp.solve(problem)
         if solution is None:
             return self.guard.fall_back(Status.NON_FINITE, V, np.nan)
+        k = self._objective.size
         delta = float(solution.x[k]) if self._decrease else np.nan
         if not solution.solved:
             return self.guard.fall_back(Status.NOT_SOLVED, V, delta)
         return self.guard.accept(p.u_0 + p.u_map @ solution.x[:k], V, delta)
+
+
+@compiled
+def _bounded_decreasing(H, g, mu_map, mu_0, u_map, u_0, u_min, u_max, row, bound, rho):
+    """The programme in (x, δ) with bounds on u and the decrease row·μ - δ ≤ bound."""
+    m, k = u_map.shape
+    H2, g2 = np.zeros((k + 1, k + 1)), np.zeros(k + 1)
+    H2[:k, :k], g2[:k] = H, g
+    H2[k, k] = 2 * rho
+    A, lower, upper = np.zeros((m + 1, k + 1)), np.empty(m + 1), np.empty(m + 1)
+    A[:m, :k], lower[:m], upper[:m] = u_map, u_min - u_0, u_max - u_0
+    A[m, :k], A[m, k] = row @ mu_map, -1.0
+    lower[m], upper[m] = -np.inf, bound - np.dot(row, mu_0)
+    return H2, g2, A, lower, upper

@@ -26,9 +26,10 @@ def load(source: str | Path) -> SoftModel:
     """
     path = find(source)
     robot = parse(path)
+    model = SoftModel(robot, bundled_name(path))
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
-    return SoftModel(robot, bundled_name(path))
+    return model
 
 
 __all__ = [

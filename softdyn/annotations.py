@@ -43,7 +43,7 @@ def read_springs(root: Element, joints: dict[str, Joint]) -> None:
     found: dict[tuple[str, str], float] = {}
     for element, name, field, value in _spring_statements(root, joints):
         if found.setdefault((name, field), value) != value:
-            got = f"{found[name, field]:g} and {value:g}"
+            got = f"{found[name, field]} and {value}"
             raise element.error(f"one {field} of joint {name!r}", got)
         if field == "stiffness" and value > 0:
             _check_springy(element, joints[name])
@@ -69,7 +69,7 @@ def _spring_statements(
                     raise element.error("reference to a joint", repr(name))
                 value = child.to_number(str(child.node.xpath("string()")).strip(), tag)
                 if field == "stiffness" and value < 0:
-                    raise child.error("springStiffness >= 0", f"{value:g}")
+                    raise child.error("springStiffness >= 0", value)
                 yield child, name, field, value
 
 
@@ -124,7 +124,7 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         for term in tendon.terms:
             _check_springy(element, joints[term.joint])
     if tendon.sites and tendon.rest is not None and tendon.rest < 0:
-        raise element.error("rest >= 0, the length of a path", f"{tendon.rest:g}")
+        raise element.error("rest >= 0, the length of a path", tendon.rest)
     return tendon
 
 
@@ -149,7 +149,7 @@ def _actuator(element: Element, tendons: dict[str, Tendon]) -> Actuator:
         element.number("upper"),
     )
     if lower > upper:
-        raise element.error("lower <= upper", f"lower={lower:g} upper={upper:g}")
+        raise element.error("lower <= upper", f"lower={lower} upper={upper}")
     return Actuator(element.text("name"), tendon, gear, lower, upper)
 
 

@@ -26,7 +26,7 @@ class UrdfError(SoftdynError, ValueError):
     ) -> None:
         self.file, self.element, self.line = Path(file), element, line
         self.expected, self.got = expected, one_line(got)
-        place = f"{file}:{line}" if line else f"{file}"
+        place = one_line(file, 4096) + (f":{line}" if line else "")
         super().__init__(f"{place}: {element}: expected {expected}, got {self.got}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries

@@ -117,12 +117,11 @@ class SoftModel:
         coordinates = self.coordinates(q)
         if self.tendons.spatial:
             jacobian = np.array(data.J).reshape(6, self.nv)
-            arms, lengths = self.tendons.moment_arms(jacobian, *self._placements())
+            arms, moving = self.tendons.moment_arms(jacobian, *self._placements())
             B, D = self._input_matrix(arms), self._damping_matrix(arms)
         else:
-            arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
-            lengths = 0.0
-        lengths = lengths + self.tendons.coefficients @ coordinates + self.tendons.offset
+            arms, B, D, moving = self._fixed_arms, self._fixed_B, self._fixed_D, np.zeros(1)
+        lengths = self.tendons.coefficients @ coordinates + self.tendons.offset + moving
         K = self.stiffness * (coordinates - self.rest)
         if self._elastic:
             K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))
@@ -320,7 +319,7 @@ def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
 def _build(robot: Robot) -> pin.Model:
     """Pinocchio's model of the file, checked against the strict parse."""
     try:
-        model = pin.buildModelFromUrdf(str(robot.path))
+        model = pin.buildModelFromXML(robot.xml)
     except (ValueError, RuntimeError) as error:
         raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
     moving = {joint.name: joint for joint in robot.moving_joints}

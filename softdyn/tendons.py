@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from softdyn.compiled import COMPILES, compiled
 from softdyn.urdf import Tendon
 
 
@@ -97,6 +98,12 @@ class Tendons:
 
         `jacobian` (6, nv): joint Jacobian columns (v; ω) about the world's origin.
         """
+        if COMPILES:
+            return _moment_arms(
+                jacobian, rotations, translations, self.start.body, self.start.offset,
+                self.end.body, self.end.offset, self.segment_tendon, self.incidence.dof,
+                self.incidence.segment, self.incidence.sign, self.coefficients,
+            )  # fmt: skip
         nt, nv = self.coefficients.shape
         start, direction, norms = self.directions(rotations, translations)
         wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
@@ -137,6 +144,43 @@ class Tendons:
             across = difference - np.outer(direction[s], direction[s] @ difference)
             result[t] += difference.T @ across / max(norms[s], np.finfo(float).tiny)
         return result
+
+
+@compiled
+def _moment_arms(
+    jacobian, rotations, translations, start_body, start_offset, end_body, end_offset,
+    segment_tendon, pair_dof, pair_segment, pair_sign, coefficients,
+):  # fmt: skip
+    """`Tendons.moment_arms`, segment by segment and pair by pair."""
+    segments, nt = len(segment_tendon), len(coefficients)
+    wrench = np.empty((segments, 6))
+    lengths, arms = np.zeros(nt), coefficients.copy()
+    a, d = np.empty(3), np.empty(3)
+    for s in range(segments):
+        i, j = start_body[s], end_body[s]
+        square = 0.0
+        for x in range(3):
+            a[x], b = translations[i, x], translations[j, x]
+            for y in range(3):
+                a[x] += rotations[i, x, y] * start_offset[s, y]
+                b += rotations[j, x, y] * end_offset[s, y]
+            d[x] = b - a[x]
+            square += d[x] * d[x]
+        length = np.sqrt(square)
+        lengths[segment_tendon[s]] += length
+        for x in range(3):
+            d[x] /= max(length, 2.2250738585072014e-308)  # a segment shrunk to a point
+            wrench[s, x] = d[x]
+        wrench[s, 3] = a[1] * d[2] - a[2] * d[1]
+        wrench[s, 4] = a[2] * d[0] - a[0] * d[2]
+        wrench[s, 5] = a[0] * d[1] - a[1] * d[0]
+    for p in range(len(pair_dof)):
+        k, s = pair_dof[p], pair_segment[p]
+        value = 0.0
+        for x in range(6):
+            value += jacobian[x, k] * wrench[s, x]
+        arms[segment_tendon[s], k] += pair_sign[p] * value
+    return arms, lengths
 
 
 def _anchors(points: list[tuple[int, np.ndarray]]) -> Anchors:

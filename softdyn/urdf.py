@@ -188,13 +188,13 @@ def _limits(element: Element, kind: str) -> tuple[float, float]:
     limit = element.child("limit")
     if limit is None:
         if kind != "continuous":
-            raise element.error('<limit lower upper effort="…" velocity="…"/>', "none")
+            raise element.error('<limit lower="…" upper="…" effort="…" velocity="…"/>', "none")
         return -math.inf, math.inf
     for attribute in ("effort", "velocity"):
         limit.non_negative(attribute, None)
     lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
     if lower > upper:
-        raise limit.error("lower <= upper", f"lower={lower:g} upper={upper:g}")
+        raise limit.error("lower <= upper", f"lower={lower} upper={upper}")
     return (-math.inf, math.inf) if kind == "continuous" else (lower, upper)
 
 

@@ -42,8 +42,9 @@ class Element:
         """Child elements in document order; those named `tag`, or all."""
         for node in self.node:
             if isinstance(node.tag, str) and tag in (None, node.tag):
-                name = node.get("name")
-                label = f'<{node.tag} name="{name}">' if name else f"<{node.tag}>"
+                key = "reference" if node.tag == "gazebo" else "name"
+                name = node.get(key)
+                label = f'<{node.tag} {key}="{name}">' if name else f"<{node.tag}>"
                 prefix = "" if self.node.getparent() is None else self.label
                 yield Element(self.file, node, prefix + one_line(label))
 
@@ -108,7 +109,7 @@ class Element:
         """A finite number ≥ 0 in an attribute."""
         value = self.number(attribute, default)
         if value < 0:
-            raise self.error(f"{attribute} >= 0", f"{value:g}")
+            raise self.error(f"{attribute} >= 0", value)
         return value
 
     def allow(self, *attributes: str, children: tuple[str, ...] = ()) -> None:

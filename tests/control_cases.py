@@ -106,7 +106,7 @@ def recorded(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
 
 
 @cache
-def drawn(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
+def drawn(name: str, count: int = 18) -> tuple[tuple[State, SetPoint], ...]:
     """(state, reference) pairs at random: near and far references, slow and fast joints."""
     model, rng = robot(name), np.random.default_rng(7)
     pairs = []

@@ -16,7 +16,7 @@ import softdyn
 from controllers import CONTROLLERS, Command, Gains, InputGuard, Status
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, SoftModel
 
-PATIENCE = 1.0  # s per call; a hang takes 25 s and more
+PATIENCE = 1.0  # s per call; a hang takes 25 s and more, at every call
 CLASSES = sorted(CONTROLLERS)
 HUGE, TINY = 1e300, 5e-324
 
@@ -30,12 +30,15 @@ def build(name: str, which: str):
 
 def ask(controller, model: SoftModel, state, reference) -> Command:
     """One call, judged: in time, silent, finite, in bounds, counted."""
-    before = controller.guard.fallbacks
-    began = time.perf_counter()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        command = controller(state, reference)
-    assert time.perf_counter() - began < PATIENCE
+    for _ in range(2):  # a first call may have to compile
+        before, began = controller.guard.fallbacks, time.perf_counter()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            command = controller(state, reference)
+        elapsed = time.perf_counter() - began
+        if elapsed < PATIENCE:
+            break
+    assert elapsed < PATIENCE
     assert isinstance(command, Command)
     assert command.u.shape == (model.nu,)
     assert command.u.dtype == float

@@ -58,12 +58,16 @@ def textbook(
     state: State,
     reference: Reference,
     gains: Gains,
+    *,
     margin: float = 0.0,
     tolerance: float = RANK_TOLERANCE,
+    decrease: bool = True,
+    hard: bool = False,
 ) -> Programme:
     """The programme at a state; the null-space projector's J⁺ uses the stated threshold.
 
-    `margin` draws the input bounds in by this share of their range.
+    `margin` draws the input bounds in by this share of their range. Without `decrease` it is the
+    paper's IC-QP; `hard` asks all of the dynamics, M q̈ + h = B u, as the ID-CLF-QP does.
     """
     J, v = state.J, state.v
     n, m = state.B.shape
@@ -98,11 +102,12 @@ def textbook(
     η = np.concatenate((e, ė))
     V = η @ P_eps @ η
     slope = 2 * η @ P_eps @ G  # V̇ = ηᵀ(FᵀP + PF)η + slope μ
-    decrease = slope @ J @ q̈ - δ[0]
+    condition = slope @ J @ q̈ - δ[0] if decrease else np.zeros(size)
     limit = -V / ε - η @ (F.T @ P_eps + P_eps @ F) @ η - slope @ drift
+    limit = limit if decrease else 0.0
 
-    R, S = actuated_rows(state, tolerance)
-    A = np.vstack((decrease, u, -u, -δ))
+    R, S = (np.eye(n), state.B) if hard else actuated_rows(state, tolerance)
+    A = np.vstack((condition, u, -u, -δ))
     u_min, u_max = state.model.u_min, state.model.u_max
     inward = margin * (u_max - u_min)
     b = np.concatenate(([limit], u_max - inward, -(u_min + inward), [0.0]))

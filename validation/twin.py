@@ -254,16 +254,16 @@ def disabled(*, limits: bool, contacts: bool, friction: bool) -> int:
 
 def arm_warnings(data: mujoco.MjData) -> None:
     """Start every warning counter at one: MuJoCo prints, and logs to a file, the first only."""
-    for warning in data.warning:
-        warning.number = 1
+    data.warning.number[:] = 1
 
 
 def check_warnings(data: mujoco.MjData) -> None:
     """Raise `SimulationError` when MuJoCo has warned since `arm_warnings`."""
-    for kind, warning in zip(mujoco.mjtWarning.__members__, data.warning, strict=False):
-        if warning.number > 1:
-            name = kind.removeprefix("mjWARN_")
-            raise SimulationError(float(data.time), WARNINGS.get(name, name))
+    raised = data.warning.number > 1
+    if raised.any():
+        kinds = list(mujoco.mjtWarning.__members__)
+        name = kinds[int(np.argmax(raised))].removeprefix("mjWARN_")
+        raise SimulationError(float(data.time), WARNINGS.get(name, name))
 
 
 def _robot(source: SoftModel | Robot | str | Path) -> Robot:
