@@ -78,6 +78,8 @@ class SoftModel:
         self.tendon_stiffness = _read_only([tendon.stiffness for tendon in robot.tendons])
         self.tendon_damping = _read_only([tendon.damping for tendon in robot.tendons])
         self._elastic = bool(self.tendon_stiffness.any())
+        self._damped = bool(self.tendon_damping.any())
+        self._joint_damping = _read_only(np.diag(self.damping))
         neutral = self._bodies(self.q0)
         lengths = self.tendons.lengths(self.coordinates(self.q0), *neutral)
         self.tendon_rest = _read_only(
@@ -269,7 +271,9 @@ class SoftModel:
         return np.ascontiguousarray((self._gear[:, None] * arms[self._actuated]).T)
 
     def _damping_matrix(self, arms: np.ndarray) -> np.ndarray:
-        return np.diag(self.damping) + arms.T @ (self.tendon_damping[:, None] * arms)
+        if not self._damped:
+            return self._joint_damping
+        return self._joint_damping + arms.T @ (self.tendon_damping[:, None] * arms)
 
     def _tension(self, q: np.ndarray) -> np.ndarray:
         return self.tendon_stiffness * (self.tendon_lengths(q) - self.tendon_rest)

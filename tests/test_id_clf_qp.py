@@ -2,9 +2,9 @@
 
 Where the minimiser is unique, inputs are compared. The controller draws the input bounds in by
 `BACKOFF` of their range: u is compared against the true bounds, the objective (whose slope at a
-bound may be anything) against bounds drawn in alike. Where it is not unique (w2 = w4 = 0, or w3 = 0
-and rank(B) < m), the value is: the controller's u is pinned in the textbook programme, whose optimum
-must then be as good as with u free.
+bound may be anything) against bounds drawn in alike. Where it is not unique (w2 = w4 = 0, or
+w3 = 0 and rank(B) < m), the value is: the controller's u is pinned in the textbook programme,
+whose optimum must then be as good as with u free.
 """
 
 from __future__ import annotations
