@@ -1,0 +1,118 @@
+"""Compiled kernels against their own source run by Python, and life without Numba."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
+
+import softdyn.compiled
+from controllers import CONTROLLERS
+from controllers.linear_algebra import extended, factor, row_space
+from softdyn.compiled import compiled
+
+pytestmark = pytest.mark.skipif(
+    not softdyn.compiled.COMPILES, reason="Numba is absent: there is nothing to compare"
+)
+
+INPUTS = """
+import sys; sys.path.insert(0, {tests!r})
+import numpy as np
+import softdyn.compiled
+from control_cases import drawn, recorded, robot
+from controllers import CONTROLLERS
+assert not softdyn.compiled.COMPILES
+found = []
+for which in {robots!r}:
+    for name in sorted(CONTROLLERS):
+        controller = CONTROLLERS[name](robot(which))
+        found += [controller(*case).u for case in (*drawn(which, 4), *recorded(which, 4))]
+np.save({out!r}, np.concatenate(found))
+"""
+
+
+def test_the_same_inputs_without_numba(tmp_path):
+    """All controllers and robots, in a process where nothing is compiled."""
+    out = tmp_path / "inputs.npy"
+    tests = os.path.dirname(__file__)
+    script = INPUTS.format(tests=tests, robots=BUNDLED, out=str(out))
+    environment = {**os.environ, "SOFTDYN_COMPILE": "0"}
+    subprocess.run([sys.executable, "-c", script], check=True, env=environment)
+    plain = np.load(out)
+    found, ranges = [], []
+    for which in BUNDLED:
+        for name in sorted(CONTROLLERS):
+            controller = CONTROLLERS[name](robot(which))
+            for case in (*drawn(which, 4), *recorded(which, 4)):
+                found.append(controller(*case).u)
+                ranges.append(robot(which).u_max - robot(which).u_min)
+    error = np.abs(np.concatenate(found) - plain) / np.concatenate(ranges)
+    assert error.max() < 1e-6  # the least-norm CLF-QP amplifies rounding the most
+
+
+@pytest.mark.parametrize("which", BUNDLED + MICRO)
+def test_bases(which):
+    for state, _ in drawn(which, 4):
+        reach = row_space(state.J)
+        assert np.allclose(reach @ reach.T, np.eye(len(reach)), atol=1e-13)
+        # it spans range(Jᵀ) up to the threshold
+        left = state.J - state.J @ reach.T @ reach
+        assert np.abs(left).max() <= 1e-5 * max(np.abs(state.J).max(), 1e-300)
+        span, inverse, null = factor(state.B)
+        assert np.allclose(inverse @ span, np.linalg.pinv(state.B, rcond=1e-6), atol=1e-6)
+        assert np.abs(state.B @ null).max(initial=0) <= 1e-5 * np.abs(state.B).max()
+        assert null.shape == (robot(which).nu, robot(which).nu - len(span))
+        Z = extended(reach, span @ state.M)
+        assert np.allclose(Z @ Z.T, np.eye(len(Z)), atol=1e-12)
+        rows = np.vstack((reach, span @ state.M))
+        assert np.allclose(rows @ Z.T @ Z, rows, atol=1e-9 * np.abs(rows).max())
+
+
+def test_kernels_keep_their_source():
+    B = np.array([[1.0, 2.0], [0.0, 1.0], [3.0, -1.0]])
+    for fast, slow in zip(factor(B), factor.py_func(B), strict=True):
+        assert np.allclose(fast, slow, atol=1e-14)
+
+
+def test_a_read_only_installation_still_compiles(monkeypatch):
+    """Where Numba finds no place for a cache it says so with a RuntimeError."""
+    calls = []
+    njit = softdyn.compiled.numba.njit
+
+    def no_cache(*args, cache=False, **options):
+        calls.append(cache)
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(*args, **options)
+
+    monkeypatch.setattr(softdyn.compiled.numba, "njit", no_cache)
+
+    @compiled
+    def double(x):
+        return 2 * x
+
+    assert double(2.0) == 4.0
+    assert calls == [True, False]
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_construction_compiles_everything(name):
+    """The first step of a control loop is not the one that waits for a compiler."""
+    which = "spirob"
+    controller = CONTROLLERS[name](robot(which), None if which in BUNDLED else GAINS)
+    compiled_before = _signatures()
+    for case in (*drawn(which, 2), *recorded(which, 2)):
+        controller(*case)
+    assert _signatures() == compiled_before
+    assert controller.guard.fallbacks == 0
+
+
+def _signatures() -> int:
+    import gc
+
+    dispatcher = softdyn.compiled.numba.core.registry.CPUDispatcher
+    return sum(len(o.signatures) for o in gc.get_objects() if type(o) is dispatcher)
