@@ -7,13 +7,13 @@ READY := $(VENV)/.ready
 .PHONY: run test lint clean help
 
 help:
-	@echo "make run    regulate finger, helix and spirob to the paper's set points"
+	@echo "make run    the paper's table and figures: three robots, six controllers, nine runs each"
 	@echo "make test   run the test suite"
 	@echo "make lint   ruff and mypy"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
 run: $(READY)
-	$(BIN)/python scripts/regulate.py
+	$(BIN)/python scripts/benchmark.py
 
 test: $(READY)
 	$(BIN)/python -m pytest -n auto

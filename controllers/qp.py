@@ -55,7 +55,10 @@ class Solution(NamedTuple):
 
 
 def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
-    """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it."""
+    """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it.
+
+    A row whose bounds are closer than 1 is judged in units of that width.
+    """
     return _residuals(*problem, x, z)
 
 
@@ -105,7 +108,7 @@ class DenseQp:
         scaled = Problem(H, g, A, lower, upper)
         guesses = proxqp.InitialGuess
         solution = self._attempt(scaled, COARSE, guesses.NO_INITIAL_GUESS)
-        if max(solution[2:]) > FINE:
+        if not all(residual <= FINE for residual in solution[2:]):  # NaN is not
             solution = self._attempt(scaled, FINE, guesses.WARM_START_WITH_PREVIOUS_RESULT)
         x, z = solution.x * scale * size, solution.multipliers / norms * size
         return Solution(x, z, solution.primal, solution.dual, solution.gap)
@@ -154,8 +157,13 @@ def _residuals(H, g, A, lower, upper, x, z):
     dual_scale = max(1.0, np.abs(Hx).max(), np.abs(g).max())
     if len(z):
         Ax, Atz = A @ x, z @ A
-        primal = max(0.0, (lower - Ax).max(), (Ax - upper).max())
         largest = max(largest, np.abs(Ax).max())
+        for i in range(len(z)):
+            excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i]) / largest
+            width = upper[i] - lower[i]
+            if 0 < width < 1:
+                excess = excess * largest / width  # in the units of its own range
+            primal = max(primal, excess)
         stationarity = stationarity + Atz
         dual_scale = max(dual_scale, np.abs(Atz).max())
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
@@ -170,7 +178,7 @@ def _residuals(H, g, A, lower, upper, x, z):
         gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
     else:  # a multiplier on an open bound
         gap = np.inf
-    return primal / largest, np.abs(stationarity).max() / dual_scale, gap
+    return primal, np.abs(stationarity).max() / dual_scale, gap
 
 
 @compiled

@@ -110,7 +110,8 @@ class SoftModel:
         """
         q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
         model, data = self.pin_model, self._data
-        M = np.array(pin.crba(model, data, q)).reshape(self.nv, self.nv)
+        # symmetric and column-major: its transpose copies to rows
+        M = np.array(pin.crba(model, data, q).T).reshape(self.nv, self.nv)
         bias = np.array(pin.nonLinearEffects(model, data, q, v))
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         J = self._frame_jacobian(pin.getFrameJacobian)

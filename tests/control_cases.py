@@ -33,7 +33,8 @@ def _chain(axes: str, tendons: tuple[tuple[float, ...], ...], bound: float = 1.0
         parts.append(
             f'<link name="l{i}"><inertial><origin xyz="0.01 0.02 -0.06"/><mass value="0.1"/>'
             f'<inertia ixx="2e-4" ixy="0" ixz="0" iyy="2.5e-4" iyz="0" izz="3e-4"/>'
-            f'</inertial></link><joint name="j{i}" type="{kind}"><origin xyz="0 0 {-0.1 * (i > 0)}"/>'
+            f'</inertial></link><joint name="j{i}" type="{kind}">'
+            f'<origin xyz="0 0 {-0.1 * (i > 0)}"/>'
             f'<parent link="{parent}"/><child link="l{i}"/><axis xyz="{xyz}"/>'
             f'<dynamics damping="0.05"/>{limit}</joint>{spring}'
         )

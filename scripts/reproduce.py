@@ -1,0 +1,150 @@
+#!/usr/bin/env python3
+"""Why our table differs from the paper's: what its reference implementation does otherwise."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import cli  # type: ignore[import-not-found]  # beside this script
+
+TITLES = (
+    "Experiment", "Robot", "Controller",
+    "SP (cm)", "SP, ours", "SP, paper", "TT (cm²)", "TT, ours", "TT, paper", "Failed runs",
+)  # fmt: skip
+EPILOG = """\
+An EXPERIMENT switches one thing on (see --list) around the controller or in the plant; names joined
+by + are switched on together, e.g. stale+plant-step. Without --robots and --controllers it runs on
+the cells it is meant to explain. Beside it stand ours, from the grid of benchmark.py (what is
+missing there is run), and the published value. A run that was interrupted goes on where it stopped.
+
+scs and clf-objective need cvxpy and scs: pip install cvxpy scs. The laws of angular, exact, scs
+and clf-objective use quadprog: pip install softdyn[test].
+
+exit codes: 0 every case ran, failed loops included; 2 bad input; 130 interrupted.
+"""
+
+
+def parser() -> cli.Parser:
+    """The command line."""
+    found = cli.Parser(description=__doc__, epilog=EPILOG)
+    found.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help="default: every one")
+    found.add_argument("--list", action="store_true", help="say what there is and stop")
+    found.add_argument("--robots", nargs="+", metavar="ROBOT")
+    found.add_argument("--controllers", nargs="+", metavar="CONTROLLER")
+    found.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="multiples of pi")
+    found.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help="as thetas")
+    found.add_argument(
+        "--jobs", type=cli.count, metavar="N", help="processes (default: one per core)"
+    )
+    found.add_argument("--out", default="results/reproduction", metavar="DIR")
+    found.add_argument(
+        "--grid", default="results", metavar="DIR", help="benchmark.py's folder (default: results)"
+    )
+    found.add_argument(
+        "--json", metavar="FILE", help="write the table as JSON; - prints it and nothing else"
+    )
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    cli.one_thread()
+    return cli.run(command, arguments)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Run what is missing, then the table."""
+    from tqdm import tqdm
+
+    from controllers import CONTROLLERS
+    from softdyn import InputError
+    from validation import benchmark, paper, reproduction
+    from validation.files import check_writable, write_text
+
+    if arguments.list:
+        known = {name: change.what for name, change in reproduction.CHANGES.items()}
+        known |= reproduction.ALIASES
+        cli.write_report({"experiments": known}, arguments.json, listing(known))
+        return cli.PASSED
+    for name in arguments.controllers or ():
+        if name not in CONTROLLERS:
+            raise InputError("controller", f"one of {', '.join(CONTROLLERS)}", repr(name))
+    names = arguments.experiments or [*reproduction.CHANGES, *reproduction.ALIASES]
+    wanted = [
+        (name, case)
+        for name in dict.fromkeys(names)
+        for case in reproduction.cases(
+            name,
+            arguments.robots,
+            arguments.controllers,
+            paper.THETAS if arguments.thetas is None else arguments.thetas,
+            paper.OMEGAS if arguments.omegas is None else arguments.omegas,
+        )
+    ]
+    out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
+    for folder in (out, grid):
+        cli.make_folder(folder)
+    if arguments.json not in (None, "-"):
+        check_writable(arguments.json)
+    ours = list(dict.fromkeys(case for _, case in wanted))
+    with tqdm(total=len(ours) + len(wanted), disable=None, leave=False, unit="case") as bar:
+        for _ in benchmark.run_grid(ours, grid, jobs):
+            bar.update()
+        for _ in reproduction.run_all(wanted, out, jobs):
+            bar.update()
+    rows = reproduction.rows(wanted, out, grid)
+    write_text(out / "table.md", markdown(rows))
+    cli.write_report({"rows": rows}, arguments.json, text(rows))
+    return cli.PASSED
+
+
+def listing(known: dict[str, Any]) -> str:
+    """Names and what they mean, in columns."""
+    width = max(map(len, known))
+    return "\n".join(f"{name.ljust(width)}  {what}" for name, what in known.items())
+
+
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """One row of the table as text."""
+    from validation import tables
+
+    robot, controller, sp, sp_paper, tt, tt_paper, failed = tables.cells(row)
+    _, _, our_sp, _, our_tt, _, _ = tables.cells(row["ours"])
+    shown = (sp, our_sp, sp_paper, tt, our_tt, tt_paper)
+    # no run of a kind: nothing to show
+    sp, our_sp, sp_paper = shown[:3] if row["set_points_cm"] else ("-",) * 3
+    tt, our_tt, tt_paper = shown[3:] if row["trajectories_cm2"] else ("-",) * 3
+    return (
+        row["experiment"], robot, controller, sp, our_sp, sp_paper, tt, our_tt, tt_paper, failed
+    )  # fmt: skip
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """Aligned columns for a terminal."""
+    lines = [TITLES, *(cells(row) for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(TITLES))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """The table, then every run's figure and the reasons of the failed ones."""
+    lines = [TITLES, ("---",) * len(TITLES), *(cells(row) for row in rows)]
+    parts = ["# Reproduction", "", *("| " + " | ".join(line) + " |" for line in lines), ""]
+    for row in rows:
+        runs = {f"θ = {k}π": v for k, v in row["set_points_cm"].items()}
+        runs |= {f"ω = {k}π": v for k, v in row["trajectories_cm2"].items()}
+        shown = ", ".join(f"{k}: {'-' if v is None else f'{v:.3g}'}" for k, v in runs.items())
+        parts.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
+        parts += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
+    return "\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
