@@ -20,8 +20,8 @@ by + are switched on together, e.g. stale+plant-step. Without --robots and --con
 the cells it is meant to explain. Beside it stand ours, from the grid of benchmark.py (what is
 missing there is run), and the published value. A run that was interrupted goes on where it stopped.
 
-scs and clf-objective need cvxpy and scs: pip install cvxpy scs. The laws of angular, exact, scs
-and clf-objective use quadprog: pip install softdyn[test].
+scs and clf-objective need cvxpy and scs (pip install cvxpy scs), angular and exact quadprog, which
+the test extra installs.
 
 exit codes: 0 every case ran, failed loops included; 2 bad input; 130 interrupted.
 """

@@ -4,17 +4,17 @@ They differ from `controllers` in what is asked for only: `angular` regulates th
 velocity to zero beside its position (six task rows instead of three), `scs` solves the programme
 with SCS through cvxpy at cvxpy's default tolerances, a failed solve giving zero input, and `clf`
 is the reference's CLF-QP, whose objective and rate are not the published ones.
-cvxpy and scs are no dependencies of this project: ``pip install cvxpy scs``.
+cvxpy, scs and quadprog are no dependencies of this project: ``pip install cvxpy scs quadprog``.
 """
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterable
 from typing import Any
 
 import mujoco
 import numpy as np
-import quadprog
 
 from controllers import Command, Gains, InputGuard, Status
 from softdyn import InputError, Reference, SoftModel, State
@@ -202,7 +202,7 @@ def decrease_row(
 
 
 class Qp:
-    """A law that solves a programme; a solver without an answer gives zero input, and is counted."""
+    """A law that solves a programme; where its solver has no answer the input is zero, counted."""
 
     def __init__(self, model: SoftModel, gains: Gains, task: Task, law: Any, solver: Any) -> None:
         self.gains, self._task, self._law, self._solver = gains, task, law, solver
@@ -226,6 +226,9 @@ class Qp:
 class GoldfarbIdnani:
     """The exact dual active-set method (quadprog); variables and rows scaled to unit size."""
 
+    def __init__(self) -> None:
+        self._quadprog = optional("quadprog", "quadprog")
+
     def __call__(self, p: Programme, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         """x, or None."""
         H = 2 * sum(w * A.T @ A for w, A, _ in p.squares)
@@ -243,7 +246,7 @@ class GoldfarbIdnani:
         A, b = A / norms[:, None], b / norms
         size = max(1.0, np.abs(b).max(), np.abs(g * scale).max())
         try:
-            x = quadprog.solve_qp(
+            x = self._quadprog.solve_qp(
                 H * np.outer(scale, scale), -g * scale / size, A.T, b / size, len(p.e)
             )[0]
         except ValueError:
@@ -252,14 +255,10 @@ class GoldfarbIdnani:
 
 
 class Scs:
-    """SCS through cvxpy, each norm squared as the reference writes it, warm-started with nothing."""
+    """SCS through cvxpy at its default tolerances, each norm squared as the reference has it."""
 
     def __init__(self) -> None:
-        try:
-            import cvxpy
-        except ImportError as error:
-            raise InputError("scs", "cvxpy and scs (pip install cvxpy scs)", error) from None
-        self._cp = cvxpy
+        self._cp = optional("cvxpy", "cvxpy scs")
 
     def __call__(self, p: Programme, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         """x, or None."""
@@ -277,3 +276,17 @@ class Scs:
         except (cp.error.SolverError, ValueError):
             return None
         return None if x.value is None else np.array(x.value)
+
+
+def optional(module: str, packages: str) -> Any:
+    """A module that is not a dependency of this project.
+
+    Raises
+    ------
+    InputError
+        When it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(module, f"it installed (pip install {packages})", error) from None

@@ -46,7 +46,7 @@ SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 
 def seen(state: State, **changes: Any) -> State:
     """A copy of `state` with other terms, read-only; `C` and `g` too, which it computes itself."""
-    own = {name: changes.pop(name) for name in ("C", "g") if name in changes}
+    own: dict[str, Any] = {name: changes.pop(name) for name in ("C", "g") if name in changes}
     for value in (*changes.values(), *own.values()):
         value.flags.writeable = False
     copy = replace(state, **changes)
@@ -197,7 +197,7 @@ CHANGES = {
     "soft-stops": Change("MuJoCo's default joint limits", ("helix", "spirob"), soft_stops=True),
     "contacts": Change("links touch", ("helix", "spirob"), contacts=True),
     "friction": Change("0.1 N m of dry friction in the plant alone", ("spirob",), friction=0.1),
-    "dof48": Change("48 DOF for SpiRob, as the reference's file has", ("spirob",), robot="spirob48"),
+    "dof48": Change("SpiRob of 48 DOF, the reference's file", ("spirob",), robot="spirob48"),
     "ellipse": Change("trajectories on the ellipse of the reference's logs", ellipse=True),
     "period-1ms": Change("control period 1 ms", ("finger",), period=0.001),
     "period-2ms": Change("control period 2 ms", ("finger", "helix"), period=0.002),
@@ -259,10 +259,10 @@ def cases(
         if robot not in ROBOTS:
             raise InputError("robot", f"one of {', '.join(ROBOTS)}", repr(robot))
         changes = parse(name, robot)
-        if robots is None and any(robot not in change.robots for change in changes):
-            if name not in ALIASES:
-                continue
-        own = [c for c in PAPER if name in ALIASES or all(c in ch.controllers for ch in changes)]
+        whole = name.split("+")[0] in ALIASES  # of every robot and controller
+        if robots is None and not whole and any(robot not in c.robots for c in changes):
+            continue
+        own = [c for c in PAPER if whole or all(c in change.controllers for change in changes)]
         found += benchmark.grid([robot], own if wanted is None else wanted, thetas, omegas)
     return found
 
@@ -287,7 +287,7 @@ def prepare(case: Case, name: str, folder: Path) -> Setting:
     robot = next((c.robot for c in changes if c.robot), case.robot)
     friction = max(c.friction for c in changes)
     model = softdyn.load(robot)
-    gains = PUBLISHED[robot].get(case.controller)
+    gains = PUBLISHED[robot][case.controller]
     if friction:
         copy = folder / f"{robot}.urdf"
         with_friction(model.robot.path, copy, friction)
