@@ -50,8 +50,9 @@ def find(source: str | Path) -> Path:
     if path.suffix or len(path.parts) != 1:
         raise InputError("robot", "an existing URDF file", text)
     examples = example_robots()
-    if text in examples:
-        return examples[text]
+    for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf
+        if name in examples:
+            return examples[name]
     known = [*bundled_names(), *examples]
     near = difflib.get_close_matches(text, known, 3) or bundled_names()
     raise InputError("robot", f"a URDF file or a name such as {', '.join(near)}", text)

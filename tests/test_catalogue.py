@@ -64,7 +64,7 @@ def test_example_robots_are_files_by_their_stem() -> None:
     examples = example_robots()
     assert examples["ur5_robot"].name == "ur5_robot.urdf"
     assert all(path.is_file() and path.stem == name for name, path in examples.items())
-    assert find("ur5_robot") == examples["ur5_robot"]
+    assert find("ur5_robot") == find("ur5") == examples["ur5_robot"]
 
 
 def test_without_the_package_there_are_no_examples(monkeypatch) -> None:
