@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import cli  # type: ignore[import-not-found]  # beside this script
+import cli
 
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp")

@@ -7,7 +7,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-import cli  # type: ignore[import-not-found]  # beside this script
+import cli
 
 if TYPE_CHECKING:
     from validation.crosscheck import CrossCheck

@@ -15,23 +15,30 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
-import numpy as np
+from robot_meshes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
+from urdf_text import (
+    ORIGIN,
+    Joint,
+    Robot,
+    Vector,
+    begin,
+    body_inertial,
+    collision,
+    cylinder,
+    inertial,
+    mesh,
+    over,
+    rpy,
+    site,
+    visual,
+)  # fmt: skip
 
 URDF = Path(__file__).resolve().parents[1] / "urdf"
 SOURCE = "source/reference_models.json"
-Vector = Sequence[float]
-ORIGIN = (0.0, 0.0, 0.0)
-CREDIT = """
-  Source of the numbers: the paper's reference implementation, CyPhiLab/tendon_clf (MIT license),
-  of Pham & Patterson, "Control Lyapunov Functions for Underactuated Soft Robots", collected in
-  source/reference_models.json.
-"""
 
 
 # --- numbers ------------------------------------------------------------------------------------
@@ -41,245 +48,6 @@ def facts(robot: str) -> dict[str, Any]:
     """Return the collected numbers of one reference robot."""
     collected: dict[str, dict[str, Any]] = json.loads((URDF / SOURCE).read_text())
     return collected[robot]
-
-
-def num(x: float) -> str:
-    """Return the shortest text that reads back as ``x``; CAD noise below 1e-12 is written as 0."""
-    if isinstance(x, int) or abs(x) < 1e-12:
-        return str(round(x))
-    return repr(float(x)).removesuffix(".0")
-
-
-def vec(values: Vector) -> str:
-    """Return numbers separated by blanks."""
-    return " ".join(num(v) for v in values)
-
-
-def rotation(quat: Vector) -> list[list[float]]:
-    """Return the 3x3 rotation matrix of a quaternion (w, x, y, z) of any length."""
-    norm = math.sqrt(sum(c * c for c in quat))
-    w, x, y, z = (c / norm for c in quat)
-    return [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-
-
-def rpy(quat: Vector) -> list[float]:
-    """Return roll, pitch, yaw [rad] of a quaternion (w, x, y, z) that turns about one axis.
-
-    Every body of the reference turns about a single axis, some by 90 degrees of pitch, where a
-    general conversion would lose half of the digits.
-    """
-    w, *axis = quat
-    turning = [i for i, c in enumerate(axis) if abs(c) > 1e-12]
-    if len(turning) > 1:
-        raise ValueError(f"expected a rotation about one coordinate axis, got quaternion {quat}")
-    return [2 * math.atan2(c, w) if i in turning else 0.0 for i, c in enumerate(axis)]
-
-
-def tensor(principal: Vector, quat: Vector) -> list[list[float]]:
-    """Return the inertia tensor R diag(principal) R^T [kg m^2], exactly symmetric.
-
-    Entries below 1e-12 of the largest moment are rounding of the quaternion, and become 0.
-    """
-    r = rotation(quat)
-    noise = 1e-12 * max(principal)
-    full = [[0.0] * 3 for _ in range(3)]
-    for i in range(3):
-        for j in range(i, 3):
-            entry = sum(r[i][k] * principal[k] * r[j][k] for k in range(3))
-            # 15 digits: 3e-06 stays 3e-06 whatever the last bit of the quaternion's norm is
-            full[i][j] = full[j][i] = float(f"{entry:.15g}") if abs(entry) > noise else 0.0
-    return full
-
-
-# --- URDF text ----------------------------------------------------------------------------------
-
-
-def origin(xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> str:
-    """Return an ``<origin>``; it is empty for the identity."""
-    if not any((*xyz, *angles)):
-        return ""
-    turn = f' rpy="{vec(angles)}"' if any(angles) else ""
-    return f'<origin xyz="{vec(xyz)}"{turn}/>'
-
-
-def box(x: float, y: float, z: float) -> str:
-    """Return a box with edge lengths [m]."""
-    return f'<box size="{vec((x, y, z))}"/>'
-
-
-def cylinder(radius: float, length: float) -> str:
-    """Return a cylinder about local z [m]."""
-    return f'<cylinder radius="{num(radius)}" length="{num(length)}"/>'
-
-
-def sphere(radius: float) -> str:
-    """Return a sphere [m]."""
-    return f'<sphere radius="{num(radius)}"/>'
-
-
-def mesh(name: str, scale: Vector) -> str:
-    """Return a mesh of ``urdf/meshes``, stretched along its local axes."""
-    return f'<mesh filename="meshes/{name}.stl" scale="{vec(scale)}"/>'
-
-
-def visual(shape: str, material: str, xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> str:
-    """Return a ``<visual>`` with a named material."""
-    where = origin(xyz, angles)
-    return f'<visual>{where}<geometry>{shape}</geometry><material name="{material}"/></visual>'
-
-
-def collision(shape: str, xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> str:
-    """Return a ``<collision>``; shapes are primitives, used only with link contacts on."""
-    return f"<collision>{origin(xyz, angles)}<geometry>{shape}</geometry></collision>"
-
-
-def inertial(mass: float, com: Vector, inertia: Sequence[Vector]) -> str:
-    """Return an ``<inertial>``: mass [kg], centre of mass [m], tensor there [kg m^2]."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia
-    entries = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (xx, xy, xz, yy, yz, zz), strict=True)
-    # not num(): the moments of the smallest segments are themselves near 1e-9
-    text = " ".join(f'{name}="{value!r}"' for name, value in entries)
-    return f'<inertial>{origin(com)}<mass value="{num(mass)}"/><inertia {text}/></inertial>'
-
-
-def body_inertial(body: dict[str, Any]) -> str:
-    """Return the ``<inertial>`` of a body of the facts."""
-    principal, quat = body["inertia_principal"], body["inertia_quat_wxyz"]
-    return inertial(body["mass"], body["com"], tensor(principal, quat))
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One compliant degree of freedom.
-
-    Parameters
-    ----------
-    name : joint name
-    axis : unit vector in the child's frame
-    stiffness : [N m/rad], or [N/m] of a prismatic joint
-    damping : [N m s/rad], or [N s/m]
-    kind : ``revolute`` or ``prismatic``
-    limits : lower and upper [rad] or [m]; a joint of the reference without a range gets +-pi
-    armature : added to the diagonal of the mass matrix [kg m^2] or [kg]
-    """
-
-    name: str
-    axis: Vector
-    stiffness: float
-    damping: float
-    kind: str = "revolute"
-    limits: Vector = (-math.pi, math.pi)
-    armature: float = 0.0
-
-
-@dataclass
-class Robot:
-    """URDF text in the making; lines are kept in the order of the calls."""
-
-    name: str
-    comment: str
-    colors: Mapping[str, Vector]
-    lines: list[str] = field(default_factory=list)
-    annotations: list[str] = field(default_factory=list)
-
-    def link(self, name: str, *parts: str) -> None:
-        """Add a link; without parts it is massless and invisible."""
-        if not parts:
-            self.lines.append(f'  <link name="{name}"/>')
-            return
-        self.lines += [f'  <link name="{name}">', *(f"    {p}" for p in parts), "  </link>"]
-
-    def fixed(self, parent: str, child: str, xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> None:
-        """Weld ``child`` to ``parent``."""
-        tree = f'<parent link="{parent}"/><child link="{child}"/>'
-        self.lines.append(
-            f'  <joint name="{child}_joint" type="fixed">{origin(xyz, angles)}{tree}</joint>'
-        )
-
-    def chain(
-        self, parent: str, child: str, joints: Sequence[Joint], xyz: Vector, angles: Vector
-    ) -> None:
-        """Connect two links by one-DOF joints in series, over massless links in between."""
-        for i, joint in enumerate(joints):
-            last = i == len(joints) - 1
-            target = child if last else f"{child}_{joint.name}"
-            if not last:
-                self.link(target)
-            lower, upper = joint.limits
-            where = origin(xyz, angles) if i == 0 else ""
-            self.lines += [
-                f'  <joint name="{joint.name}" type="{joint.kind}">',
-                f'    {where}<parent link="{parent}"/><child link="{target}"/>',
-                f'    <axis xyz="{vec(joint.axis)}"/><dynamics damping="{num(joint.damping)}"/>',
-                f'    <limit lower="{num(lower)}" upper="{num(upper)}"'
-                ' effort="100" velocity="100"/>',
-                "  </joint>",
-                f'  <gazebo reference="{joint.name}"><springStiffness>{num(joint.stiffness)}'
-                "</springStiffness><springReference>0</springReference></gazebo>",
-            ]
-            if joint.armature:
-                self.annotations.append(
-                    f'<joint name="{joint.name}" armature="{num(joint.armature)}"/>'
-                )
-            parent = target
-
-    def tendon(self, name: str, parts: Iterable[str]) -> None:
-        """Add a tendon over joints (:func:`over`) or sites (:func:`site`)."""
-        self.annotations += [f'<tendon name="{name}">', *(f"  {p}" for p in parts), "</tendon>"]
-
-    def actuator(self, name: str, tendon: str, gear: float, bounds: Vector) -> None:
-        """Add one bounded input on a tendon."""
-        low, high = map(num, bounds)
-        self.annotations.append(
-            f'<actuator name="{name}" tendon="{tendon}" gear="{num(gear)}"'
-            f' lower="{low}" upper="{high}"/>'
-        )
-
-    def text(self) -> str:
-        """Return the whole file."""
-        materials = [
-            f'  <material name="{name}"><color rgba="{vec((*color, 1.0))}"/></material>'
-            for name, color in self.colors.items()
-        ]
-        head = ['<?xml version="1.0" encoding="utf-8"?>', f"<!--{self.comment}-->"]
-        block = [*self.annotations, '<task frame="tip"/>']
-        return "\n".join(
-            [
-                *head,
-                f"<robot name={quoteattr(self.name)}>",
-                *materials,
-                *self.lines,
-                '  <softdyn version="1">',
-                *(f"    {line}" for line in block),
-                "  </softdyn>",
-                "</robot>",
-                "",
-            ]
-        )
-
-
-def over(joint: str, coef: float = 1.0) -> str:
-    """Return one joint of a fixed tendon."""
-    return f'<joint name="{joint}" coef="{num(coef)}"/>'
-
-
-def site(link: str, xyz: Vector) -> str:
-    """Return one point [m] of a spatial tendon, in the link's frame."""
-    return f'<site link="{link}" xyz="{vec(xyz)}"/>'
-
-
-def begin(name: str, comment: str, colors: Mapping[str, Vector], *base: str) -> Robot:
-    """Start a robot: root link ``world``, and ``base`` welded to it at the origin."""
-    generated = "  Generated by scripts/make_robots.py: change that, not this file.\n"
-    robot = Robot(name, f"\n{comment.strip(chr(10))}\n{CREDIT}{generated}", colors)
-    robot.link("world")
-    robot.link("base", *base)
-    robot.fixed("world", "base")
-    return robot
 
 
 # --- finger -------------------------------------------------------------------------------------
@@ -628,124 +396,6 @@ def finish_spiral(
         robot.tendon(f"cable_{i}", sites)
     for i in range(1, len(cables) + 1):
         robot.actuator(f"u{i}", f"cable_{i}", CABLE_GEAR, CABLE_BOUNDS)
-
-
-# --- meshes -------------------------------------------------------------------------------------
-
-
-def grid_triangles(grid: np.ndarray) -> np.ndarray:
-    """Return the triangles of a grid of points that is closed along its second axis.
-
-    Parameters
-    ----------
-    grid : (rows, columns, 3); seen from outside, columns run counter-clockwise about the rows
-
-    Returns
-    -------
-    (n, 3, 3) corners; triangles without area (at a pole) are left out
-    """
-    right = np.roll(grid, -1, axis=1)
-    a, b, c, d = grid[:-1], right[:-1], right[1:], grid[1:]
-    triangles = np.stack([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)])
-    triangles = triangles.reshape(-1, 3, 3)
-    return triangles[np.linalg.norm(normals(triangles), axis=1) > 1e-9]
-
-
-def normals(triangles: np.ndarray) -> np.ndarray:
-    """Return the cross product of two edges of each triangle, (n, 3)."""
-    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-
-
-def stl(triangles: np.ndarray) -> bytes:
-    """Return a binary STL file. Rounding makes its bytes independent of the C library."""
-    # adding 0 turns -0 into 0
-    corners = np.round(triangles, 6) + 0.0
-    facing = normals(corners)
-    facing = np.round(facing / np.linalg.norm(facing, axis=1, keepdims=True), 4) + 0.0
-    record = np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
-    data = np.zeros(len(corners), record)
-    data["vectors"] = np.concatenate([facing[:, None], corners], axis=1)
-    return b"\0" * 80 + np.array(len(corners), "<u4").tobytes() + data.tobytes()
-
-
-def helicoid_mesh(strips: int = 4, inner: float = 0.6, thickness: float = 0.16) -> np.ndarray:
-    """Return one cell of a trimmed helicoid: strips of both hands about y, of radius and height 1.
-
-    A helicoid sweeps a radial line up a screw; trimmed, only its outer part is left, and two
-    opposite hands make a lattice. A strip turns by 1/``strips`` of a circle, so cells fit together.
-
-    Parameters
-    ----------
-    strips : number of strips per hand
-    inner : radius inside which the helicoid is cut away
-    thickness : of a strip, along y
-    """
-    up = np.linspace(0.0, 1.0, 13)
-    parts = []
-    for start in 2 * np.pi * np.arange(strips) / strips:
-        for hand in (1, -1):
-            angle = start + hand * 2 * np.pi / strips * up
-            section = [(inner, -0.5), (1.0, -0.5), (1.0, 0.5), (inner, 0.5)][::-hand]
-            grid = np.array(
-                [
-                    [(r * np.sin(t), y + thickness * h, r * np.cos(t)) for r, h in section]
-                    for t, y in zip(angle, up, strict=True)
-                ]
-            )
-            # a collapsed row at either end closes the strip
-            first, last = (np.broadcast_to(g.mean(axis=0), g.shape) for g in (grid[0], grid[-1]))
-            parts.append(grid_triangles(np.concatenate([[first], grid, [last]])))
-    return np.concatenate(parts)
-
-
-def lathe(profile: np.ndarray, outline: np.ndarray | float = 1.0, columns: int = 72) -> np.ndarray:
-    """Return the body that a profile sweeps about x.
-
-    Parameters
-    ----------
-    profile : (rows, 2), radius and x, from the near to the far end
-    outline : factor of the radius at each angle (columns,), or at each row and angle; the angle
-        turns from +z towards -y, as :func:`cable_direction` does
-    """
-    around = np.linspace(0.0, 2 * np.pi, columns, endpoint=False)
-    radius = profile[:, :1] * np.ones_like(around) * outline
-    x = np.broadcast_to(profile[:, 1:], radius.shape)
-    return grid_triangles(np.stack([x, -radius * np.sin(around), radius * np.cos(around)], axis=-1))
-
-
-def spiral_mesh(taper: float = 0.92258) -> np.ndarray:
-    """Return one block of the log-spiral arm, along +x, of length and cable radius 1.
-
-    Three lobes carry a groove each for the cables, at :func:`cable_direction` of 0, 120 and 240
-    degrees. The ends are conical, so that blocks touch at the backbone only and the arm can curl.
-
-    Parameters
-    ----------
-    taper : radius at the far end relative to the near end
-    """
-    around = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
-    to_cable = (around + np.pi / 3) % (2 * np.pi / 3) - np.pi / 3
-    lobes = 1.1 + 0.1 * np.cos(3 * around) - 0.22 * np.exp(-((to_cable / 0.11) ** 2))
-    # radius and x; the rim covers the sites at 23 % and 93 %
-    profile = np.array(
-        [
-            (0.0, 0.0), (0.34, 0.0), (0.34, 0.06), (0.93, 0.22), (1.0, 0.28),
-            (1.0, 0.86), (0.93, 0.92), (0.34, 0.98), (0.34, 1.0), (0.0, 1.0),
-        ]
-    )  # fmt: skip
-    # the backbone is round, the rim is not
-    outline = np.where(profile[:, :1] > 0.5, lobes, 1.0) * (1 + (taper - 1) * profile[:, 1:])
-    return lathe(profile, outline)
-
-
-def phalanx_mesh() -> np.ndarray:
-    """Return a finger bone along +x, of length 1 and radius 1 at its ends, slimmer in between."""
-    end = np.linspace(0.0, np.pi / 2, 7)
-    x = np.linspace(0.14, 0.86, 11)
-    waist = 1.0 - 0.14 * np.sin(np.pi * (x - x[0]) / (x[-1] - x[0])) ** 2
-    near = np.stack([np.sin(end), 0.14 * (1 - np.cos(end))], 1)
-    far = np.stack([np.cos(end), 1 - 0.14 * (1 - np.sin(end))], 1)
-    return lathe(np.concatenate([near[:-1], np.stack([waist, x], 1), far[1:]]), columns=48)
 
 
 # --- files --------------------------------------------------------------------------------------

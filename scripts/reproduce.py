@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cli  # type: ignore[import-not-found]  # beside this script
+import cli
 
 TITLES = (
     "Experiment", "Robot", "Controller",

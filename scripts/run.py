@@ -8,7 +8,7 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
-import cli  # type: ignore[import-not-found]  # beside this script
+import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel

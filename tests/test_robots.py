@@ -42,7 +42,7 @@ def generator() -> ModuleType:
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
+    sys.path.insert(0, str(ROOT / "scripts"))  # its neighbours
     spec.loader.exec_module(module)
     return module
 
