@@ -58,11 +58,12 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then the table."""
+    import reproduction
     from tqdm import tqdm
 
     from controllers import CONTROLLERS
     from softdyn import InputError
-    from validation import benchmark, paper, reproduction
+    from validation import benchmark, paper
     from validation.files import check_writable, write_text
 
     if arguments.list:

@@ -3,7 +3,7 @@
 They differ from `controllers` in what is asked for only: `angular` regulates the tip's angular
 velocity to zero beside its position (six task rows instead of three), `scs` solves the programme
 with SCS through cvxpy at cvxpy's default tolerances, a failed solve giving zero input, and `clf`
-is the reference's CLF-QP, whose objective and rate are not the published ones.
+is the reference's CLF-QP, whose objective has V̇² and ‖u‖₁² beside the published terms.
 cvxpy, scs and quadprog are no dependencies of this project: ``pip install cvxpy scs quadprog``.
 """
 
@@ -21,7 +21,7 @@ from softdyn import InputError, Reference, SoftModel, State
 from validation.twin import StateMap, Twin
 
 RANK_TOLERANCE = 1e-6
-REFERENCE_INPUT_WEIGHT = 5.0  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
+REFERENCE_INPUT_WEIGHT = 0.5  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
 RIDGE = 1e-8  # the least-norm choice of `controllers.clf_qp`
 
 
@@ -173,8 +173,7 @@ class Linearisation:
         steer = J @ np.linalg.solve(state.M, state.B) @ u
         drift = Jdot @ state.v - J @ np.linalg.solve(state.M, state.h) - yddot
         p.squares = [(w.w1, steer, mu_ref - drift), (w.rho, δ, np.zeros(1))]
-        rate = 0.1 if self._reference else 1.0
-        slope, bound = decrease_row(e, J @ state.v - ydot, w.eps, rate)
+        slope, bound = decrease_row(e, J @ state.v - ydot, w.eps, 1.0)
         if self._reference:
             # V̇ of the reference leaves ÿ_ref out, and its square is a part of the cost
             constant = -decrease_row(e, J @ state.v - ydot, w.eps, 0.0)[1]

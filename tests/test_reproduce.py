@@ -1,0 +1,408 @@
+"""The reference implementation's peculiarities: each does what it says, and nothing else."""
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import reproduction
+from reference_laws import AngularTask, make_law, optional
+from reproduction import (
+    CHANGES,
+    REFERENCE,
+    Shown,
+    SoftTwin,
+    Stale,
+    mse_cm2,
+    no_coriolis,
+    parse,
+    prepare,
+    reference_ellipse,
+    with_friction,
+    wrong_sign,
+)
+
+import softdyn
+from controllers import Command, Impedance, find_controller
+from controllers.gains import PUBLISHED
+from softdyn import InputError, Reference, State
+from validation import Log, StateMap, Twin, metrics, paper
+from validation.benchmark import Case
+from validation.judge import Judge
+
+SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "reproduce.py"
+ROBOTS = ("finger", "helix", "spirob")
+
+
+@pytest.fixture(scope="module")
+def models():
+    return {name: softdyn.load(name) for name in ROBOTS}
+
+
+def random_state(model, seed, pull=0.3):
+    rng = np.random.default_rng(seed)
+    # prismatic joints move by millimetres, the others by tenths of a radian
+    scale = np.where(model.upper < 0.1, 1e-2, 1.0)
+    q = model.configuration(pull * scale * rng.standard_normal(model.nv))
+    return q, scale * rng.standard_normal(model.nv)
+
+
+class Spy:
+    """A controller that keeps what it was shown."""
+
+    gains, guard = "gains", "guard"
+
+    def __init__(self, model):
+        self.states = []
+        self._u = np.clip(np.ones(model.nu), model.u_min, model.u_max)
+
+    def __call__(self, state, reference):
+        self.states.append(state)
+        return Command(self._u)
+
+
+def shown(model, views, states, **options):
+    spy = Spy(model)
+    controller = Shown(spy, views, **options)
+    for q, v in states:
+        controller(model.state(q, v), None)
+    return spy.states
+
+
+def read_only(state):
+    arrays = [getattr(state, name) for name in (*State.__dataclass_fields__, "C", "g")]
+    return not any(a.flags.writeable for a in arrays if isinstance(a, np.ndarray))
+
+
+# -- views -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", ["finger", "helix"])
+def test_wrong_sign_doubles_the_passive_forces(models, robot):
+    model = models[robot]
+    q, v = random_state(model, 1)
+    (seen,) = shown(model, [wrong_sign], [(q, v)])
+    # MuJoCo's bias less its own passive forces, by a path of its own
+    twin = Twin(model.robot)
+    judge = Judge(twin, StateMap(model, twin))
+    judge.place(q, v)
+    bias, passive = judge.bias(), judge.D() @ v + judge.K()
+    np.testing.assert_allclose(seen.h, bias - passive, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(seen.D @ seen.v + seen.K, -passive, rtol=1e-9, atol=1e-9)
+    assert np.abs(passive).max() > 1e-3
+    assert read_only(seen)
+
+
+def test_no_coriolis_hands_over_the_whole_bias_as_gravity(models):
+    model = models["helix"]
+    q, v = random_state(model, 2)
+    true = model.state(q, v)
+    (seen,) = shown(model, [no_coriolis], [(q, v)])
+    np.testing.assert_array_equal(seen.g, true.bias)
+    assert not seen.C.any()
+    assert true.C.any()
+    np.testing.assert_array_equal(seen.h, true.h)
+    assert not np.allclose(true.g, true.bias)
+    assert read_only(seen)
+
+
+def test_stale_shows_the_last_step_s_forces_and_this_step_s_jacobian(models):
+    model = models["helix"]
+    states = [random_state(model, seed) for seed in (3, 4, 5)]
+    true = [model.state(*s) for s in states]
+    seen = shown(model, [Stale()], states)
+    np.testing.assert_array_equal(seen[0].M, true[0].M)  # nothing older yet
+    for now, before, got in zip(true[1:], true, seen[1:], strict=False):
+        np.testing.assert_array_equal(got.M, before.M)
+        np.testing.assert_array_equal(got.bias, before.bias)
+        np.testing.assert_array_equal(got.h, before.h)
+        np.testing.assert_array_equal(got.g, before.g)
+        np.testing.assert_array_equal(got.C, before.C)
+        passive = before.D @ before.v + before.K
+        np.testing.assert_allclose(got.D @ got.v + got.K, passive, rtol=1e-12, atol=1e-12)
+        for name in ("J", "Jdot", "y", "ydot", "B", "q", "v"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(now, name))
+        assert read_only(got)
+
+
+def test_views_apply_in_their_order_and_leave_the_state_alone(models):
+    model = models["finger"]
+    states = [random_state(model, seed) for seed in (6, 7)]
+    stale_bias = model.state(*states[0]).bias
+    seen = shown(model, [Stale(), no_coriolis], states)[1]
+    np.testing.assert_array_equal(seen.g, stale_bias)
+    state = model.state(*states[0])
+    before = {name: np.array(getattr(state, name)) for name in ("M", "K", "D", "h", "bias", "g")}
+    wrong_sign(no_coriolis(state))
+    for name, value in before.items():
+        np.testing.assert_array_equal(getattr(state, name), value)
+
+
+def test_late_gives_zero_once_and_the_rest_passes_through(models):
+    model = models["spirob"]
+    spy = Spy(model)
+    controller = Shown(spy, late=True)
+    state = model.state(*random_state(model, 8))
+    first, second = controller(state, None), controller(state, None)
+    assert not first.u.any()
+    np.testing.assert_array_equal(second.u, 1.0)
+    assert (controller.gains, controller.guard) == ("gains", "guard")
+    assert spy.states == [state]
+
+
+def test_ic_without_coriolis_is_the_formula(models):
+    model = models["finger"]
+    q, v = random_state(model, 9)
+    state = model.state(q, v)
+    target = Reference([0.1, 0.0, -0.1], [0.01, 0.0, 0.02], [0.1, 0.0, 0.0])
+    u = Shown(Impedance(model), [no_coriolis])(state, target).u
+    Kp = 500.0
+    J, e, edot = state.J, state.y - target.y, state.ydot - target.ydot
+    inertia = np.linalg.pinv(J @ np.linalg.inv(state.M) @ J.T, rcond=1e-2)
+    ahead = target.yddot - Kp * e - 2 * math.sqrt(Kp) * edot - state.Jdot @ v
+    torque = J.T @ inertia @ ahead + state.D @ v + state.K + state.bias
+    expected = np.clip(np.linalg.pinv(state.B) @ torque, model.u_min, model.u_max)
+    np.testing.assert_allclose(u, expected, rtol=1e-7, atol=1e-9)
+
+
+# -- the plant and the reference -------------------------------------------------------------------
+
+
+def test_friction_is_in_the_copy_s_plant_only(models, tmp_path):
+    source = models["spirob"].robot.path
+    copy = tmp_path / "spirob.urdf"
+    before = source.read_bytes()
+    with_friction(source, copy, 0.1)
+    assert source.read_bytes() == before
+    model = softdyn.load(copy)
+    assert [joint.friction for joint in model.robot.moving_joints] == [0.1] * 27
+    assert all(joint.friction == 0 for joint in models["spirob"].robot.moving_joints)
+    np.testing.assert_array_equal(Twin(copy, friction=True).model.dof_frictionloss, 0.1)
+    q, v = random_state(model, 10)
+    ours, theirs = models["spirob"].state(q, v), model.state(q, v)
+    for name in ("M", "h", "B", "J"):  # the controller's model does not know it
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_soft_stops_let_the_hanging_helix_sink(models):
+    def sunk(kind):
+        twin = kind(models["helix"].robot, timestep=1e-3)
+        twin.advance(np.zeros(9), 400)
+        low, high = twin.model.jnt_range.T
+        slides = twin.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        return np.maximum(low - twin.qpos, twin.qpos - high)[slides].max()
+
+    assert sunk(Twin) < 1e-4
+    assert sunk(SoftTwin) > 2e-3
+
+
+@pytest.mark.parametrize(
+    ("robot", "name", "expected"),
+    [
+        ("finger", "plant-step", {"timestep": 0.005}),
+        ("helix", "plant-step", {"timestep": 0.0075}),
+        ("finger", "plant-fine", {"timestep": 1e-4}),
+        ("finger", "period-2ms+plant-step", {"timestep": 0.002}),
+        ("helix", "contacts", {"contacts": True}),
+        ("spirob", "friction", {"friction": True}),
+        ("finger", "stale", {"timestep": None, "contacts": False, "friction": False}),
+    ],
+)
+def test_options_of_the_plant(robot, name, expected, tmp_path):
+    setting = prepare(Case(robot, "ic", "set_point", 1.0), name, tmp_path)
+    assert {key: setting.options[key] for key in expected} == expected
+    assert setting.twin is Twin
+    assert not setting.options["v0"].any()
+
+
+def test_options_of_robot_period_and_nudge(tmp_path):
+    case = Case("spirob", "ic", "tracking", 0.5)
+    assert prepare(case, "dof48", tmp_path).model.nv == 48
+    assert prepare(case, "soft-stops", tmp_path).twin is SoftTwin
+    case = Case("finger", "ic", "set_point", 1.5)
+    assert prepare(case, "period-1ms", tmp_path).experiment.period == 0.001
+    np.testing.assert_array_equal(prepare(case, "nudge", tmp_path).options["v0"], 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "above_ground", "start"),
+    [  # the first reference point of the tracking logs that the reference implementation publishes
+        ("finger", 0.24, (0.19798989873223327, 0.0, 0.15514718625761428)),
+        ("helix", 0.7, (0.37123106012293744, 0.0, 0.5409009742330267)),
+        ("spirob48", 0.5, (0.29168154723945083, 0.0, 0.3704504871165134)),
+    ],
+)
+def test_ellipse_is_that_of_the_published_logs(robot, above_ground, start, tmp_path):
+    at = reference_ellipse(robot, 0.5)
+    np.testing.assert_allclose(at(0.0).y + np.array([0, 0, above_ground]), start, rtol=1e-12)
+    step = 1e-4
+    velocity = (at(0.3 + step).y - at(0.3 - step).y) / (2 * step)
+    np.testing.assert_allclose(at(0.3).ydot, velocity, atol=1e-8)
+    plain = robot.removesuffix("48")
+    case = Case(plain, "ic", "tracking", 0.5)
+    used = prepare(case, "ellipse", tmp_path).experiment
+    assert np.abs(used.reference(0.0).y - paper.tracking(plain, 0.5).reference(0.0).y).max() > 1e-3
+    still = prepare(replace(case, kind="set_point"), "ellipse", tmp_path).experiment
+    np.testing.assert_array_equal(
+        still.reference(0.0).y, paper.set_point(plain, 0.5).reference(0.0).y
+    )
+
+
+def test_sampled_is_the_plain_mean_of_every_fifth_error():
+    log = reproduction.run(Case("finger", "ic", "set_point", 0.5), "stale+plant-step")
+    errors = 100 * np.linalg.norm(log.y - log.y_ref, axis=1)
+    expected = sum(errors[k] ** 2 for k in range(0, len(errors), 5)) / len(range(0, 2001, 5))
+    assert mse_cm2(log, sampled=True) == pytest.approx(expected)
+    assert mse_cm2(log, sampled=False) == metrics.mse_cm2(log)
+    assert log.timestep == log.period == 0.005
+    assert not log.failed
+
+
+# -- the laws written out --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", ["finger", "helix", "spirob"])
+@pytest.mark.parametrize("name", ["soft-id-clf-qp", "ic-qp", "clf-qp", "ic", "uic"])
+def test_laws_written_out_agree_with_the_condensed_ones(models, robot, name):
+    model, gains = models[robot], PUBLISHED[robot][name]
+    ours, theirs = find_controller(name)(model), make_law(name, model, gains, {"exact"})
+    for seed in range(4):
+        state = model.state(*random_state(model, 20 + seed))
+        target = Reference(state.y + np.array([0.02, 0.0, 0.01]), state.ydot, [0.1, 0.0, -0.1])
+        expected = ours(state, target).u
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(theirs(state, target).u, expected, atol=2e-4 * scale)
+    assert theirs.guard.not_solved == 0
+
+
+@pytest.mark.parametrize("robot", ["finger", "helix"])
+def test_angular_rows_are_the_tip_s_rotation(models, robot):
+    model = models[robot]
+    q, v = random_state(model, 30)
+    task, target = AngularTask(model), Reference([0.1, 0.0, 0.0], [1.0, 0.0, 0.0])
+    J, Jdot, e, ydot, yddot = task.rows(model.state(q, v), target)
+    assert J.shape == Jdot.shape == (6, model.nv)
+    assert not np.any([e[3:], ydot[3:], yddot[3:]])
+    np.testing.assert_allclose(e[:3], model.state(q, v).y - target.y)
+    if robot == "finger":  # planar: the joints' rates add up about y
+        np.testing.assert_allclose(J[3:] @ v, [0.0, v.sum(), 0.0], atol=1e-12)
+    step = 1e-6
+    ahead, behind = (
+        task.rows(model.state(model.integrate(q, sign * step * v), v), target)[0]
+        for sign in (1, -1)
+    )
+    np.testing.assert_allclose(Jdot, (ahead - behind) / (2 * step), atol=1e-5)
+    # and J itself against the site's orientation
+    twin = Twin(model.robot)
+    states = StateMap(model, twin)
+
+    def orientation(sign):
+        twin.set_state(*states.to_twin(model.integrate(q, sign * step * v), v))
+        return twin.data.site_xmat[twin.task_site].reshape(3, 3).copy()
+
+    spin = (orientation(1) - orientation(-1)) / (2 * step) @ orientation(0).T
+    np.testing.assert_allclose(J[3:] @ v, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-6)
+
+
+def test_a_missing_package_is_named():
+    with pytest.raises(InputError, match="pip install cvxpy scs"):
+        optional("no_such_module", "cvxpy scs")
+    with pytest.raises(InputError):
+        make_law("id-clf-qp", softdyn.load("finger"), PUBLISHED["finger"]["ic"], {"exact"})
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+def test_names_combine_and_unknown_ones_are_refused():
+    assert parse("stale+plant-step", "finger") == (CHANGES["stale"], CHANGES["plant-step"])
+    for robot in ROBOTS:
+        assert parse("reference", robot) == parse(REFERENCE[robot], robot)
+    assert CHANGES["passive-sign"] in parse("reference", "helix")
+    assert CHANGES["passive-sign"] not in parse("reference", "spirob")
+    with pytest.raises(InputError, match="experiment"):
+        parse("stale+nothing", "finger")
+
+
+def test_cells_an_experiment_is_meant_for():
+    def cells(*args):
+        return {(case.robot, case.controller) for case in reproduction.cases(*args)}
+
+    assert {robot for robot, _ in cells("passive-sign")} == {"helix"}
+    assert {controller for _, controller in cells("no-coriolis")} == {"ic", "uic"}
+    assert len(cells("reference")) == 15
+    assert len(reproduction.cases("stale", ["finger"], ["ic"])) == 9
+    assert cells("passive-sign", ["finger"], ["ic-qp"]) == {("finger", "ic-qp")}
+    with pytest.raises(InputError, match="robot"):
+        reproduction.cases("stale", ["panda"])
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def reproduce(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, str(SCRIPT), *arguments],
+        cwd=cwd, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def test_command_writes_the_table_and_reuses_it(tmp_path):
+    arguments = [
+        "stale+plant-step", "--robots", "finger", "--controllers", "ic", "--thetas", "1",
+        "--omegas", "--jobs", "1", "--json", "-",
+    ]  # fmt: skip
+    first = reproduce(*arguments, cwd=tmp_path)
+    assert (first.returncode, first.stderr) == (0, "")
+    (row,) = json.loads(first.stdout)["rows"]
+    assert (row["experiment"], row["robot"], row["controller"]) == (
+        "stale+plant-step", "finger", "ic",
+    )  # fmt: skip
+    assert row["sp_mean_cm"] < 0.01
+    assert row["tt_mean_cm2"] is None
+    assert row["ours"]["sp_mean_cm"] < 0.01
+    assert row["paper"]["sp_mean_cm"] == 0.08
+    out = tmp_path / "results" / "reproduction"
+    assert "stale+plant-step | finger | IC" in (out / "table.md").read_text()
+    run = out / "stale+plant-step" / "runs" / "finger" / "ic" / "set_point_1.npz"
+    assert Log.load(run).timestep == 0.005
+    stamp = run.stat().st_mtime_ns
+    assert reproduce(*arguments, cwd=tmp_path).stdout == first.stdout
+    assert run.stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("frictions",),
+        ("stale+",),
+        ("stale", "--robots", "panda"),
+        ("stale", "--controllers", "lqr"),
+        ("stale", "--jobs", "0"),
+        ("stale", "--json", "nowhere/file.json"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(arguments, tmp_path):
+    done = reproduce(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_list_names_every_experiment(tmp_path):
+    done = reproduce("--list", cwd=tmp_path)
+    assert done.returncode == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [*CHANGES, "reference"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_shown_controller_runs_in_the_loop():
+    log = reproduction.run(Case("finger", "soft-id-clf-qp", "set_point", 1.0), "late")
+    assert not log.u[0].any()
+    assert log.u[1].any()
+    assert (log.gains["Kp"], log.not_solved) == (500, 0)
