@@ -7,9 +7,12 @@ import argparse
 import sys
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cli
+
+if TYPE_CHECKING:
+    from validation.benchmark import Case
 
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp")
@@ -18,10 +21,12 @@ Robots and controllers as in run.py; a controller of your own is FILE.py:CLASS, 
 a URDF, and what has no published gains needs a controller that brings its own.
 
 Each case leaves its files below --out. A run that was interrupted goes on where it stopped; a case
-is done again when its robot, its controller, softdyn or an engine has changed. Below --out:
-table.md, table.tex and results.json, figures/, runs/ with the log of every case, times/.
+is done again when its robot, its controller, softdyn or an engine has changed. Below --out, for
+the robots and controllers of the last call: table.md, table.tex, results.json and figures/; of all
+calls: runs/ with the log and the figures of every case, and times/.
 
-exit codes: 0 every case ran, failed loops included; 2 bad input; 130 interrupted.
+exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
+130 interrupted.
 """
 
 
@@ -30,16 +35,21 @@ def parser() -> cli.Parser:
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
     found.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
-    found.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="multiples of pi")
-    found.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help="as thetas")
+    found.add_argument(
+        "--thetas", nargs="*", type=cli.finite, metavar="T", help="set points, multiples of pi"
+    )
+    found.add_argument(
+        "--omegas", nargs="*", type=cli.positive, metavar="W", help="rates, multiples of pi rad/s"
+    )
     found.add_argument(
         "--jobs", type=cli.count, metavar="N", help="processes (default: one per core)"
     )
     found.add_argument("--out", default="results", metavar="DIR", help="default: results")
-    found.add_argument(
-        "--plots", action="store_true", help="only make the figures again, from the logs"
+    figures = found.add_mutually_exclusive_group()
+    figures.add_argument(
+        "--plots", action="store_true", help="run nothing, draw the figures again from the logs"
     )
-    found.add_argument("--no-plots", action="store_true", help="leave the figures out")
+    figures.add_argument("--no-plots", action="store_true", help="leave the figures out")
     found.add_argument(
         "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
     )
@@ -55,14 +65,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then table and figures."""
-    from tqdm import tqdm
-
+    from softdyn import InputError
     from validation import benchmark, paper, tables
     from validation.files import check_writable, to_json, write_text
+    from validation.processes import WorkerKilled
 
     began = perf_counter()
     out = Path(arguments.out)
-    cli.make_folder(out)
     if arguments.json not in (None, "-"):
         check_writable(arguments.json)
     cases = benchmark.grid(
@@ -71,12 +80,16 @@ def command(arguments: argparse.Namespace) -> int:
         paper.THETAS if arguments.thetas is None else arguments.thetas,
         paper.OMEGAS if arguments.omegas is None else arguments.omegas,
     )
-    if not arguments.plots:
-        jobs = arguments.jobs or -1
-        with tqdm(total=len(cases), disable=None, leave=False, unit="case") as bar:
-            for case, _ in benchmark.run_grid(cases, out, jobs):
-                bar.set_postfix_str(f"{case.robot} {case.controller}", refresh=False)
-                bar.update()
+    if not cases:
+        raise InputError("--thetas, --omegas", "at least one of one of them", "none")
+    if arguments.plots:
+        return draw_again(cases, out, arguments.json)
+    cli.make_folder(out)
+    try:
+        run(cases, out, arguments.jobs or -1)
+    except WorkerKilled as error:
+        print(f"error: {error}", file=sys.stderr)
+        return cli.FAILED
     rows = benchmark.rows(cases, out)
     write_text(out / "table.md", tables.markdown(rows))
     write_text(out / "table.tex", tables.latex(rows))
@@ -93,6 +106,50 @@ def command(arguments: argparse.Namespace) -> int:
     }
     where = f"\n\nTable, figures and logs: {out}/\n{report['wall_s']:.0f} s"
     cli.write_report(report, arguments.json, tables.text(rows) + where)
+    return cli.PASSED
+
+
+def run(cases: list[Case], out: Path, jobs: int) -> None:
+    """Run what is missing below `out`, with a bar that counts work, not cases."""
+    from tqdm import tqdm
+
+    from validation import benchmark
+
+    def text() -> str:
+        reused = f", {done - ran} of them before" if done > ran else ""
+        return f"{done} of {len(cases)} runs{reused}"
+
+    ran = done = 0
+    costs = {case: benchmark.cost(case) for case in cases}
+    layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed} < {remaining}]"
+    with tqdm(
+        total=sum(costs.values()),
+        desc=text(),
+        disable=None,  # silent where stderr is no terminal
+        leave=False,
+        smoothing=0,
+        bar_format=layout,
+    ) as bar:
+        for case, was_run in benchmark.run_grid(cases, out, jobs):
+            done, ran = done + 1, ran + was_run
+            if not (was_run or bar.disable):
+                bar.initial += costs[case]  # took no time: not a measure of the speed
+            bar.set_description_str(text(), refresh=False)
+            bar.update(costs[case])
+
+
+def draw_again(cases: list[Case], out: Path, target: str | None) -> int:
+    """The figures alone, from the logs below `out`."""
+    from softdyn import InputError
+    from validation import benchmark, plots
+
+    missing = [case.name for case in cases if not benchmark.log_path(out, case).is_file()]
+    if missing:
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        got = f"no log of {', '.join(missing[:3])}{more}"
+        raise InputError(str(out), f"the logs of all {len(cases)} runs", got)
+    files = [str(file) for file in plots.make_all(cases, out)]
+    cli.write_report({"figures": files}, target, "\n".join(files))
     return cli.PASSED
 
 

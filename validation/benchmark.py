@@ -1,9 +1,12 @@
 """The paper's grid of experiments: one file a case, resumable, the same whatever runs it.
 
 A case is a robot, a controller and an experiment. Its result lies in three files below the
-output folder: ``runs/CASE.npz``, the log without its step times; ``runs/CASE.json``, the figures,
-written last, with a fingerprint of everything that they depend on; and ``times/CASE.json``, the
-step times, the only part of a run that is not the same twice.
+output folder: ``runs/CASE.npz``, the log without its step times; ``times/CASE.json``, the step
+times, the only part of a run that is not the same twice; and ``runs/CASE.json``, the figures,
+written last, with the log's hash and a fingerprint of everything that they depend on.
+
+Each file appears whole or not at all, and two runs of one case write the same bytes: a run that is
+killed leaves nothing that is taken for a result, and two runs in one folder do no harm.
 """
 
 from __future__ import annotations
@@ -11,26 +14,23 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+import sys
 from collections.abc import Iterable, Iterator
+from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, replace
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 
-import softdyn
-from controllers import find_controller
-from softdyn import SoftModel
+from controllers.registry import own_error
+from softdyn import InputError, SoftdynError, SoftModel
 from validation import metrics, paper
 from validation.closed_loop import simulate
 from validation.files import write_json
-
-# the modules of this package that decide a run's numbers; tables and plots do not
-RUN_BY = ("benchmark", "bodies", "closed_loop", "log", "metrics", "paper", "twin")
-ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy")
+from validation.fingerprint import digest, fingerprint, is_own, load_model, make_controller, stable
+from validation.log import Log
+from validation.processes import in_processes
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Case:
     @property
     def name(self) -> str:
         """A relative path that is safe as a file's and unique to the case."""
-        parts = (_safe(self.robot), _safe(self.controller), f"{self.kind}_{self.value:g}")
+        parts = (safe(self.robot), safe(self.controller), f"{self.kind}_{number_text(self.value)}")
         return "/".join(parts)
 
     def experiment(self, model: SoftModel) -> paper.Experiment:
@@ -61,10 +61,16 @@ def grid(
     thetas: Iterable[float] = paper.THETAS,
     omegas: Iterable[float] = paper.OMEGAS,
 ) -> list[Case]:
-    """Every robot × controller × experiment, robots and controllers in the order given."""
+    """Every robot × controller × experiment once, robots and controllers in the order given."""
     runs = [("set_point", theta) for theta in thetas] + [("tracking", omega) for omega in omegas]
     controllers = tuple(controllers)
-    return [Case(r, c, kind, value) for r in robots for c in controllers for kind, value in runs]
+    every = (
+        Case(robot, controller, kind, float(value) + 0.0)  # -0 is 0
+        for robot in robots
+        for controller in controllers
+        for kind, value in runs
+    )
+    return list(dict.fromkeys(every))
 
 
 def run_grid(cases: list[Case], folder: Path, jobs: int = -1) -> Iterator[tuple[Case, bool]]:
@@ -75,26 +81,23 @@ def run_grid(cases: list[Case], folder: Path, jobs: int = -1) -> Iterator[tuple[
     Raises
     ------
     InputError
-        An unknown robot or controller, before anything runs.
+        An unknown robot or controller, before anything runs; what a user's own controller raises.
+    WorkerKilled
+        A process was ended from outside.
     """
-    prints = {case: fingerprint(case) for case in cases}
-    fresh = [case for case in cases if load_result(case, folder, prints[case]) is not None]
-    yield from ((case, False) for case in fresh)
+    with redirect_stdout(sys.stderr):  # what a user's controller prints
+        prints = {case: fingerprint(case) for case in cases}
+    fresh = {case for case in cases if is_fresh(case, folder, prints[case])}
+    yield from ((case, False) for case in cases if case in fresh)
     # the longest first, so that no core idles at the end
-    missing = sorted(set(cases) - set(fresh), key=_cost, reverse=True)
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        runs = Parallel(return_as="generator_unordered")(
-            delayed(run_case)(case, folder, prints[case]) for case in missing
-        )
-        yield from ((case, True) for case in runs)
+    missing = sorted((case for case in cases if case not in fresh), key=cost, reverse=True)
+    calls = ((case, folder, prints[case]) for case in missing)
+    yield from ((case, True) for case in in_processes(run_case, calls, jobs))
 
 
 def run_case(case: Case, folder: Path, print_: str) -> Case:
     """Run one case and write its files, the result last; engines are built here."""
-    model = _load(case.robot)
-    experiment = case.experiment(model)
-    controller = find_controller(case.controller)(model)
-    log = simulate(model, controller, experiment, name=case.controller)
+    log = _simulate(case)
     result = {
         "fingerprint": print_,
         **asdict(case),
@@ -112,25 +115,53 @@ def run_case(case: Case, folder: Path, print_: str) -> Case:
     paths = {kind: _path(folder, kind, case) for kind in ("log", "result", "times")}
     for path in paths.values():
         path.parent.mkdir(parents=True, exist_ok=True)
-    replace(log, step_us=np.full_like(log.step_us, np.nan)).save(paths["log"])
+    same = {"step_us": np.full_like(log.step_us, np.nan), "gains": stable(log.gains)}
+    replace(log, **same).save(paths["log"])
     write_json(paths["times"], {**metrics.step_times_us(log)})
-    write_json(paths["result"], result)
+    write_json(paths["result"], {**result, "log_sha256": digest(paths["log"])})
     return case
+
+
+def _simulate(case: Case) -> Log:
+    model = load_model(case.robot)
+    controller = make_controller(case.controller, model)
+    try:
+        return simulate(model, controller, case.experiment(model), name=case.controller)
+    except Exception as error:
+        if isinstance(error, SoftdynError) or not is_own(case.controller):
+            raise
+        raise own_error(case.controller, "a command", error) from error
+
+
+def is_fresh(case: Case, folder: Path, print_: str) -> bool:
+    """Whether a case has all its files, whole and of this fingerprint."""
+    result = load_result(case, folder, print_)
+    if result is None or load_times(case, folder) is None:
+        return False
+    try:
+        return digest(log_path(folder, case)) == result.get("log_sha256")
+    except OSError:
+        return False
 
 
 def load_result(case: Case, folder: Path, print_: str | None = None) -> dict[str, Any] | None:
     """The figures of a case; None when it has none, or not of this fingerprint."""
+    result = _read(_path(folder, "result", case))
+    fits = result is not None and print_ in (None, result.get("fingerprint"))
+    return result if fits and log_path(folder, case).is_file() else None
+
+
+def load_times(case: Case, folder: Path) -> dict[str, float | None] | None:
+    """Step times of a case (µs): median, p99, p999, max; None when they are not there."""
+    return _read(_path(folder, "times", case))
+
+
+def _read(path: Path) -> dict[str, Any] | None:
     try:
-        result = json.loads(_path(folder, "result", case).read_text())
+        content = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
-    fits = isinstance(result, dict) and print_ in (None, result.get("fingerprint"))
-    return result if fits and _path(folder, "log", case).is_file() else None
-
-
-def load_times(case: Case, folder: Path) -> dict[str, float | None]:
-    """Step times of a case (µs): median, p99, p999, max."""
-    return json.loads(_path(folder, "times", case).read_text())
+    return content if isinstance(content, dict) else None
 
 
 def log_path(folder: Path, case: Case) -> Path:
@@ -147,7 +178,7 @@ def step_times(cases: list[Case], folder: Path) -> dict[str, dict[str, float]]:
     """Mean of the cases' median step times (µs), by robot and controller."""
     found: dict[str, dict[str, list[float]]] = {}
     for case in cases:
-        median = load_times(case, folder)["median"]
+        median = (load_times(case, folder) or {}).get("median")
         if median is not None:
             found.setdefault(case.robot, {}).setdefault(case.controller, []).append(median)
     return {
@@ -168,12 +199,12 @@ def rows(cases: list[Case], folder: Path) -> list[dict[str, Any]]:
 
 
 def _row(robot: str, controller: str, cases: list[Case], folder: Path) -> dict[str, Any]:
-    results = [load_result(case, folder) or {} for case in cases]
+    results = [_result(case, folder) for case in cases]
     by_kind = {
-        kind: [_number(r[figure]) for r in results if r.get("kind") == kind]
+        kind: [_number(r[figure]) for r in results if r["kind"] == kind]
         for kind, figure in (("set_point", "final_error_cm"), ("tracking", "mse_cm2"))
     }
-    second = [_number(r["second_cycle_mse_cm2"]) for r in results if r.get("kind") == "tracking"]
+    second = [_number(r["second_cycle_mse_cm2"]) for r in results if r["kind"] == "tracking"]
     sp, tt = (metrics.mean_std(by_kind[kind]) for kind in ("set_point", "tracking"))
     published = paper.published(robot, controller)
     return {
@@ -187,63 +218,41 @@ def _row(robot: str, controller: str, cases: list[Case], folder: Path) -> dict[s
         "failed": [
             {"kind": r["kind"], "value": r["value"], "reason": r["reason"]}
             for r in results
-            if r.get("failed")
+            if r["failed"]
         ],
         "set_points_cm": {
-            f"{r['value']:g}": r["final_error_cm"] for r in _of(results, "set_point")
+            number_text(r["value"]): r["final_error_cm"] for r in _of(results, "set_point")
         },
-        "trajectories_cm2": {f"{r['value']:g}": r["mse_cm2"] for r in _of(results, "tracking")},
+        "trajectories_cm2": {
+            number_text(r["value"]): r["mse_cm2"] for r in _of(results, "tracking")
+        },
         "not_solved": sum(r["not_solved"] for r in results),
         "fallbacks": sum(r["fallbacks"] for r in results),
-        "max_bound_violation": max(r["max_bound_violation"] for r in results),
+        "max_bound_violation": max(_number(r["max_bound_violation"]) for r in results),
         "paper": None if published is None else asdict(published),
     }
 
 
 def _of(results: list[dict[str, Any]], kind: str) -> list[dict[str, Any]]:
-    return [result for result in results if result.get("kind") == kind]
+    return [result for result in results if result["kind"] == kind]
 
 
-def fingerprint(case: Case) -> str:
-    """A hash of all that a case's figures depend on.
-
-    The robot's file, the experiment, the controller's gains and file, softdyn's own code, and the
-    versions of the engines.
-    """
-    model = _load(case.robot)
-    controller = find_controller(case.controller)
-    own = Path(case.controller.rpartition(":")[0])
-    parts = (
-        asdict(case),
-        repr(paper.setup_of(model)),
-        hashlib.sha256(model.robot.path.read_bytes()).hexdigest(),
-        repr(getattr(controller(model), "gains", None)),
-        hashlib.sha256(own.read_bytes()).hexdigest() if own.is_file() else None,
-        _code(),
-    )
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+def _result(case: Case, folder: Path) -> dict[str, Any]:
+    result = load_result(case, folder)
+    if result is None:
+        raise InputError(str(_path(folder, "result", case)), "the result of a run", "none")
+    return result
 
 
-@cache
-def _code() -> str:
-    """A hash of the packages that make a run, and of the engines' versions."""
-    digest = hashlib.sha256()
-    own = Path(__file__).resolve().parent
-    paths = [*(own.parent / "softdyn").glob("*.py"), *(own.parent / "controllers").glob("*.py")]
-    for path in sorted([*paths, *(own / f"{name}.py" for name in RUN_BY)]):
-        digest.update(path.name.encode() + path.read_bytes())
-    digest.update(repr([(name, version(name)) for name in ENGINES]).encode())
-    return digest.hexdigest()
+def number_text(value: float) -> str:
+    """A number as short as it can be without being another one."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
 
 
-@cache
-def _load(robot: str) -> SoftModel:
-    return softdyn.load(robot)
-
-
-def _cost(case: Case) -> float:
+def cost(case: Case) -> float:
     """Rough work of a case: simulated time over the period, weighed by the robot's size."""
-    model = _load(case.robot)
+    model = load_model(case.robot)
     experiment = case.experiment(model)
     return experiment.duration / experiment.period * (10 + model.nv)
 
@@ -252,7 +261,7 @@ def _number(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
-def _safe(text: str) -> str:
+def safe(text: str) -> str:
     """`text` as one path component; a path or a class keeps its last words and gains a hash."""
     if re.fullmatch(r"[A-Za-z0-9_-]+", text):
         return text

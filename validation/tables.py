@@ -22,8 +22,12 @@ def spread(mean: float | None, std: float | None) -> str:
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """One row of the table as text."""
+    """One row of the table as text; a dash for what was not asked for or not published."""
     published = row["paper"]
+
+    def ours(kind: str, unit: str, runs: str) -> str:
+        mean, std = (row[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
+        return spread(mean, std) if row[runs] else "-"
 
     def paper(kind: str, unit: str) -> str:
         if published is None:
@@ -34,9 +38,9 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     return (
         row["robot"],
         PAPER_NAMES.get(row["controller"], row["controller"]),
-        spread(row["sp_mean_cm"], row["sp_std_cm"]),
+        ours("sp", "cm", "set_points_cm"),
         paper("sp", "cm"),
-        spread(row["tt_mean_cm2"], row["tt_std_cm2"]),
+        ours("tt", "cm2", "trajectories_cm2"),
         paper("tt", "cm2"),
         ", ".join(f"{KINDS[f['kind']]} = {f['value']:g}π" for f in row["failed"]) or "-",
     )
@@ -53,7 +57,7 @@ def text(rows: list[dict[str, Any]]) -> str:
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:
-    """The table, every run's figure, and the failed runs with their reasons."""
+    """The table, every run's figure, what the solver did, and the failed runs' reasons."""
     parts = ["# Benchmark", "", _pipe(TITLES), _pipe(["---"] * len(TITLES))]
     parts += [_pipe(cells(row)) for row in rows]
     parts += [
@@ -70,11 +74,15 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         "Controller",
         *(f"θ = {x}π (cm)" for x in points),
         *(f"ω = {x}π (cm²)" for x in rates),
+        "Not solved",
+        "Fallbacks",
+        "Bounds exceeded by",
     ]
     parts += ["## Every run", "", _pipe(titles), _pipe(["---"] * len(titles))]
     for row in rows:
         found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
         shown = ["-" if value is None else f"{value:.3g}" for value in found]
+        shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
         parts.append(_pipe([*cells(row)[:2], *shown]))
     failures = [
         f"- {row['robot']}, {cells(row)[1]}, {KINDS[f['kind']]} = {f['value']:g}π: {f['reason']}"
@@ -106,13 +114,16 @@ def latex(rows: list[dict[str, Any]]) -> str:
 
 
 def _pipe(row: Any) -> str:
-    return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in row) + " |"
+    return "| " + " | ".join(" ".join(str(cell).split()).replace("|", r"\|") for cell in row) + " |"
+
+
+_TEX = str.maketrans({
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "_": r"\_", "&": r"\&", "%": r"\%",
+    "#": r"\#", "$": r"\$", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ",
+    "±": r"$\pm$", "²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "ω": r"$\omega$",
+})  # fmt: skip
 
 
 def _tex(text: str) -> str:
-    for symbol, command in (
-        ("\\", r"\textbackslash "), ("_", r"\_"), ("&", r"\&"), ("%", r"\%"), ("#", r"\#"),
-        ("±", r"$\pm$"), ("²", r"$^2$"), ("π", r"$\pi$"), ("θ", r"$\theta$"), ("ω", r"$\omega$"),
-    ):  # fmt: skip
-        text = text.replace(symbol, command)
-    return text
+    return text.translate(_TEX)

@@ -1,0 +1,107 @@
+"""The benchmark's table as Markdown, LaTeX and text."""
+
+import re
+
+import pytest
+
+from validation import tables
+
+PAPER = {"sp_mean_cm": 0.08, "sp_std_cm": 0.09, "tt_mean_cm2": None, "tt_std_cm2": None}
+
+
+def row(**changes):
+    found = {
+        "robot": "finger",
+        "controller": "soft-id-clf-qp",
+        "sp_mean_cm": 0.0625,
+        "sp_std_cm": 0.5,
+        "tt_mean_cm2": None,
+        "tt_std_cm2": None,
+        "failed": [{"kind": "tracking", "value": 0.2, "reason": "the tip | diverged"}],
+        "set_points_cm": {"0": 0.125, "0.5": 0.0},
+        "trajectories_cm2": {"0.2": None},
+        "not_solved": 3,
+        "fallbacks": 4,
+        "max_bound_violation": 0.0,
+        "paper": PAPER,
+    }
+    return found | changes
+
+
+NASTY = r"a_b&c%d#e$f{g}h^i~j|k\l<m>.py:C"
+ROWS = [
+    row(),
+    row(controller=NASTY, paper=None),
+    row(robot="my_arm.urdf", set_points_cm={"0": None, "0.5": 1.0}, failed=[]),
+]
+
+
+def table_lines(text):
+    return [line for line in text.splitlines() if line.startswith("|")]
+
+
+def columns(line):
+    return len(re.split(r"(?<!\\)\|", line)) - 2
+
+
+def test_cells():
+    assert tables.cells(row()) == (
+        "finger", "Soft ID-CLF-QP", "0.06 ± 0.50", "0.08 ± 0.09", "none", "failed", "ω = 0.2π",
+    )  # fmt: skip
+
+
+def test_what_was_not_asked_for_is_not_a_failure():
+    found = tables.cells(row(sp_mean_cm=None, sp_std_cm=None, set_points_cm={}, paper=None))
+    assert found[2:6] == ("-", "-", "none", "-")
+
+
+def test_markdown_columns():
+    text = tables.markdown(ROWS)
+    blocks = [table_lines(block) for block in text.split("\n\n")]
+    blocks = [block for block in blocks if block]
+    assert [len(block) for block in blocks] == [2 + len(ROWS)] * 2
+    for block in blocks:
+        assert len({columns(line) for line in block}) == 1
+        assert set(block[1]) == set("| -")
+    assert "- finger, Soft ID-CLF-QP, ω = 0.2π: the tip | diverged" in text
+    assert "| finger | Soft ID-CLF-QP | 0.125 | 0 | - | 3 | 4 | 0 |" in text
+
+
+def test_markdown_without_failures():
+    assert "Failed runs\n" not in tables.markdown([row(failed=[])])
+
+
+def plain_tex(text):
+    """`text` with every escaped or named symbol replaced by a letter."""
+    text = re.sub(r"\\(textbackslash|textasciicircum|textasciitilde|textless|textgreater|textbar)"
+                  r"\{\}", "x", text)  # fmt: skip
+    return re.sub(r"\\[_&%#${}]", "x", text)
+
+
+def test_latex_is_balanced_and_escaped():
+    text = tables.latex(ROWS)
+    lines = text.splitlines()
+    (spec,) = re.findall(r"^\\begin\{tabular\}\{(\w+)\}$", lines[0])
+    assert lines[-1] == r"\end{tabular}"
+    assert lines.count(r"\midrule") == 2  # one a robot
+    body = [line for line in lines if line.endswith(r"\\")]
+    assert len(body) == 1 + len(ROWS)
+    for line in body:
+        bare = plain_tex(line.removesuffix(r"\\"))
+        assert bare.count("&") == len(spec) - 1
+        assert bare.count("$") % 2 == 0
+        assert bare.count("{") == bare.count("}")
+        outside = "".join(bare.split("$")[::2])
+        assert not set(outside) & set(r"\{}_^~%#|<>$±²πθω")
+
+
+@pytest.mark.parametrize("write", [tables.markdown, tables.latex, tables.text])
+def test_no_rows(write):
+    assert isinstance(write([]), str)
+
+
+def test_text_is_aligned():
+    first, *others = tables.text(ROWS).splitlines()
+    for title in ("Controller", "SP (cm)", "Failed runs"):
+        start = first.index(title)
+        assert all(line[start - 1] == " " != line[start] for line in others)

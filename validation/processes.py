@@ -1,0 +1,68 @@
+"""Long work on several processes that end together, whatever ends them."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import redirect_stdout
+from threading import RLock, Thread
+from typing import Any, TypeVar
+
+from joblib import Parallel, delayed, parallel_config
+from tqdm import tqdm
+
+from softdyn import SoftdynError
+
+Result = TypeVar("Result")
+
+
+class WorkerKilled(SoftdynError):
+    """A process that worked is gone; what is done stays done."""
+
+
+def in_processes(
+    function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], jobs: int = -1
+) -> Iterator[Result]:
+    """Results of ``function(*call)`` as they come; one thread a process, output to stderr.
+
+    Parameters
+    ----------
+    jobs : how many processes, -1 for one per core; 1 does all in this process.
+
+    Raises
+    ------
+    WorkerKilled
+        A process was ended from outside.
+    """
+    start = {"initializer": _begin, "initargs": (os.getpid(), os.getcwd())}
+    try:
+        with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1, **start):
+            yield from Parallel(return_as="generator_unordered")(
+                delayed(_work)(function, call) for call in calls
+            )
+    except BrokenProcessPool:
+        raise WorkerKilled(
+            "a process was killed, or ran out of memory: the same command again goes on where "
+            "it stopped"
+        ) from None
+
+
+def _begin(parent: int, folder: str) -> None:
+    """First in a worker: leave nothing behind when it is killed, and end when its parent does."""
+    tqdm.set_lock(RLock())  # its own is a semaphore of the system
+    os.chdir(folder)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+def _work(function: Callable[..., Result], call: tuple[Any, ...]) -> Result:
+    with redirect_stdout(sys.stderr):  # what a user's controller prints is not our output
+        return function(*call)
