@@ -1,0 +1,123 @@
+"""Step times as tables for people, and what machine they were measured on."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+ENGINES = ("pin", "proxsuite", "mujoco", "numpy", "numba")
+
+STEP = (  # title, key, format
+    ("Robot", "robot", ""),
+    ("Controller", "controller", ""),
+    ("median µs", "median_us", ".1f"),
+    ("p99", "p99_us", ".0f"),
+    ("p99.9", "p999_us", ".0f"),
+    ("dynamics", "dynamics_us", ".1f"),
+    ("assembly", "assembly_us", ".1f"),
+    ("solve", "solve_us", ".1f"),
+    ("floor", "floor_us", ".1f"),
+    ("× floor", "floor_ratio", ".2f"),
+    ("paper's stack µs", "stack_us", ".0f"),
+    ("ratio", "ratio", ".0f"),
+    ("as a QP", "ratio_quadratic", ".0f"),
+)
+SCALING = (
+    ("n", "n", ""),
+    ("m", "m", ""),
+    *(column for column in STEP[2:10] if column[1] not in ("p99_us", "p999_us")),
+    ("ProxQP's own", "proxqp_us", ".1f"),
+)
+THROUGHPUT = (
+    ("Robot", "robot", ""),
+    ("simulated s", "simulated_s", ".0f"),
+    ("wall s", "wall_s", ".2f"),
+    ("loops/s", "loops_per_s", ".2f"),
+    ("× real time", "times_real_time", ".1f"),
+    ("set-up s", "setup_s", ".3f"),
+    ("state", "state_s", ".3f"),
+    ("controller", "controller_s", ".3f"),
+    ("MuJoCo", "mujoco_s", ".3f"),
+    ("bookkeeping", "bookkeeping_s", ".3f"),
+)
+Columns = Sequence[tuple[str, str, str]]
+
+
+def machine() -> dict[str, Any]:
+    """When and on what, as far as the system tells."""
+    return {
+        "measured": datetime.now(UTC).date().isoformat(),
+        "processor": _processor(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        **{name: version(name) for name in ENGINES},
+    }
+
+
+def text(report: dict[str, Any]) -> str:
+    """Aligned tables for a terminal."""
+    tables = [_aligned(columns, rows) for _, columns, rows in _tables(report)]
+    return "\n\n".join([*tables, _machine(report)])
+
+
+def markdown(report: dict[str, Any]) -> str:
+    """The tables with headings."""
+    parts = ["# Step times", "", _machine(report)]
+    for title, columns, rows in _tables(report):
+        lines = _cells(columns, rows)
+        lines.insert(1, ["---"] * len(columns))
+        parts += ["", f"## {title}", "", *(f"| {' | '.join(line)} |" for line in lines)]
+    return "\n".join(parts) + "\n"
+
+
+def _tables(report: dict[str, Any]) -> Iterable[tuple[str, Columns, list[dict[str, Any]]]]:
+    yield "One control step", STEP, report["rows"]
+    for axis, rows in report.get("scaling", {}).items():
+        yield f"Against {axis}", SCALING, rows
+    if "throughput" in report:
+        yield "Closed loops", THROUGHPUT, report["throughput"]
+
+
+def _machine(report: dict[str, Any]) -> str:
+    on = report["machine"]
+    engines = ", ".join(f"{name} {on[name]}" for name in ENGINES)
+    return (
+        f"{on['measured']}, {on['processor']} ({on['cores']} cores), Python {on['python']}, "
+        f"{engines}; load {on['load_before']:.1f} to {on['load_after']:.1f}, "
+        f"{100 * on['cpu_share']:.0f} % of a core was ours."
+    )
+
+
+def _aligned(columns: Columns, rows: list[dict[str, Any]]) -> str:
+    lines = _cells(columns, rows)
+    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
+    words = [not form for _, _, form in columns]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if word else cell.rjust(width)
+            for cell, width, word in zip(line, widths, words, strict=True)
+        ).rstrip()
+        for line in lines
+    )
+
+
+def _cells(columns: Columns, rows: list[dict[str, Any]]) -> list[list[str]]:
+    def cell(value: Any, form: str) -> str:
+        return "-" if value is None else format(value, form)
+
+    table = [[cell(row[key], form) for _, key, form in columns] for row in rows]
+    return [[title for title, _, _ in columns], *table]
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or "an unknown processor"
