@@ -50,30 +50,24 @@ def parser() -> cli.Parser:
         "--plots", action="store_true", help="run nothing, draw the figures again from the logs"
     )
     figures.add_argument("--no-plots", action="store_true", help="leave the figures out")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
     from validation import benchmark, paper, tables
-    from validation.files import check_writable, to_json, write_text
-    from validation.processes import WorkerKilled
+    from validation.files import to_json, write_text
 
     began = perf_counter()
     out = Path(arguments.out)
-    if arguments.json not in (None, "-"):
-        check_writable(arguments.json)
+    cli.check_outputs(arguments.json)
     cases = benchmark.grid(
         arguments.robots,
         arguments.controllers,
@@ -85,11 +79,7 @@ def command(arguments: argparse.Namespace) -> int:
     if arguments.plots:
         return draw_again(cases, out, arguments.json)
     cli.make_folder(out)
-    try:
-        run(cases, out, arguments.jobs or -1)
-    except WorkerKilled as error:
-        print(f"error: {error}", file=sys.stderr)
-        return cli.FAILED
+    run(cases, out, arguments.jobs or -1)
     rows = benchmark.rows(cases, out)
     write_text(out / "table.md", tables.markdown(rows))
     write_text(out / "table.tex", tables.latex(rows))

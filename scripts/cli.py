@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+Command = Callable[[argparse.Namespace], int]
 
 
 class Parser(argparse.ArgumentParser):
@@ -54,22 +55,36 @@ def count(text: str) -> int:
     return int(text)
 
 
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """The option for `write_report`, the same in every command."""
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
+    )
+
+
+def start(parser: Parser, command: Command, argv: list[str] | None = None) -> int:
+    """Read the arguments and run `command`; returns the exit code."""
+    arguments = parser.parse_args(argv)
+    one_thread()
+    return run(command, arguments)
+
+
 def one_thread() -> None:
     """Keep BLAS and OpenMP to one thread: to be called before NumPy is imported."""
     for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
 
 
-def run(command: Callable[[argparse.Namespace], int], arguments: argparse.Namespace) -> int:
+def run(command: Command, arguments: argparse.Namespace) -> int:
     """Call `command` and turn what it raises into an exit code and one line on stderr."""
-    from softdyn import SoftdynError
+    from softdyn import InputError, SoftdynError, UrdfError
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         return command(arguments)
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
+        return BAD_INPUT if isinstance(error, InputError | UrdfError) else FAILED
     except BrokenPipeError:  # the reader of a pipe has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PASSED
@@ -88,6 +103,15 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     if target is not None:
         write_json(target, report)
     print(summary)
+
+
+def check_outputs(*targets: str | None) -> None:
+    """Refuse, before any work, output files that cannot be written; None and ``-`` are none."""
+    from validation.files import check_writable
+
+    for target in targets:
+        if target not in (None, "-"):
+            check_writable(target)
 
 
 def make_folder(path: Path) -> None:

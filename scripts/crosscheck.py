@@ -33,9 +33,7 @@ def parser() -> cli.Parser:
     found.add_argument(
         "--seed", type=seed, default=0, metavar="S", help="of the random states (default: 0)"
     )
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
@@ -48,19 +46,15 @@ def seed(text: str) -> int:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
     """Load, compare, report."""
     import softdyn
     from validation import Twin, crosscheck
-    from validation.files import check_writable
 
-    if arguments.json not in (None, "-"):
-        check_writable(arguments.json)
+    cli.check_outputs(arguments.json)
     model = softdyn.load(arguments.robot)
     twin = Twin(model, limits=False)
     show = sys.stderr.isatty()

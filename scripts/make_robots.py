@@ -13,13 +13,12 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from robot_meshes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
+import cli
 from urdf_text import (
     ORIGIN,
     Joint,
@@ -403,6 +402,8 @@ def finish_spiral(
 
 def files() -> dict[str, bytes]:
     """Return every generated file, by its path below ``urdf/``."""
+    from robot_meshes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
+
     robots = (finger, helix, spirob, spirob48)
     content = {f"{robot.__name__}.urdf": robot().encode() for robot in robots}
     content["meshes/helicoid.stl"] = stl(helicoid_mesh())
@@ -411,28 +412,36 @@ def files() -> dict[str, bytes]:
     return content
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the files, or compare them with ``--check``; return the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing, name files that differ"
-    )
-    check = parser.parse_args(argv).check
-    stale = 0
-    for name, content in files().items():
-        path = URDF / name
-        if path.is_file() and path.read_bytes() == content:
-            continue
-        stale += 1
-        if check:
+def parser() -> cli.Parser:
+    """The command line."""
+    found = cli.Parser(description=(__doc__ or "").partition("\n")[0])
+    found.add_argument("--check", action="store_true", help="write nothing, name files that differ")
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    return cli.start(parser(), command, argv)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Write the files that differ, or name them with ``--check``."""
+    from validation.files import atomic
+
+    different = {
+        URDF / name: content
+        for name, content in files().items()
+        if not (URDF / name).is_file() or (URDF / name).read_bytes() != content
+    }
+    for path, content in different.items():
+        if arguments.check:
             print(f"{path}: differs from what scripts/make_robots.py writes", file=sys.stderr)
             continue
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(path.name + ".tmp")
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
+        cli.make_folder(path.parent)
+        with atomic(path) as file:
+            file.write(content)
         print(f"wrote {path}")
-    return 1 if check and stale else 0
+    return cli.FAILED if arguments.check and different else cli.PASSED
 
 
 if __name__ == "__main__":

@@ -23,7 +23,8 @@ missing there is run), and the published value. A run that was interrupted goes 
 scs and clf-objective need cvxpy and scs (pip install cvxpy scs), angular and exact quadprog, which
 the test extra installs.
 
-exit codes: 0 every case ran, failed loops included; 2 bad input; 130 interrupted.
+exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
+130 interrupted.
 """
 
 
@@ -43,17 +44,13 @@ def parser() -> cli.Parser:
     found.add_argument(
         "--grid", default="results", metavar="DIR", help="benchmark.py's folder (default: results)"
     )
-    found.add_argument(
-        "--json", metavar="FILE", help="write the table as JSON; - prints it and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -64,7 +61,7 @@ def command(arguments: argparse.Namespace) -> int:
     from controllers import CONTROLLERS
     from softdyn import InputError
     from validation import benchmark, paper
-    from validation.files import check_writable, write_text
+    from validation.files import write_text
 
     if arguments.list:
         known = {name: change.what for name, change in reproduction.CHANGES.items()}
@@ -89,8 +86,7 @@ def command(arguments: argparse.Namespace) -> int:
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
     for folder in (out, grid):
         cli.make_folder(folder)
-    if arguments.json not in (None, "-"):
-        check_writable(arguments.json)
+    cli.check_outputs(arguments.json)
     ours = list(dict.fromkeys(case for _, case in wanted))
     with tqdm(total=len(ours) + len(wanted), disable=None, leave=False, unit="case") as bar:
         for _ in benchmark.run_grid(ours, grid, jobs):

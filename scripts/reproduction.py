@@ -11,25 +11,23 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from unittest.mock import patch
 from xml.etree import ElementTree
 
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 from reference_laws import make_law
 
 import softdyn
 from controllers import Command, find_controller
 from controllers.gains import PUBLISHED
 from softdyn import Ellipse, InputError, Reference, SoftModel, State
-from validation import benchmark, closed_loop, metrics, paper
+from validation import benchmark, metrics, paper, simulate
 from validation.benchmark import Case
-from validation.files import write_json
 from validation.log import Log
+from validation.processes import in_processes
 from validation.twin import Twin
 
 View = Callable[[State], State]
@@ -284,13 +282,12 @@ def cases(
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What one run takes: the arguments of `simulate`, and the class of its twin."""
+    """What one run takes: the arguments of `simulate`."""
 
     model: SoftModel
     controller: Shown
     experiment: paper.Experiment
     options: dict[str, Any]
-    twin: type[Twin]
 
 
 def prepare(case: Case, name: str, folder: Path) -> Setting:
@@ -328,8 +325,8 @@ def prepare(case: Case, name: str, folder: Path) -> Setting:
             "v0": np.full(model.nv, sum(c.nudge for c in changes)),
             "contacts": any(c.contacts for c in changes),
             "friction": friction > 0,
+            "twin": SoftTwin if any(c.soft_stops for c in changes) else Twin,
         },
-        SoftTwin if any(c.soft_stops for c in changes) else Twin,
     )
 
 
@@ -337,11 +334,7 @@ def run(case: Case, name: str) -> Log:
     """One case with an experiment's changes."""
     with TemporaryDirectory() as folder:
         s = prepare(case, name, Path(folder))
-        # simulate builds its own twin: let it find the softer one under the same name
-        with patch.object(closed_loop, "Twin", s.twin):
-            return closed_loop.simulate(
-                s.model, s.controller, s.experiment, name=case.controller, **s.options
-            )
+        return simulate(s.model, s.controller, s.experiment, name=case.controller, **s.options)
 
 
 def run_all(
@@ -351,38 +344,18 @@ def run_all(
     prints = {pair: fingerprint(*pair) for pair in wanted}
     missing = []
     for name, case in wanted:
-        if benchmark.load_result(case, folder / name, prints[name, case]) is None:
-            missing.append((name, case))
-        else:
+        if benchmark.is_fresh(case, folder / name, prints[name, case]):
             yield name, case
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        runs = Parallel(return_as="generator_unordered")(
-            delayed(run_case)(name, case, folder, prints[name, case]) for name, case in missing
-        )
-        yield from runs
+        else:
+            missing.append((name, case, folder, prints[name, case]))
+    yield from in_processes(run_case, missing, jobs)
 
 
 def run_case(name: str, case: Case, folder: Path, print_: str) -> tuple[str, Case]:
     """Run one case and write its files where `benchmark.rows` finds them."""
     log = run(case, name)
-    result = {
-        "fingerprint": print_,
-        **asdict(case),
-        "final_error_cm": metrics.final_error_cm(log),
-        "mse_cm2": mse_cm2(log, sampled=any(c.sampled for c in parse(name, case.robot))),
-        "second_cycle_mse_cm2": metrics.second_cycle_mse_cm2(log) if log.omega else None,
-        "failed": log.failed,
-        "reason": log.reason,
-        "steps": log.steps,
-        "simulated_s": float(log.t[-1]),
-        "not_solved": log.not_solved,
-        "fallbacks": log.fallbacks,
-        "max_bound_violation": log.max_bound_violation,
-    }
-    path = benchmark.log_path(folder / name, case)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace(log, step_us=np.full_like(log.step_us, np.nan)).save(path)
-    write_json(path.with_suffix(".json"), result)
+    tt = mse_cm2(log, sampled=any(c.sampled for c in parse(name, case.robot)))
+    benchmark.save_case(case, log, folder / name, print_, mse_cm2=tt)
     return name, case
 
 

@@ -58,17 +58,13 @@ def parser() -> cli.Parser:
     found.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
     found.add_argument("--contacts", action="store_true", help="let the links touch")
     found.add_argument("--log", metavar="FILE", help="write the run as NPZ")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -76,11 +72,8 @@ def command(arguments: argparse.Namespace) -> int:
     import softdyn
     from controllers.registry import own_error
     from validation import simulate
-    from validation.files import check_writable
 
-    for path in (arguments.log, arguments.json):
-        if path not in (None, "-"):
-            check_writable(path)
+    cli.check_outputs(arguments.log, arguments.json)
     model = softdyn.load(arguments.robot)
     experiment = make_experiment(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)

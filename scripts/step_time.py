@@ -44,17 +44,13 @@ def parser() -> cli.Parser:
     found.add_argument(
         "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
     )
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -63,14 +59,13 @@ def command(arguments: argparse.Namespace) -> int:
     from controllers import find_controller
     from validation import step_plots, step_report
     from validation.benchmark import safe
-    from validation.files import check_writable, to_json, write_text
+    from validation.files import to_json, write_text
     from validation.recording import recorded
     from validation.step_time import SAMPLES, MachineLoad, Subject, measure
 
     out = Path(arguments.out)
     cli.make_folder(out / "states")
-    if arguments.json not in (None, "-"):
-        check_writable(arguments.json)
+    cli.check_outputs(arguments.json)
     makes = {name: find_controller(name) for name in arguments.controllers}
     models = {name: softdyn.load(name) for name in dict.fromkeys(arguments.robots)}
     stack = None if arguments.no_stack else paper_stack()

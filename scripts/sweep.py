@@ -50,17 +50,13 @@ def parser() -> cli.Parser:
     where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="of a dask cluster")
     found.add_argument("--out", metavar="DIR", help="default: results/ and FILE's name")
     found.add_argument("--dry-run", action="store_true", help="only tell what there is to do")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -68,7 +64,6 @@ def command(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from validation import sweep_report, sweep_run
-    from validation.files import check_writable
     from validation.sweep_file import read
 
     began = perf_counter()
@@ -79,8 +74,7 @@ def command(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         return dry_run(sweep, tasks, missing, arguments.json)
     cli.make_folder(out)
-    if arguments.json not in (None, "-"):
-        check_writable(arguments.json)
+    cli.check_outputs(arguments.json)
     if missing:
         if arguments.scheduler is None:
             executor = sweep_run.local(arguments.jobs or -1)

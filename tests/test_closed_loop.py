@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 import softdyn
+from controllers import ImpedanceQp
 from softdyn import Ellipse, InputError, Reference, SetPoint
-from validation import Log, paper, simulate
+from validation import Log, Twin, paper, simulate
 from validation.closed_loop import MAX_STEPS, Schedule
+from validation.units import input_unit
 
 MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
 NAN, INF = math.nan, math.inf
@@ -494,7 +496,8 @@ def test_what_is_no_log_is_refused(log, tmp_path):
         {"error": np.zeros((5, 2))}, {"status": np.zeros(4)}, {"q": np.full((5, 1), "a")},
         {"v": np.zeros((5, 2))}, {"q": np.zeros((5, 1), int)},
         {"about": np.array("{}")}, {"about": np.array("[1]")}, {"about": np.array("{")},
-        {"about": np.array(json.dumps({"format": "softdyn-log-1"}))}, {"about": np.zeros(2)},
+        {"about": np.array(json.dumps({"format": "softdyn-log-2"}))}, {"about": np.zeros(2)},
+        {"u_min": np.zeros(2)},
     ],
     ids=lambda c: next(iter(c)),
 )  # fmt: skip
@@ -507,6 +510,38 @@ def test_an_inconsistent_log_is_refused(log, tmp_path, change):
     np.savez(path, **{**content, **change})
     with pytest.raises(InputError, match=r"run\.npz: expected"):
         Log.load(path)
+
+
+def test_a_log_of_an_older_version_is_named(log, tmp_path):
+    np.savez(tmp_path / "old.npz", about=np.array(json.dumps({"format": "softdyn-log-1"})))
+    with pytest.raises(InputError, match=r"format softdyn-log-2, got softdyn-log-1$"):
+        Log.load(tmp_path / "old.npz")
+
+
+def test_a_log_has_the_bounds_and_the_unit_of_its_input(log, cart):
+    np.testing.assert_array_equal(log.u_min, cart.u_min)
+    np.testing.assert_array_equal(log.u_max, cart.u_max)
+    (actuator,) = cart.robot.actuators
+    assert log.u_unit == ("N" if actuator.gear == 1 else f"{actuator.gear:g} N")
+    spirob = softdyn.load("spirob")
+    short = simulate(spirob, ImpedanceQp(spirob), paper.set_point("spirob", 0.5), duration=0.002)
+    assert short.u_unit == "10 N"
+    assert input_unit(softdyn.load("finger").robot) == "0.1 N m"
+
+
+def test_the_plant_can_be_another_one(cart):
+    made = []
+
+    class Sticky(Twin):
+        def __init__(self, *arguments, **options):
+            made.append(options)
+            super().__init__(*arguments, **options)
+            self.model.dof_damping[:] = 1e6
+
+    log = simulate(cart, push(1.0), TARGET, duration=0.01, contacts=True, twin=Sticky)
+    assert made == [{"timestep": log.timestep, "contacts": True, "friction": False}]
+    assert np.abs(log.v).max() < 1e-5
+    assert np.abs(simulate(cart, push(1.0), TARGET, duration=0.01).v).max() > 1e-3
 
 
 def test_files_are_written_for_everyone_as_usual(log, tmp_path):

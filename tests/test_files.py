@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from validation.files import atomic, check_writable, to_json, write_json
+from validation.files import atomic, check_writable, to_json, write_json, write_text
 
 
 def test_a_file_appears_when_it_is_done(tmp_path):
@@ -34,6 +34,17 @@ def test_an_interrupted_file_does_not(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_two_writers_of_one_file_do_not_meet(tmp_path):
+    path = tmp_path / "out"
+    with atomic(path) as first:
+        first.write(b"first")
+        with atomic(path) as second:  # the same process, so the same number of a process
+            second.write(b"second")
+        assert path.read_bytes() == b"second"
+    assert path.read_bytes() == b"first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_checking_leaves_no_trace(tmp_path):
     path = tmp_path / "out"
     assert check_writable(path) == path
@@ -45,6 +56,15 @@ def test_where_no_file_can_be(tmp_path, monkeypatch, where):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="expected a"):
         check_writable(where)
+    with pytest.raises(InputError, match="expected a"):
+        write_text(where, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_no_folder(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(InputError, match=r"file.out: expected a writable file"):
+        write_text(tmp_path / "file" / "out", "")
 
 
 def test_json_is_strict(tmp_path):

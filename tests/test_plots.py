@@ -39,6 +39,7 @@ def make_log(case, *, end=1.0, steps=120, failed=False, V=True):
         t=t, q=np.zeros((n + 1, 1)), v=np.zeros((n + 1, 1)), y=y_ref + error, y_ref=y_ref,
         error=error, u=u, V=50 * decay[:n] ** 2 if V else np.full(n, np.nan),
         delta=np.zeros(n), status=np.full(n, "ok"), step_us=np.full(n, np.nan),
+        u_min=-np.ones(nu), u_max=np.ones(nu), u_unit="0.1 N m",
         robot=case.robot, controller=case.controller, kind=case.kind,
         theta=case.value if case.kind == "set_point" else None,
         omega=case.value if case.kind == "tracking" else None,

@@ -216,14 +216,14 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
 def test_options_of_the_plant(robot, name, expected, tmp_path):
     setting = prepare(Case(robot, "ic", "set_point", 1.0), name, tmp_path)
     assert {key: setting.options[key] for key in expected} == expected
-    assert setting.twin is Twin
+    assert setting.options["twin"] is Twin
     assert not setting.options["v0"].any()
 
 
 def test_options_of_robot_period_and_nudge(tmp_path):
     case = Case("spirob", "ic", "tracking", 0.5)
     assert prepare(case, "dof48", tmp_path).model.nv == 48
-    assert prepare(case, "soft-stops", tmp_path).twin is SoftTwin
+    assert prepare(case, "soft-stops", tmp_path).options["twin"] is SoftTwin
     case = Case("finger", "ic", "set_point", 1.5)
     assert prepare(case, "period-1ms", tmp_path).experiment.period == 0.001
     np.testing.assert_array_equal(prepare(case, "nudge", tmp_path).options["v0"], 1e-9)

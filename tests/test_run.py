@@ -140,7 +140,9 @@ def test_bad_input_from_a_shell(folder):
     assert done.stderr == "error: argument --theta: expected a finite number, got 'nan'\n"
 
 
-@pytest.mark.parametrize("name", ["run", "benchmark", "crosscheck"])
+@pytest.mark.parametrize(
+    "name", ["run", "benchmark", "crosscheck", "reproduce", "make_robots", "step_time", "sweep"]
+)
 def test_help_imports_nothing_heavy(name):
     code = (
         f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import {name}\n"

@@ -312,6 +312,17 @@ def test_a_blow_up_is_an_exception_with_time_and_reason(tmp_path, monkeypatch, c
     twin.advance(np.zeros(2))
 
 
+def test_mujoco_neither_prints_nor_writes_a_file(tmp_path, monkeypatch, capfd):
+    """Its default is a line on stderr and MUJOCO_LOG.TXT in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    twin = Twin("finger")
+    twin.data.qpos[0] = math.nan
+    mujoco.mj_step(twin.model, twin.data)
+    assert twin.data.warning.number.any()
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
 def test_set_state_is_all_there_is_to_a_state():
     """Two rollouts from one state are equal to the bit, whatever was simulated in between."""
     twin = Twin("helix")

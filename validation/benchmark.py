@@ -28,7 +28,7 @@ from softdyn import InputError, SoftdynError, SoftModel
 from validation import metrics, paper
 from validation.closed_loop import simulate
 from validation.files import write_json
-from validation.fingerprint import digest, fingerprint, is_own, load_model, make_controller, stable
+from validation.fingerprint import digest, fingerprint, is_own, load_model, make_controller
 from validation.log import Log
 from validation.processes import in_processes
 
@@ -96,8 +96,16 @@ def run_grid(cases: list[Case], folder: Path, jobs: int = -1) -> Iterator[tuple[
 
 
 def run_case(case: Case, folder: Path, print_: str) -> Case:
-    """Run one case and write its files, the result last; engines are built here."""
-    log = _simulate(case)
+    """Run one case and write its files; engines are built here."""
+    save_case(case, _simulate(case), folder, print_)
+    return case
+
+
+def save_case(case: Case, log: Log, folder: Path, print_: str, **changes: float | None) -> None:
+    """Write the files of a case that was run, the result last.
+
+    `changes` replace figures of merit, where an experiment has others.
+    """
     result = {
         "fingerprint": print_,
         **asdict(case),
@@ -111,15 +119,14 @@ def run_case(case: Case, folder: Path, print_: str) -> Case:
         "not_solved": log.not_solved,
         "fallbacks": log.fallbacks,
         "max_bound_violation": log.max_bound_violation,
+        **changes,
     }
     paths = {kind: _path(folder, kind, case) for kind in ("log", "result", "times")}
     for path in paths.values():
         path.parent.mkdir(parents=True, exist_ok=True)
-    same = {"step_us": np.full_like(log.step_us, np.nan), "gains": stable(log.gains)}
-    replace(log, **same).save(paths["log"])
-    write_json(paths["times"], {**metrics.step_times_us(log)})
+    replace(log, step_us=np.full_like(log.step_us, np.nan)).save(paths["log"])
+    write_json(paths["times"], metrics.step_times_us(log))
     write_json(paths["result"], {**result, "log_sha256": digest(paths["log"])})
-    return case
 
 
 def _simulate(case: Case) -> Log:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -19,7 +19,9 @@ from softdyn import InputError, Reference, SoftModel, State
 from softdyn.checks import array, number
 from validation.log import Log
 from validation.paper import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
+from validation.plain import plain
 from validation.twin import SimulationError, StateMap, Twin
+from validation.units import input_unit
 
 MAX_TIMESTEP = 5e-4  # s; coarser steps add numerical damping that flatters every controller
 MAX_STEPS = 2_000_000
@@ -52,6 +54,7 @@ def simulate(
     v0: np.ndarray | None = None,
     contacts: bool = False,
     friction: bool = False,
+    twin: Callable[..., Twin] = Twin,
     name: str | None = None,
     progress: bool = False,
     on_step: Callable[[float, State, Answer], None] | None = None,
@@ -83,6 +86,7 @@ def simulate(
     q0, v0 : (nq,), (nv,) initial state; rest by default.
     contacts : whether the plant's links can touch.
     friction : whether the plant has the file's dry friction.
+    twin : makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
     name : what the log calls the controller; its `name` or its class by default.
     progress : show a bar on stderr if that is a terminal.
     on_step : called with t (s), the State and the answer at every control step.
@@ -108,13 +112,13 @@ def simulate(
     length = experiment.length if experiment else model.robot.length
     limit = DIVERGED * length if length > 0 else math.inf
 
-    twin = Twin(model.robot, timestep=schedule.timestep, contacts=contacts, friction=friction)
-    states = StateMap(model, twin)
+    plant = twin(model.robot, timestep=schedule.timestep, contacts=contacts, friction=friction)
+    states = StateMap(model, plant)
     try:
-        twin.set_state(*states.to_twin(q, v))
+        plant.set_state(*states.to_twin(q, v))
     except SimulationError as error:
         raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
-    qpos, qvel = twin.data.qpos, twin.data.qvel  # views
+    qpos, qvel = plant.data.qpos, plant.data.qvel  # views
     steps, t = schedule.steps, schedule.times()
     record = _Record(model, t)
     counters = _Counters(controller)
@@ -150,7 +154,7 @@ def simulate(
             if on_step is not None:
                 on_step(float(t[k]), state, command)
             try:
-                twin.advance(record.u[k], schedule.substeps if k < steps - 1 else schedule.last)
+                plant.advance(record.u[k], schedule.substeps if k < steps - 1 else schedule.last)
             except SimulationError as error:
                 reason = f"the plant diverged at t = {error.time:.4g} s: {error.reason}"
                 k += 1
@@ -169,6 +173,7 @@ def simulate(
             )
     return Log(
         **record.arrays(k),
+        u_unit=input_unit(model.robot),
         robot=model.bundled or model.name,
         controller=name or _name(controller),
         kind=experiment.kind if experiment else None,
@@ -186,7 +191,7 @@ def simulate(
         not_solved=counters.since("not_solved"),
         fallbacks=counters.since("fallbacks"),
         max_bound_violation=max(record.violation, counters.violation()),
-        gains=_plain(getattr(controller, "gains", None)),
+        gains=plain(getattr(controller, "gains", None)),
         versions=dict(_versions()),
     )
 
@@ -287,6 +292,8 @@ class _Record:
         names = np.array(list(self._statuses) or [""])
         return found | {
             "step_us": self.step_us[:steps].copy(),
+            "u_min": self.u_min.copy(),
+            "u_max": self.u_max.copy(),
             "status": names[self._codes[:steps]],
         }
 
@@ -357,19 +364,6 @@ def _text(status: Any) -> str:
 def _name(controller: Any) -> str:
     named = getattr(controller, "name", None) or getattr(controller, "__name__", None)
     return named if isinstance(named, str) else type(controller).__name__
-
-
-def _plain(value: Any) -> Any:
-    """Gains as JSON knows them: dataclasses and arrays spelt out, what is unknown as text."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value if value is None or isinstance(value, bool | int | float | str) else repr(value)
 
 
 @cache

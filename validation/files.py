@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,7 +24,7 @@ def atomic(path: str | Path) -> Iterator[BinaryIO]:
         When the file cannot be written there. What stood at `path` before is untouched.
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = _beside(path)
     try:
         with open(temporary, "xb") as file:
             yield file
@@ -31,9 +32,10 @@ def atomic(path: str | Path) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as error:
-        raise InputError(str(path), "a writable file", error.strerror or error) from None
+        raise _not_writable(path, error) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # it is gone when all went well
+            temporary.unlink()
 
 
 def check_writable(path: str | Path) -> Path:
@@ -45,15 +47,15 @@ def check_writable(path: str | Path) -> Path:
         For a folder that does not exist or is read-only, or a `path` that is a folder.
     """
     path = Path(path)
-    if os.path.isdir(path) or not path.name:
+    if os.path.isdir(path):
         raise InputError(str(path), "a file", "a folder")
-    probe = path.with_name(f".{path.name}.{os.getpid()}.part")
+    probe = _beside(path)
     try:
         with open(probe, "xb"):
             pass
         probe.unlink()
     except OSError as error:
-        raise InputError(str(path), "a writable file", error.strerror or error) from None
+        raise _not_writable(path, error) from None
     return path
 
 
@@ -71,6 +73,17 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, value: Any) -> None:
     """Write `to_json` of `value` to a file."""
     write_text(path, to_json(value) + "\n")
+
+
+def _beside(path: Path) -> Path:
+    """A name for a file that becomes `path`: of no other process, thread or machine."""
+    if not path.name:
+        raise InputError(str(path), "a file", "a folder")
+    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+
+
+def _not_writable(path: Path, error: OSError) -> InputError:
+    return InputError(str(path), "a writable file", error.strerror or error)
 
 
 def _finite(value: Any) -> Any:

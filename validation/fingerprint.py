@@ -6,7 +6,6 @@ import ast
 import hashlib
 import json
 import os
-import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -19,13 +18,13 @@ from softdyn import SoftdynError, SoftModel
 from softdyn.catalogue import find
 from softdyn.compiled import COMPILES
 from validation import paper
-from validation.closed_loop import _plain
+from validation.plain import plain
 
 if TYPE_CHECKING:
     from validation.benchmark import Case
 
 # the modules of this package that decide a run's numbers; tables and plots do not
-RUN_BY = ("benchmark", "bodies", "closed_loop", "log", "metrics", "paper", "twin")
+RUN_BY = ("benchmark", "bodies", "closed_loop", "log", "metrics", "paper", "plain", "twin", "units")
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
@@ -94,11 +93,6 @@ def sources(file: Path) -> list[Path]:
     return sorted(found)
 
 
-def stable(gains: Any) -> Any:
-    """A log's gains the same every time: an object without a text of its own shows its address."""
-    return json.loads(re.sub(r" at 0x[0-9a-fA-F]+", "", json.dumps(gains)))
-
-
 def digest(path: Path) -> str:
     """SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -133,7 +127,7 @@ def _own(controller: str) -> tuple[str, ...]:
 def _controller(robot: str, controller: str, _robot: str, own: tuple[str, ...]) -> str:
     """Gains and own files of a controller, as text."""
     gains = getattr(make_controller(controller, load_model(robot)), "gains", None)
-    return json.dumps([stable(_plain(gains)), own])
+    return json.dumps([plain(gains), own])
 
 
 @cache

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from validation.twin import INTEGRATORS, StateMap, Twin, arm_warnings, check_warnings, disabled
+from validation.twin import INTEGRATORS, StateMap, Twin, check_warnings, disabled
 
 
 class Judge:
@@ -46,7 +46,6 @@ class Judge:
         """Go to the model's state q (nq,), v (nv,)."""
         self._qpos, self._qvel = self.states.to_twin(q, v)
         mujoco.mj_resetData(self._model, self._data)
-        arm_warnings(self._data)
         self._data.qpos[:] = self._qpos
         mujoco.mj_fwdPosition(self._model, self._data)
         self._velocity(self._qvel)

@@ -13,7 +13,7 @@ import numpy as np
 from softdyn import InputError
 from validation.files import atomic
 
-FORMAT = "softdyn-log-1"
+FORMAT = "softdyn-log-2"
 # Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
 _SHAPES = {
     "t": ("samples",),
@@ -27,6 +27,8 @@ _SHAPES = {
     "delta": ("steps",),
     "status": ("steps",),
     "step_us": ("steps",),
+    "u_min": ("nu",),
+    "u_max": ("nu",),
 }
 
 
@@ -47,6 +49,8 @@ class Log:
     V, delta : (N,) Lyapunov function and relaxation; NaN from a controller that has none.
     status : (N,) text, empty from a controller that has none.
     step_us : (N,) time of the control step, (q, v) → State → u (µs).
+    u_min, u_max : (nu,) the bounds of u.
+    u_unit : what one of u is, e.g. ``0.1 N m``.
     robot, controller : names.
     kind, theta, omega : the experiment's, None for a plain reference.
     duration, period, timestep : planned length of the run, control period, plant step (s).
@@ -72,6 +76,9 @@ class Log:
     delta: np.ndarray
     status: np.ndarray
     step_us: np.ndarray
+    u_min: np.ndarray
+    u_max: np.ndarray
+    u_unit: str
     robot: str
     controller: str
     kind: str | None
@@ -131,8 +138,9 @@ class Log:
         where = str(path)
         try:
             with np.load(path, allow_pickle=False) as file:
-                content = {name: file[name] for name in ("about", *_SHAPES)}
-            about = json.loads(str(content.pop("about")))
+                about = json.loads(str(file["about"]))
+                known = _format(about) == FORMAT
+                content = {name: file[name] for name in _SHAPES} if known else {}
         except OSError as error:
             raise InputError(where, "a readable log", error.strerror or error) from None
         except (KeyError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as e:
@@ -142,10 +150,14 @@ class Log:
         return cls(**content, **{**about, "joint_names": tuple(about["joint_names"])})
 
 
+def _format(about: Any) -> Any:
+    return about.get("format") if isinstance(about, dict) else None
+
+
 def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
-    """Refuse what `Log.save` cannot have written."""
-    if not isinstance(about, dict) or about.get("format") != FORMAT:
-        raise InputError(where, f"a log of format {FORMAT}", "another format")
+    """Refuse what `Log.save` cannot have written, logs of other versions too."""
+    if _format(about) != FORMAT:
+        raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     names = {"format"} | {f.name for f in fields(Log)} - set(_SHAPES)
     if set(about) != names:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
@@ -153,7 +165,7 @@ def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
     if not isinstance(joints, list):
         raise InputError(where, "a list of joint names", joints)
     size = {"space": 3, "nv": len(joints), "samples": arrays["t"].size}
-    size["steps"] = size["samples"] - 1
+    size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
     for name, axes in _SHAPES.items():
         shape = arrays[name].shape
         expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))

@@ -29,7 +29,7 @@ class Run:
     t : (N + 1,) time (s).
     y, y_ref : (N + 1, 3) tip and reference (cm).
     error : (N + 1,) ‖e‖ (cm).
-    u : (N, nu) input.
+    u, u_min, u_max, u_unit : (N, nu) input, its bounds (nu,) and its unit.
     V : (N,) Lyapunov function, NaN where the controller has none.
     duration : the planned one (s).
     complete, failed : whether it reached its end, and whether it counts as failed.
@@ -41,6 +41,9 @@ class Run:
     y_ref: np.ndarray
     error: np.ndarray
     u: np.ndarray
+    u_min: np.ndarray
+    u_max: np.ndarray
+    u_unit: str
     V: np.ndarray
     duration: float
     complete: bool
@@ -60,6 +63,9 @@ class Run:
             CM * log.y_ref[:n],
             error[:n],
             log.u[:n],
+            log.u_min,
+            log.u_max,
+            log.u_unit,
             log.V[:n],
             log.duration,
             log.complete,

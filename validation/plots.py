@@ -9,7 +9,6 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-import softdyn
 from validation import figures
 from validation.benchmark import Case, log_path, safe
 from validation.input_figure import inputs
@@ -40,7 +39,6 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
     with tqdm(cases, disable=None, leave=False, unit="log", desc="logs") as bar:
         runs = [Run.load(case, log_path(folder, case)) for case in bar]
     robots = distinct(runs, "robot")
-    models = {robot: softdyn.load(robot) for robot in robots}
     drawings: dict[str, Callable[[], Figure | None]] = {
         "lyapunov_set_points": partial(figures.lyapunov, runs, "set_point"),
         "lyapunov_trajectories": partial(figures.lyapunov, runs, "tracking"),
@@ -51,7 +49,7 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
         "tracking": partial(figures.tracking, runs),
         "error_set_points": partial(figures.errors, runs, "set_point"),
         "error_trajectories": partial(figures.errors, runs, "tracking"),
-        "inputs": partial(inputs, runs, models),
+        "inputs": partial(inputs, runs),
     }
     written: list[Path] = []
     with style(), tqdm(drawings.items(), disable=None, leave=False, desc="figures") as bar:

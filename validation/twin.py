@@ -102,6 +102,7 @@ class Twin:
     ) -> None:
         if integrator not in INTEGRATORS:
             raise InputError("integrator", " or ".join(INTEGRATORS), repr(integrator))
+        silence()
         self.robot = _robot(source)
         tree = read_bodies(self.robot.path)
         self.skipped = tree.skipped
@@ -143,7 +144,6 @@ class Twin:
     def reset(self) -> None:
         """Back to q = 0 at rest and t = 0, solver memory and warnings forgotten."""
         mujoco.mj_resetData(self.model, self.data)
-        arm_warnings(self.data)
         mujoco.mj_forward(self.model, self.data)
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray, time: float = 0.0) -> None:
@@ -162,7 +162,6 @@ class Twin:
         """
         qpos, qvel = (self._vector(n, x) for n, x in (("qpos", qpos), ("qvel", qvel)))
         mujoco.mj_resetData(self.model, self.data)
-        arm_warnings(self.data)
         self.data.qpos[:], self.data.qvel[:], self.data.time = qpos, qvel, time
         mujoco.mj_forward(self.model, self.data)
         check_warnings(self.data)
@@ -252,14 +251,21 @@ def disabled(*, limits: bool, contacts: bool, friction: bool) -> int:
     return off
 
 
-def arm_warnings(data: mujoco.MjData) -> None:
-    """Start every warning counter at one: MuJoCo prints, and logs to a file, the first only."""
-    data.warning.number[:] = 1
+def silence() -> None:
+    """Stop MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working directory.
+
+    For the whole process, since its log is the process's. Every message about a state is counted in
+    ``data.warning`` too, see `check_warnings`; the rest, like a line search that met a plateau of
+    its cost, says nothing about the result.
+    """
+    log = mujoco.MjLogConfig.get()
+    log.logto_console = log.logto_file = False
+    log.set()
 
 
 def check_warnings(data: mujoco.MjData) -> None:
-    """Raise `SimulationError` when MuJoCo has warned since `arm_warnings`."""
-    raised = data.warning.number > 1
+    """Raise `SimulationError` when MuJoCo has warned since the data was last reset."""
+    raised = data.warning.number > 0
     if raised.any():
         kinds = list(mujoco.mjtWarning.__members__)
         name = kinds[int(np.argmax(raised))].removeprefix("mjWARN_")

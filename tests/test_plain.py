@@ -1,0 +1,59 @@
+"""Gains of any kind as JSON: the same text whatever the process."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import pytest
+
+from validation.plain import plain
+
+
+class Tuning:
+    pass
+
+
+@dataclass
+class Table:
+    Kp: float
+    parts: tuple[Tuning, ...]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (None, None),
+        (1.5, 1.5),
+        (np.float64(2), 2.0),
+        (np.arange(4).reshape(2, 2), [[0, 1], [2, 3]]),
+        ((1, [np.bool_(True)]), [1, [True]]),
+        ({1: {"a": (2,)}}, {"1": {"a": [2]}}),
+        ({"b", "a"}, ["a", "b"]),
+        (Table(3.0, (Tuning(),)), {"Kp": 3.0, "parts": ["<test_plain.Tuning object>"]}),
+        (Tuning().__init__, "<method-wrapper '__init__' of Tuning object>"),
+        (Enum("Mode", "SOFT")["SOFT"], "<Mode.SOFT: 1>"),
+    ],
+)
+def test_values(value, expected):
+    found = json.loads(json.dumps(plain(value)).replace("tests.", ""))
+    assert found == expected
+
+
+def test_two_processes_agree():
+    code = (
+        "import json; from validation.plain import plain; X = type('X', (), {});"
+        "print(json.dumps(plain({'s': {'tip', 'base', 'middle'}, 'f': lambda: 0, 'o': [X()]})))"
+    )
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            check=True,
+            env={"PYTHONHASHSEED": s} | {"PYTHONPATH": ":".join(sys.path)},
+        ).stdout
+        for s in ("1", "2")
+    )
+    assert first == second

@@ -1,0 +1,31 @@
+"""A user's values as JSON knows them, the same text in every process."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Set
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+
+def plain(value: Any) -> Any:
+    """`value` with dataclasses, arrays and sets spelt out, and what JSON has no word for as text.
+
+    Addresses in memory are left out of such a text, and sets are sorted: neither is the same twice.
+    """
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Set):
+        return sorted(map(plain, value), key=json.dumps)
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
