@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.lib.stride_tricks import as_strided
 
+from softdyn.compiled import COMPILES
 from softdyn.exceptions import InputError, UrdfError
 from softdyn.state import State
 from softdyn.tendons import compile_tendons
+from softdyn.terms import Live, fixed_terms, spatial_terms
 from softdyn.urdf import Robot, moving_bodies
 
 
@@ -38,7 +40,7 @@ class SoftModel:
         self.name = robot.name
         self.pin_model = _build(robot)
         self._data = self.pin_model.createData()
-        self._rotations, self._translations = _live_placements(self._data)
+        self._live = Live(self._data)
         model = self.pin_model
         self.nq, self.nv, self.nu = model.nq, model.nv, len(robot.actuators)
         self.joint_names = tuple(model.names[1:])
@@ -91,7 +93,27 @@ class SoftModel:
         self._fixed_arms = _read_only(self.tendons.coefficients)
         self._fixed_B = _read_only(self._input_matrix(self._fixed_arms))
         self._fixed_D = _read_only(self._damping_matrix(self._fixed_arms))
+        self._pack()
         self._check_mass_matrix()
+
+    def _pack(self) -> None:
+        """Gather what the State's kernel reads, in as few arrays as possible."""
+        live, tendons = self._live, self.tendons
+        tip, offset = self._anchor(self.robot.task, np.zeros(3))
+        joints = np.column_stack((self.stiffness, self.rest, self.damping))
+        cables = np.column_stack(
+            (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
+        )
+        self._kept: tuple[Any, ...] = (
+            live.M, live.bias, live.S, live.Sdot, live.rotations, live.translations,
+            tip, offset, self._supports[:, tip].copy(), joints, cables, tendons.coefficients,
+        )  # fmt: skip
+        self._terms: Callable[..., None] = fixed_terms
+        self._rows = self.nv + 9
+        if tendons.spatial:
+            self._kept += (*tendons.packed(), self._actuated, self._gear)
+            self._terms, self._rows = spatial_terms, self._rows + len(cables) + self.nu
+        self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
 
@@ -110,17 +132,39 @@ class SoftModel:
         """
         q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
         model, data = self.pin_model, self._data
-        # symmetric and column-major: its transpose copies to rows
-        M = np.array(pin.crba(model, data, q).T).reshape(self.nv, self.nv)
-        bias = np.array(pin.nonLinearEffects(model, data, q, v))
+        pin.crba(model, data, q, pin.Convention.WORLD)
+        pin.nonLinearEffects(model, data, q, v)
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
+        return self._assemble(q, v)
+
+    def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The State of what Pinocchio has just computed, by a kernel."""
+        n, nt = self.nv, len(self.tendons.names)
+        rows, few = np.empty((self._rows, n)), np.empty(6 + nt)
+        coordinates = q if self.nq == n else self.coordinates(q)
+        self._terms(rows, few, v, coordinates, *self._kept)
+        for array in (q, v, rows, few):
+            array.flags.writeable = False
+        arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        if self.tendons.spatial:
+            arms, B = rows[n + 9 : n + 9 + nt], rows[n + 9 + nt :].T
+            if self._damped:
+                D = self._damping_matrix(arms)
+                D.flags.writeable = False
+        return State(
+            self, q, v, rows[:n], rows[n + 6], rows[n + 7], D, B, rows[n + 8],
+            rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6], few[6:], arms,
+        )  # fmt: skip
+
+    def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
+        data, live = self._data, self._live
         J = self._frame_jacobian(pin.getFrameJacobian)
         Jdot = self._frame_jacobian(pin.getFrameJacobianTimeVariation)
-        y = np.array(pin.updateFramePlacement(model, data, self._frame).translation)
+        y = np.array(pin.updateFramePlacement(self.pin_model, data, self._frame).translation)
         coordinates = self.coordinates(q)
         if self.tendons.spatial:
-            jacobian = np.array(data.J).reshape(6, self.nv)
-            arms, moving = self.tendons.moment_arms(jacobian, *self._placements())
+            arms, moving = self.tendons.moment_arms(live.S.T, live.rotations, live.translations)
             B, D = self._input_matrix(arms), self._damping_matrix(arms)
         else:
             arms, B, D, moving = self._fixed_arms, self._fixed_B, self._fixed_D, np.zeros(1)
@@ -128,8 +172,9 @@ class SoftModel:
         K = self.stiffness * (coordinates - self.rest)
         if self._elastic:
             K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))
+        bias = data.nle.copy()
         h = bias + D @ v + K
-        arrays = (q, v, M, bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
+        arrays = (q, v, live.M.copy(), bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
         for array in arrays:
             array.flags.writeable = False
         return State(self, *arrays)
@@ -253,7 +298,7 @@ class SoftModel:
 
     def _placements(self) -> tuple[np.ndarray, np.ndarray]:
         """Live views: rotations (bodies, 3, 3), translations (bodies, 3) of the last kinematics."""
-        return self._rotations, self._translations
+        return self._live.rotations, self._live.translations
 
     def _bodies(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         pin.forwardKinematics(self.pin_model, self._data, q)
@@ -269,7 +314,7 @@ class SoftModel:
         return np.array(np.reshape(columns, (6, self.nv))[:3], order="C")
 
     def _input_matrix(self, arms: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray((self._gear[:, None] * arms[self._actuated]).T)
+        return (self._gear[:, None] * arms[self._actuated]).T
 
     def _damping_matrix(self, arms: np.ndarray) -> np.ndarray:
         if not self._damped:
@@ -300,25 +345,6 @@ def _read_only(values: object) -> np.ndarray:
     array = np.array(values, float)
     array.flags.writeable = False
     return array
-
-
-def _live_placements(data: pin.Data) -> tuple[np.ndarray, np.ndarray]:
-    """Views of all joint placements in `data`, which its algorithms refresh in place.
-
-    `data.oMi` is a C++ vector of (rotation, translation) pairs, contiguous by the standard; going
-    through its Python accessor costs a microsecond a joint.
-    """
-    count, first, last = len(data.oMi), data.oMi[0], data.oMi[len(data.oMi) - 1]
-    stride = last.rotation.ctypes.data - first.rotation.ctypes.data
-    stride //= max(count - 1, 1)
-    row, column = first.rotation.strides
-    rotations = as_strided(first.rotation, (count, 3, 3), (stride, row, column))
-    translations = as_strided(first.translation, (count, 3), (stride, *first.translation.strides))
-    for i, placement in enumerate(data.oMi):
-        views = ((rotations[i], placement.rotation), (translations[i], placement.translation))
-        if any(view.ctypes.data != array.ctypes.data for view, array in views):
-            raise RuntimeError("this Pinocchio keeps joint placements in an unknown layout")
-    return rotations, translations
 
 
 def _build(robot: Robot) -> pin.Model:

@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from softdyn.compiled import COMPILES, compiled
+from softdyn.compiled import compiled
 from softdyn.urdf import Tendon
 
 
@@ -98,12 +98,6 @@ class Tendons:
 
         `jacobian` (6, nv): joint Jacobian columns (v; ω) about the world's origin.
         """
-        if COMPILES:
-            return _moment_arms(
-                jacobian, rotations, translations, self.start.body, self.start.offset,
-                self.end.body, self.end.offset, self.segment_tendon, self.incidence.dof,
-                self.incidence.segment, self.incidence.sign, self.coefficients,
-            )  # fmt: skip
         nt, nv = self.coefficients.shape
         start, direction, norms = self.directions(rotations, translations)
         wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
@@ -111,6 +105,13 @@ class Tendons:
         values = np.einsum("ik,ki->k", jacobian[:, pairs.dof], wrench[pairs.segment]) * pairs.sign
         arms = np.bincount(pairs.slot, values, nt * nv).reshape(nt, nv)
         return arms + self.coefficients, np.bincount(self.segment_tendon, norms, nt)
+
+    def packed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What the kernel `moment_arms` reads: its last four arguments."""
+        bodies = np.column_stack((self.start.body, self.end.body, self.segment_tendon))
+        offsets = np.column_stack((self.start.offset, self.end.offset))
+        pairs = np.column_stack((self.incidence.dof, self.incidence.segment))
+        return bodies, offsets, pairs, self.incidence.sign
 
     def hessian(
         self, jacobian: np.ndarray, rotations: np.ndarray, translations: np.ndarray
@@ -147,40 +148,45 @@ class Tendons:
 
 
 @compiled
-def _moment_arms(
-    jacobian, rotations, translations, start_body, start_offset, end_body, end_offset,
-    segment_tendon, pair_dof, pair_segment, pair_sign, coefficients,
-):  # fmt: skip
-    """`Tendons.moment_arms`, segment by segment and pair by pair."""
-    segments, nt = len(segment_tendon), len(coefficients)
-    wrench = np.empty((segments, 6))
-    lengths, arms = np.zeros(nt), coefficients.copy()
+def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs):
+    """Add the spatial tendons' moment arms to `arms` (nt, nv) and lengths to `lengths` (nt,).
+
+    `Tendons.moment_arms` segment by segment and pair by pair.
+
+    Parameters
+    ----------
+    S : (nv, 6) joint Jacobian columns (v; ω) about the world's origin, as rows.
+    rotations, translations : (bodies, 3, 3), (bodies, 3).
+    bodies : (ns, 3) body of the start and of the end of each segment, and its tendon.
+    offsets : (ns, 6) its start and its end in their bodies' frames.
+    pairs, signs : (pairs, 2), (pairs,) a degree of freedom, a segment that it changes, and how.
+    """
+    wrench = np.empty((len(bodies), 6))
     a, d = np.empty(3), np.empty(3)
-    for s in range(segments):
-        i, j = start_body[s], end_body[s]
+    for s in range(len(bodies)):
+        i, j = bodies[s, 0], bodies[s, 1]
         square = 0.0
         for x in range(3):
             a[x], b = translations[i, x], translations[j, x]
             for y in range(3):
-                a[x] += rotations[i, x, y] * start_offset[s, y]
-                b += rotations[j, x, y] * end_offset[s, y]
+                a[x] += rotations[i, x, y] * offsets[s, y]
+                b += rotations[j, x, y] * offsets[s, 3 + y]
             d[x] = b - a[x]
             square += d[x] * d[x]
         length = np.sqrt(square)
-        lengths[segment_tendon[s]] += length
+        lengths[bodies[s, 2]] += length
         for x in range(3):
             d[x] /= max(length, 2.2250738585072014e-308)  # a segment shrunk to a point
             wrench[s, x] = d[x]
         wrench[s, 3] = a[1] * d[2] - a[2] * d[1]
         wrench[s, 4] = a[2] * d[0] - a[0] * d[2]
         wrench[s, 5] = a[0] * d[1] - a[1] * d[0]
-    for p in range(len(pair_dof)):
-        k, s = pair_dof[p], pair_segment[p]
+    for p in range(len(pairs)):
+        k, s = pairs[p, 0], pairs[p, 1]
         value = 0.0
         for x in range(6):
-            value += jacobian[x, k] * wrench[s, x]
-        arms[segment_tendon[s], k] += pair_sign[p] * value
-    return arms, lengths
+            value += S[k, x] * wrench[s, x]
+        arms[bodies[s, 2], k] += signs[p] * value
 
 
 def _anchors(points: list[tuple[int, np.ndarray]]) -> Anchors:

@@ -1,0 +1,183 @@
+"""All terms of a State in one kernel, from what Pinocchio's algorithms leave in its Data.
+
+Joint Jacobian columns S_k = (v_k; ω_k) and their rates are in the world's axes about its origin, so
+a point p of a body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
+
+    J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ.
+
+`SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
+`tests/test_terms.py` holds the two against each other.
+"""
+
+from __future__ import annotations
+
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from softdyn.compiled import compiled
+from softdyn.tendons import moment_arms
+
+
+class Live:
+    """Views of a Data's memory, which Pinocchio's algorithms refresh in place.
+
+    Going through Data's accessors costs a microsecond each, and one a joint for `oMi`, a C++ vector
+    of (rotation, translation) pairs, contiguous by the standard.
+
+    Attributes
+    ----------
+    M : (nv, nv) of `crba`.
+    bias : (nv,) of `nonLinearEffects`.
+    S, Sdot : (nv, 6) transposed joint Jacobian columns and their rates.
+    rotations, translations : (bodies, 3, 3), (bodies, 3) joint placements.
+
+    Raises
+    ------
+    RuntimeError
+        Where this Pinocchio lays its memory out in another way.
+    """
+
+    def __init__(self, data: pin.Data) -> None:
+        n = len(data.nle)  # of one joint, Pinocchio hands matrices out as vectors
+        self.M, self.bias = data.M.T.reshape(n, n), data.nle
+        self.S, self.Sdot = data.J.T.reshape(n, 6), data.dJ.T.reshape(n, 6)
+        count, first, last = len(data.oMi), data.oMi[0], data.oMi[len(data.oMi) - 1]
+        stride = last.rotation.ctypes.data - first.rotation.ctypes.data
+        stride //= max(count - 1, 1)
+        row, column = first.rotation.strides
+        self.rotations = as_strided(first.rotation, (count, 3, 3), (stride, row, column))
+        self.translations = as_strided(
+            first.translation, (count, 3), (stride, *first.translation.strides)
+        )
+        pairs = [(self.M, data.M), (self.bias, data.nle), (self.S, data.J), (self.Sdot, data.dJ)]
+        for i, placement in enumerate(data.oMi):
+            pairs.append((self.rotations[i], placement.rotation))
+            pairs.append((self.translations[i], placement.translation))
+        if any(view.ctypes.data != array.ctypes.data for view, array in pairs) or not all(
+            view.flags.c_contiguous for view in (self.M, self.bias, self.S, self.Sdot)
+        ):
+            raise RuntimeError("this Pinocchio keeps its results in an unknown layout")
+
+
+@compiled
+def fixed_terms(
+    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations,
+    tip, tip_offset, tip_moves, joints, tendons, arms,
+):  # fmt: skip
+    """Everything where moment arms are constant.
+
+    Parameters
+    ----------
+    rows : (n + 9, n) filled with M, J, J̇, bias, K and h.
+    few : (6 + tendons,) filled with y, ẏ and the lengths.
+    M … translations : of `Live`.
+    tip, tip_offset, tip_moves : body of the tip, its position in it, whether each joint moves it.
+    joints : (n, 3) stiffness, rest and damping.
+    tendons : (tendons, 4) constant length, stiffness, rest and damping.
+    arms : (tendons, n) moment arms.
+    """
+    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves)
+    n = len(v)
+    for t in range(len(tendons)):
+        length = tendons[t, 0]
+        for k in range(n):
+            length += arms[t, k] * coordinates[k]
+        few[6 + t] = length
+    _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms)
+
+
+@compiled
+def spatial_terms(
+    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations,
+    tip, tip_offset, tip_moves, joints, tendons, coefficients,
+    bodies, offsets, pairs, signs, actuated, gear,
+):  # fmt: skip
+    """Everything where moment arms change with q; see `fixed_terms`.
+
+    Parameters
+    ----------
+    rows : (n + 9 + tendons + m, n), after `fixed_terms`' the moment arms and Bᵀ.
+    coefficients : (tendons, n) moment arms of the fixed tendons.
+    bodies, offsets, pairs, signs : of `Tendons`.
+    actuated, gear : (m,) the tendon of each input, and its gear.
+    """
+    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves)
+    n, nt, m = len(v), len(tendons), len(gear)
+    arms, lengths = rows[n + 9 : n + 9 + nt], few[6:]
+    arms[:] = coefficients
+    for t in range(nt):
+        lengths[t] = tendons[t, 0]
+        for k in range(n):
+            lengths[t] += coefficients[t, k] * coordinates[k]
+    moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
+    for i in range(m):
+        for k in range(n):
+            rows[n + 9 + nt + i, k] = gear[i] * arms[actuated[i], k]
+    _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms)
+
+
+@compiled
+def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves):
+    """J, J̇, y and ẏ."""
+    n = len(v)
+    J, Jdot, y, ydot = rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6]
+    for x in range(3):
+        y[x] = translations[tip, x]
+        for i in range(3):
+            y[x] += rotations[tip, x, i] * tip_offset[i]
+    ydot[:] = 0.0
+    for k in range(n):
+        if tip_moves[k]:
+            J[0, k] = S[k, 0] + S[k, 4] * y[2] - S[k, 5] * y[1]
+            J[1, k] = S[k, 1] + S[k, 5] * y[0] - S[k, 3] * y[2]
+            J[2, k] = S[k, 2] + S[k, 3] * y[1] - S[k, 4] * y[0]
+            for x in range(3):
+                ydot[x] += J[x, k] * v[k]
+        else:
+            for x in range(3):
+                J[x, k] = 0.0
+    for k in range(n):
+        if tip_moves[k]:
+            Jdot[0, k] = (
+                Sdot[k, 0] + Sdot[k, 4] * y[2] - Sdot[k, 5] * y[1]
+                + S[k, 4] * ydot[2] - S[k, 5] * ydot[1]
+            )  # fmt: skip
+            Jdot[1, k] = (
+                Sdot[k, 1] + Sdot[k, 5] * y[0] - Sdot[k, 3] * y[2]
+                + S[k, 5] * ydot[0] - S[k, 3] * ydot[2]
+            )  # fmt: skip
+            Jdot[2, k] = (
+                Sdot[k, 2] + Sdot[k, 3] * y[1] - Sdot[k, 4] * y[0]
+                + S[k, 3] * ydot[1] - S[k, 4] * ydot[0]
+            )  # fmt: skip
+        else:
+            for x in range(3):
+                Jdot[x, k] = 0.0
+
+
+@compiled
+def _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms):
+    """M, bias, K and h, from the lengths in `few`."""
+    n = len(v)
+    for i in range(n):
+        for k in range(n):
+            rows[i, k] = M[i, k]
+    kept, K, h = rows[n + 6], rows[n + 7], rows[n + 8]
+    for k in range(n):
+        kept[k] = bias[k]
+        K[k] = joints[k, 0] * (coordinates[k] - joints[k, 1])
+        h[k] = joints[k, 2] * v[k]
+    for t in range(len(tendons)):
+        stiffness, damping = tendons[t, 1], tendons[t, 3]
+        if stiffness != 0:
+            force = stiffness * (few[6 + t] - tendons[t, 2])
+            for k in range(n):
+                K[k] += arms[t, k] * force
+        if damping != 0:
+            force = 0.0
+            for k in range(n):
+                force += arms[t, k] * v[k]
+            for k in range(n):
+                h[k] += arms[t, k] * (damping * force)
+    for k in range(n):
+        h[k] += kept[k] + K[k]

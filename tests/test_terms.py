@@ -1,0 +1,68 @@
+"""The kernel that fills a State against Pinocchio's own accessors and NumPy."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from control_cases import BUNDLED, MICRO, robot
+
+import softdyn
+from softdyn.terms import Live
+from tests.oracles import relative
+from tests.random_robots import write_robot
+
+FIELDS = ("M", "bias", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms")
+
+
+def both(model, q, v):
+    """The State of either path, from the same Data."""
+    state = model.state(q, v)
+    return model._by_kernel(state.q.copy(), state.v.copy()), model._in_numpy(
+        state.q.copy(), state.v.copy()
+    )
+
+
+def check(model, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
+    for speed in (0.0, 1.0, 1e3):
+        q = model.configuration(rng.uniform(low, high))
+        one, two = both(model, q, speed * rng.normal(size=model.nv))
+        reach = max(np.abs(one.J).max(), np.abs(one.y).max())
+        for field in FIELDS:
+            fast, plain = getattr(one, field), getattr(two, field)
+            assert fast.shape == plain.shape
+            assert not fast.flags.writeable
+            assert not plain.flags.writeable
+            scale = {
+                "J": reach,  # nothing is left where the tip lies on an axis
+                "Jdot": reach * np.abs(one.v).max(),
+                "ydot": reach * np.abs(one.v).max(),
+                "h": max(np.abs(x).max() for x in (one.bias, one.K, one.D @ one.v)),
+            }.get(field, 1e-300)
+            assert relative(fast, plain, scale) < 1e-13, field
+
+
+@pytest.mark.parametrize("which", BUNDLED + MICRO)
+def test_bundled_and_micro_robots(which):
+    check(robot(which), 0)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_robots(seed, tmp_path):
+    # branches, mimic-free trees, fixed and spatial tendons, elastic and damped ones
+    check(softdyn.load(write_robot(seed, tmp_path)), seed)
+
+
+def test_an_unknown_layout_is_noticed():
+    data = robot("finger").pin_model.createData()
+    Live(data)
+    copied = SimpleNamespace(
+        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), dJ=data.dJ, oMi=list(data.oMi)
+    )
+    Live(copied)
+    copied.dJ = np.ascontiguousarray(data.dJ)  # rows where columns should be
+    with pytest.raises(RuntimeError, match="layout"):
+        Live(copied)
