@@ -30,9 +30,9 @@ By default cases run on the cores of this machine. --scheduler sends them to the
 dask.distributed cluster (pip install 'softdyn[cluster]'); results come back to this process, which
 writes them, so that no folder needs to be shared.
 
-Below --out: cases/ with one file a case, sweep.csv, sweep.md with the best cases, and a picture
-when one or two numbers vary. A sweep that was interrupted goes on where it stopped; a case is done
-again when it, its robot, its controller, softdyn or an engine has changed.
+Below --out: cases/ with one file a case, sweep.csv with all of them, sweep.md with the best. A
+sweep that was interrupted goes on where it stopped; a case is done again when it, its robot, its
+controller, softdyn or an engine has changed.
 
 exit codes: 0 every case has a result, failed loops included; 1 some could not be run; 2 bad input;
 130 interrupted.
@@ -60,7 +60,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def command(arguments: argparse.Namespace) -> int:
-    """Run what is missing, then table and picture."""
+    """Run what is missing, then the tables."""
     from tqdm import tqdm
 
     from validation import sweep_report, sweep_run
@@ -106,17 +106,13 @@ def command(arguments: argparse.Namespace) -> int:
 
 
 def write_reports(sweep: Sweep, rows: list[Any], out: Path) -> list[Path]:
-    """The table as CSV, the best cases as Markdown, the picture; returns their files."""
-    from validation import sweep_plots, sweep_report
+    """The table as CSV, the best cases as Markdown; returns their files."""
+    from validation import sweep_report
     from validation.files import write_text
 
     write_text(out / "sweep.csv", sweep_report.to_csv(rows))
     write_text(out / "sweep.md", sweep_report.to_markdown(sweep, rows))
-    pictures = sweep_plots.draw(sweep, rows, out / "sweep")
-    if not pictures:  # one of an earlier sweep would show something else
-        for kind in ("pdf", "png"):
-            (out / f"sweep.{kind}").unlink(missing_ok=True)
-    return [out / "sweep.csv", out / "sweep.md", *pictures]
+    return [out / "sweep.csv", out / "sweep.md"]
 
 
 def best(row: Any, figure: str) -> dict[str, Any]:
@@ -156,7 +152,7 @@ def summary(report: dict[str, Any], out: Path) -> str:
         f"{report['cases']} cases: {ended} ({report['ran']} run now, {report['wall_s']:.0f} s)",
         *(f"best   {row['file']}: {report['figure']} {row[report['figure']]:.4g}"
           for row in report["best"][:3] if row[report["figure"]] is not None),
-        f"Tables, picture and cases: {out}/",
+        f"Tables and cases: {out}/",
     ]  # fmt: skip
     return "\n".join(lines)
 

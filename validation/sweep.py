@@ -117,14 +117,12 @@ class Axis:
     ----------
     name : ``gains.Kp``, ``plant.period``, ``theta``, …
     values : in the file's order.
-    log : whether they are spread evenly on a logarithmic scale.
-    drawn : whether they are random samples.
+    drawn : the distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
     """
 
     name: str
     values: tuple[Any, ...]
-    log: bool = False
-    drawn: bool = False
+    drawn: str | None = None
 
     @property
     def varies(self) -> bool:

@@ -231,8 +231,7 @@ class _Reader:
             raise self.fail(key, "at least one value", value)
         if len({(isinstance(v, bool), v) for v in values}) < len(values):
             raise self.fail(key, "distinct values", value)
-        log = len(values) > 2 and evenly_spread_in_log(values)
-        return Axis(key, values, log)
+        return Axis(key, values)
 
     def spread(self, key: str, table: dict[str, Any], check: Callable[[str, Any], Any]) -> Axis:
         """A range of a grid, or a distribution."""
@@ -248,7 +247,7 @@ class _Reader:
                 raise self.fail("samples", f"a table with the count of samples of {key}", "none")
             lower, upper = self.ends(key, ends[0], ends[1], check, DRAWN[name] == "log")
             values = draw(key, self.seed, self.count, lower, upper, DRAWN[name] == "log")
-            return Axis(key, values, DRAWN[name] == "log", drawn=True)
+            return Axis(key, values, drawn=name)
         self.known(key, table, RANGE)
         for name in RANGE[:3]:
             if name not in table:
@@ -264,7 +263,7 @@ class _Reader:
         values = tuple((np.geomspace if log else np.linspace)(lower, upper, count).tolist())
         if len(set(values)) < count:
             raise self.fail(key, f"{count} distinct values", table)
-        return Axis(key, values, log)
+        return Axis(key, values)
 
     def ends(
         self, key: str, lower: Any, upper: Any, check: Callable[[str, Any], Any], log: bool
@@ -364,10 +363,3 @@ def flag(key: str, value: Any) -> bool:
     if not isinstance(value, bool):
         raise InputError(key, "true or false", repr(value))
     return value
-
-
-def evenly_spread_in_log(values: tuple[Any, ...]) -> bool:
-    """Whether a list is better shown on a logarithmic axis: positive, over more than 1 : 30."""
-    if not all(isinstance(v, float) and v > 0 for v in values):
-        return False
-    return max(values) / min(values) > 30

@@ -153,7 +153,7 @@ def _varied(sweep: Sweep) -> list[str]:
     lines = []
     for axis in (*sweep.targets, *sweep.varying()):
         if axis.drawn:
-            kind = "log-uniform" if axis.log else "uniform"
+            kind = axis.drawn.replace("_", "-")
             text = f"{len(axis.values)} {kind} samples, seed {sweep.seed}"
         elif len(axis.values) > 12:
             text = f"{len(axis.values)} values from {axis.values[0]:g} to {axis.values[-1]:g}"
