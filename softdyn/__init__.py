@@ -59,6 +59,7 @@ __all__ = [
     "State",
     "UrdfError",
     "__version__",
+    "build",
     "bundled_names",
     "load",
     "parse",

@@ -7,7 +7,8 @@ A follower's coordinate is multiplier · leader + offset. So with q the independ
 
 and d'Alembert's principle gives every term of the robot from those of its tree:
 
-    M = Sᵀ M_tree S,  C = Sᵀ C_tree S,  D = Sᵀ D_tree S,  h = Sᵀ h_tree,  B = Sᵀ B_tree,  J = J_tree S.
+    M = Sᵀ M_tree S,  C = Sᵀ C_tree S,  D = Sᵀ D_tree S,
+    h = Sᵀ h_tree,    B = Sᵀ B_tree,    J = J_tree S.
 
 Armature, springs, dampers and tendons of followers are thus included. Exact, and nothing that a
 robot without mimic joints would pay for.
@@ -92,7 +93,7 @@ class MimicModel(SoftModel):
         self._check_mass_matrix()
 
     def _at_rest(self, tree: SoftModel, robot: Robot) -> SoftModel:
-        """The tree with each omitted rest length that at q = 0, where followers are at an offset."""
+        """The tree with omitted rest lengths as at q = 0, where followers are at an offset."""
         if not self.offset.any():
             return tree
         self.tree = tree

@@ -17,7 +17,6 @@ from softdyn.tendons import compile_tendons
 from softdyn.terms import Live, fixed_terms, spatial_terms
 from softdyn.urdf import Robot, moving_bodies
 
-
 # A floating base in v: velocity of its origin and angular velocity, both in its own axes.
 BASE = ("base_vx", "base_vy", "base_vz", "base_wx", "base_wy", "base_wz")
 FREE = "floating base"  # Pinocchio's joint of it
@@ -31,7 +30,7 @@ class SoftModel:
     Parameters
     ----------
     robot : the parsed description; the engine reads the same file. One with mimic joints is for
-        `softdyn.mimic.build`.
+        `softdyn.build`.
     bundled : name among the bundled robots, None for any other file.
 
     Raises
@@ -45,7 +44,7 @@ class SoftModel:
 
     def __init__(self, robot: Robot, bundled: str | None = None) -> None:
         if robot.followers:
-            raise InputError("robot", "no mimic joints (softdyn.mimic.build takes them)", robot.path)
+            raise InputError("robot", "no mimic joint: see softdyn.build", robot.path)
         self.robot = robot
         self.bundled = bundled
         self.name = robot.name

@@ -30,7 +30,6 @@ from softdyn.robot import (
     deepest_leaf,
     levels,
     moving_bodies,
-    poses,
 )
 from softdyn.robot import root as root_of
 from softdyn.xml import Element, read
