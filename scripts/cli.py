@@ -10,7 +10,10 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Command = Callable[[argparse.Namespace], int]
@@ -59,6 +62,31 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     """The option for `write_report`, the same in every command."""
     parser.add_argument(
         "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
+    )
+
+
+def add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """The options of `load_robot`, the same in every command that takes a ROBOT."""
+    parser.add_argument(
+        "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
+    )
+    parser.add_argument("--floating", action="store_true", help="let the root link move freely")
+    parser.add_argument(
+        "--repair-inertia",
+        action="store_true",
+        help="replace impossible inertias by the nearest possible ones",
+    )
+
+
+def load_robot(arguments: argparse.Namespace) -> SoftModel:
+    """The ROBOT of the command line."""
+    import softdyn
+
+    return softdyn.load(
+        arguments.robot,
+        annotations=arguments.annotations,
+        floating=arguments.floating,
+        repair_inertia=arguments.repair_inertia,
     )
 
 

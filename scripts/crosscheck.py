@@ -10,9 +10,14 @@ from typing import TYPE_CHECKING
 import cli
 
 if TYPE_CHECKING:
+    from validation.catalogue import Row
     from validation.crosscheck import CrossCheck
 
 EPILOG = """\
+Instead of one ROBOT, --catalogue takes every URDF of example-robot-data (with --repair-inertia and
+--floating also repaired and floating), and --random N takes N random robots of the seeds from
+--seed on. They print a row a robot; a robot that is not supported is no failure.
+
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
 
@@ -26,7 +31,19 @@ exit codes: 0 everything agrees; 1 something differs; 2 bad input.
 def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
+    which = found.add_mutually_exclusive_group(required=True)
+    which.add_argument("robot", metavar="ROBOT", nargs="?")
+    which.add_argument(
+        "--catalogue", action="store_true", help="every URDF of example-robot-data, one row each"
+    )
+    which.add_argument("--random", type=cli.count, metavar="N", help="N random robots")
+    cli.add_robot_options(found)
+    found.add_argument(
+        "--jobs", type=cli.count, metavar="N", help="processes for many robots (default: all cores)"
+    )
+    found.add_argument(
+        "--markdown", metavar="FILE", help="write the rows of --catalogue as a document"
+    )
     found.add_argument(
         "--samples", type=cli.count, default=20, metavar="N", help="random states (default: 20)"
     )
@@ -51,11 +68,12 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Load, compare, report."""
-    import softdyn
     from validation import Twin, crosscheck
 
-    cli.check_outputs(arguments.json)
-    model = softdyn.load(arguments.robot)
+    cli.check_outputs(arguments.json, arguments.markdown)
+    if arguments.robot is None:
+        return many(arguments)
+    model = cli.load_robot(arguments)
     twin = Twin(model, limits=False)
     show = sys.stderr.isatty()
     result = crosscheck(
@@ -69,6 +87,47 @@ def command(arguments: argparse.Namespace) -> int:
         say("")
     cli.write_report(result.to_dict(), arguments.json, summary(result))
     return cli.PASSED if result.passed else cli.FAILED
+
+
+def many(arguments: argparse.Namespace) -> int:
+    """One row a robot, and how many there are of each kind."""
+    from tqdm import tqdm
+
+    from softdyn import InputError
+    from validation import catalogue
+    from validation.files import write_text
+
+    if arguments.annotations is not None:
+        raise InputError("--annotations", "one ROBOT", "many robots")
+    common = (arguments.samples, arguments.seed)
+    if arguments.catalogue:
+        options = {name: getattr(arguments, name) for name in ("floating", "repair_inertia")}
+        jobs = catalogue.catalogue_jobs(*common, **options)
+    else:
+        jobs = catalogue.random_jobs(arguments.random, *common, floating=arguments.floating)
+    rows: list[Row] = []
+    with tqdm(total=len(jobs), disable=None, leave=False, unit="robot") as bar:
+        for row in catalogue.examine_all(jobs, arguments.jobs or -1):
+            rows += [] if row is None else [row]
+            bar.update()
+    rows = catalogue.in_order(jobs, rows)
+    if arguments.markdown is not None:
+        names = ("--repair-inertia", "--floating")
+        given = [name for name in names if getattr(arguments, name[2:].replace("-", "_"))]
+        command = " ".join(["scripts/crosscheck.py --catalogue", *given])
+        write_text(arguments.markdown, catalogue.markdown(rows, command))
+    failed = [row for row in rows if row.passed is False]
+    report = {
+        "samples": arguments.samples,
+        "seed": arguments.seed,
+        "passed": not failed,
+        "counts": catalogue.counts(rows),
+        "rows": [row.to_dict() for row in rows],
+    }
+    # of random robots only those worth a look
+    shown = rows if arguments.catalogue else [row for row in rows if not row.passed]
+    cli.write_report(report, arguments.json, catalogue.text(shown, catalogue.counts(rows)))
+    return cli.FAILED if failed else cli.PASSED
 
 
 def say(text: str) -> None:

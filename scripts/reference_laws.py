@@ -18,7 +18,8 @@ import numpy as np
 
 from controllers import Command, Gains, InputGuard, Status
 from softdyn import InputError, Reference, SoftModel, State
-from validation.twin import StateMap, Twin
+from validation.state_map import StateMap
+from validation.twin import Twin
 
 RANK_TOLERANCE = 1e-6
 REFERENCE_INPUT_WEIGHT = 0.5  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob

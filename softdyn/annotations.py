@@ -11,7 +11,7 @@ import numpy as np
 from softdyn.robot import Actuator, Joint, JointTerm, Link, Robot, Site, Tendon, poses
 from softdyn.xml import Element
 
-VERSION = "1"
+BLOCK, VERSION = "softdyn", "1"
 COINCIDENT = 1e-9  # metres between two sites that count as one point
 
 
@@ -24,15 +24,19 @@ class Block:
     task: str | None = None
 
 
-def read_block(root: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Block:
-    """Read the block, and write armatures into `joints`."""
-    block = root.child("softdyn")
-    if block is None:
-        return Block()
+def read_block(
+    block: Element, links: dict[str, Link], joints: dict[str, Joint], *, overlay: bool
+) -> Block:
+    """Read the block, and write armatures into `joints`.
+
+    `overlay` : the block stands in a file of its own, where a joint may be given a spring and a
+    damper too; they replace those of the URDF.
+    """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
     block.allow("version", children=("joint", "tendon", "actuator", "task"))
-    joints.update(block.unique("joint", lambda element: _armature(element, joints)))
+    compliance = _compliance if overlay else _armature
+    joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
     actuators = block.unique("actuator", lambda element: _actuator(element, tendons))
     return Block(tuple(tendons.values()), tuple(actuators.values()), _task(block, links))
@@ -102,6 +106,22 @@ def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
     return replace(_moving_joint(element, joints), armature=element.non_negative("armature"))
 
 
+def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
+    """A joint of an overlay: what is not given stays as the URDF has it."""
+    element.allow("name", "armature", "stiffness", "damping", "rest")
+    joint = _moving_joint(element, joints)
+    joint = replace(
+        joint,
+        armature=element.non_negative("armature", joint.armature),
+        stiffness=element.non_negative("stiffness", joint.stiffness),
+        damping=element.non_negative("damping", joint.damping),
+        rest=element.number("rest", joint.rest),
+    )
+    if joint.stiffness > 0:
+        _check_springy(element, joint)
+    return joint
+
+
 def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Tendon:
     element.allow("name", "stiffness", "damping", "rest", children=("joint", "site"))
     terms = element.unique("joint", lambda part: _term(part, joints))
@@ -161,11 +181,8 @@ def _task(block: Element, links: dict[str, Link]) -> str | None:
     return _link_name(task, "frame", links)
 
 
-def check_paths(root: Element, robot: Robot) -> None:
+def check_paths(block: Element, robot: Robot) -> None:
     """Consecutive sites on different links must be apart, or the cable has no direction there."""
-    block = root.child("softdyn")
-    if block is None:
-        return
     placed = poses(robot)
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     for element in block.children("tendon"):

@@ -23,14 +23,19 @@ def bundled_name(path: Path) -> str | None:
     return own.stem if own.parent == BUNDLED and own.suffix == ".urdf" else None
 
 
-def example_robots() -> dict[str, Path]:
-    """URDFs of example-robot-data by file stem; the package has no Python module of its own."""
+def example_files() -> tuple[Path, ...]:
+    """All URDFs of example-robot-data; the package has no Python module of its own."""
     try:
         package = distribution("example-robot-data")
     except PackageNotFoundError:
-        return {}
+        return ()
     files = sorted(str(file) for file in package.files or () if str(file).endswith(".urdf"))
-    return {Path(file).stem: Path(str(package.locate_file(file))).resolve() for file in files}
+    return tuple(Path(str(package.locate_file(file))).resolve() for file in files)
+
+
+def example_robots() -> dict[str, Path]:
+    """URDFs of example-robot-data by file stem; of several with one stem the last."""
+    return {path.stem: path for path in example_files()}
 
 
 def find(source: str | Path) -> Path:

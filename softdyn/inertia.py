@@ -61,6 +61,34 @@ class Inertia:
             return f"{moments} without mass"
         return None
 
+    def nearest_physical(self) -> Inertia:
+        """The physical inertia nearest in the Frobenius norm, mass and centre unchanged.
+
+        The conditions on a tensor are conditions on its eigenvalues, so the nearest one has the
+        same principal axes and the nearest principal moments. Without mass all moments are zero.
+        """
+        moments, axes = np.linalg.eigh(self.tensor)
+        nearest = _project(moments) if self.mass > 0 else np.zeros(3)
+        return Inertia(self.mass, self.com, (axes * nearest) @ axes.T)
+
+
+def _project(moments: np.ndarray) -> np.ndarray:
+    """Nearest (3,) with every moment at most the sum of the others; then none is negative.
+
+    The nearest point of the cone lies on one of its 8 faces, the intersections of the planes
+    a + b = c, a + c = b and b + c = a: project on each and take the nearest that is inside.
+    """
+    planes = 1.0 - 2.0 * np.eye(3)
+    best, distance = np.zeros(3), float(np.linalg.norm(moments))
+    for face in range(7):  # the eighth is the apex, zero
+        active = planes[[bool(face >> k & 1) for k in range(3)]]
+        point = moments - np.linalg.pinv(active) @ (active @ moments)
+        gap = float(np.linalg.norm(point - moments))
+        inside = (planes @ point >= -1e-12 * np.abs(moments).max()).all()
+        if inside and gap < distance:
+            best, distance = point, gap
+    return best
+
 
 def rotation_rpy(rpy: np.ndarray) -> np.ndarray:
     """Rotation matrix of URDF's roll, pitch, yaw (rad): Rz(yaw) Ry(pitch) Rx(roll)."""

@@ -11,10 +11,15 @@ import pinocchio as pin
 
 from softdyn.compiled import COMPILES
 from softdyn.exceptions import InputError, UrdfError
+from softdyn.robot import Joint, root
 from softdyn.state import State
 from softdyn.tendons import compile_tendons
 from softdyn.terms import Live, fixed_terms, spatial_terms
 from softdyn.urdf import Robot, moving_bodies
+
+# A floating base in v: velocity of its origin and angular velocity, both in its own axes.
+BASE = ("base_vx", "base_vy", "base_vz", "base_wx", "base_wy", "base_wz")
+FREE = "floating base"  # Pinocchio's joint of it
 
 
 class SoftModel:
@@ -24,17 +29,22 @@ class SoftModel:
 
     Parameters
     ----------
-    robot : the parsed description; the engine reads the same file.
+    robot : the parsed description; the engine reads the same file. One with mimic joints is for
+        `softdyn.build`.
     bundled : name among the bundled robots, None for any other file.
 
     Raises
     ------
+    InputError
+        A robot with mimic joints, which are no degrees of freedom of their own.
     UrdfError
         When Pinocchio refuses the file, reads another robot in it than the strict parse did, or
         finds a singular mass matrix.
     """
 
     def __init__(self, robot: Robot, bundled: str | None = None) -> None:
+        if robot.followers:
+            raise InputError("robot", "no mimic joint: see softdyn.build", robot.path)
         self.robot = robot
         self.bundled = bundled
         self.name = robot.name
@@ -43,12 +53,15 @@ class SoftModel:
         self._live = Live(self._data)
         model = self.pin_model
         self.nq, self.nv, self.nu = model.nq, model.nv, len(robot.actuators)
-        self.joint_names = tuple(model.names[1:])
+        bodies = range(1, model.njoints)
+        base = BASE if robot.floating else ()
+        self.joint_names = (*base, *model.names[1 + robot.floating :])
         self.q0 = _read_only(pin.neutral(model))
         self.u_min = _read_only([a.lower for a in robot.actuators])
         self.u_max = _read_only([a.upper for a in robot.actuators])
 
-        joints = {joint.name: joint for joint in robot.joints}
+        # the base's six degrees of freedom have no spring, damper, armature or limit
+        joints = dict.fromkeys(base, _free_joint(robot)) | {j.name: j for j in robot.joints}
         ordered = [joints[name] for name in self.joint_names]
         self.lower = _read_only([joint.lower for joint in ordered])
         self.upper = _read_only([joint.upper for joint in ordered])
@@ -58,14 +71,18 @@ class SoftModel:
         self.armature = _read_only([joint.armature for joint in ordered])
         model.armature = self.armature.copy()
 
-        # A continuous joint holds (cos, sin) in q; every other one its coordinate.
+        # A continuous joint holds (cos, sin) in q, a floating base its position and a quaternion
+        # (x, y, z, w), every other joint its coordinate.
         self._circular = np.array([joint.kind == "continuous" for joint in ordered])
-        self._idx_q = np.array([model.joints[i + 1].idx_q for i in range(self.nv)])
+        self._idx_q = np.array(
+            [model.idx_qs[j] + k for j in bodies for k in range(model.nvs[j])], int
+        )
 
         self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
         supports = np.zeros((self.nv, model.njoints), bool)
-        for body in range(1, model.njoints):
-            supports[[j - 1 for j in model.supports[body] if j > 0], body] = True
+        for body in bodies:
+            for j in model.supports[body]:
+                supports[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j], body] = True
         self._supports = supports
         self.tendons = compile_tendons(
             robot.tendons,
@@ -255,10 +272,15 @@ class SoftModel:
     # -- configurations ------------------------------------------------------------------------
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """Joint coordinates (nv,): q itself but for continuous joints, in (-π, π]."""
+        """Joint coordinates (nv,): q itself but for continuous joints, in (-π, π].
+
+        Those of a floating base are its position and its rotation vector.
+        """
         if self.nq == self.nv:
             return np.asarray(q, float)
         values = np.asarray(q, float)[self._idx_q]
+        if self.robot.floating:
+            values[3:6] = pin.log3(pin.Quaternion(np.asarray(q, float)[3:7]).matrix())
         sines = self._idx_q[self._circular] + 1
         values[self._circular] = np.arctan2(q[sines], values[self._circular])
         return values
@@ -269,6 +291,8 @@ class SoftModel:
         q = np.empty(self.nq)
         q[self._idx_q] = np.where(self._circular, np.cos(values), values)
         q[self._idx_q[self._circular] + 1] = np.sin(values[self._circular])
+        if self.robot.floating:
+            q[3:7] = pin.Quaternion(pin.exp3(values[3:6])).coeffs()
         return q
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
@@ -331,14 +355,19 @@ class SoftModel:
     def _check_mass_matrix(self) -> None:
         M = self.state(self.q0, np.zeros(self.nv)).M
         scale = np.sqrt(np.diag(M))
-        weakest = int(np.argmin(np.diag(M)))
-        if not (scale > 0).all() or np.linalg.eigvalsh(M / np.outer(scale, scale))[0] < 1e-14:
-            raise UrdfError(
-                self.robot.path,
-                "<robot>",
-                "a positive definite mass matrix at q = 0",
-                f"a singular one; joint {self.joint_names[weakest]!r} moves the least inertia",
-            )
+        if (scale > 0).all():
+            values, modes = np.linalg.eigh(M / np.outer(scale, scale))
+            if values[0] >= 1e-14:
+                return
+            weakest = int(np.argmax(np.abs(modes[:, 0])))
+        else:
+            weakest = int(np.argmin(np.diag(M)))
+        raise UrdfError(
+            self.robot.path,
+            "<robot>",
+            "a positive definite mass matrix at q = 0",
+            f"a singular one; joint {self.joint_names[weakest]!r} meets the least inertia",
+        )
 
 
 def _read_only(values: object) -> np.ndarray:
@@ -347,24 +376,36 @@ def _read_only(values: object) -> np.ndarray:
     return array
 
 
+def _free_joint(robot: Robot) -> Joint:
+    """The joint that a floating base hangs on: no file has it."""
+    return Joint(FREE, "floating", "", root(robot), np.eye(3), np.zeros(3), np.zeros(3))
+
+
 def _build(robot: Robot) -> pin.Model:
     """Pinocchio's model of the file, checked against the strict parse."""
     try:
-        model = pin.buildModelFromXML(robot.xml)
+        if robot.floating:
+            model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer(), FREE)
+        else:
+            model = pin.buildModelFromXML(robot.xml)
     except (ValueError, RuntimeError) as error:
         raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
     moving = {joint.name: joint for joint in robot.moving_joints}
+    if robot.floating:
+        moving = {FREE: _free_joint(robot)} | moving
     if not moving:
         raise UrdfError(robot.path, "<robot>", "at least one joint that moves", "none")
-    if set(model.names[1:]) != set(moving) or model.nv != len(moving):
+    freedoms = len(moving) + (5 if robot.floating else 0)
+    if set(model.names[1:]) != set(moving) or model.nv != freedoms:
         raise UrdfError(robot.path, "<robot>", f"joints {sorted(moving)}", list(model.names[1:]))
     bodies = moving_bodies(robot)
     for name, inertia in zip(model.names[1:], model.inertias[1:], strict=True):
-        mass = bodies[moving[name].child].mass
+        link = moving[name].child
+        mass = bodies[link].mass
         if not math.isclose(inertia.mass, mass, rel_tol=1e-9, abs_tol=1e-12):
             raise UrdfError(
                 robot.path,
-                f'<link name="{moving[name].child}">',
+                f'<link name="{link}">',
                 f"mass {mass:g} kg, its fixed links included",
                 f"{inertia.mass:g} kg in Pinocchio",
             )

@@ -26,12 +26,22 @@ class Link:
     inertia: Inertia
 
 
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: q = multiplier · q_leader + offset (rad, m)."""
+
+    leader: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint with its compliance; SI units, radians or metres.
 
     `rotation` (3, 3) and `translation` (3,) place the joint in the parent link's frame; `axis` (3,)
-    is a unit vector in the joint's own; dry `friction` is the plant's only.
+    is a unit vector in the joint's own; dry `friction` is the plant's only. A joint with a `mimic`
+    moves with another one and is no degree of freedom of its own; its limits are not used.
     """
 
     name: str
@@ -48,10 +58,11 @@ class Joint:
     damping: float = 0.0
     armature: float = 0.0
     friction: float = 0.0
+    mimic: Mimic | None = None
 
     @property
     def moves(self) -> bool:
-        """Whether it has a degree of freedom."""
+        """Whether it is no weld; a follower moves too."""
         return self.kind in MOVING
 
 
@@ -101,8 +112,14 @@ class Actuator:
 class Robot:
     """One parsed file: the tree, its compliance and its annotations.
 
-    `xml` is the tree with its inertias as plain URDF, every number spelled as in the file: what an
-    engine needs to be given, and nothing that was not judged.
+    Attributes
+    ----------
+    task : the link whose origin is the tip.
+    xml : the tree with its inertias as plain URDF, every number spelled as in the file: what an
+        engine needs to be given, and nothing that was not judged.
+    floating : whether the root link moves freely, on six degrees of freedom of its own.
+    mended : the whole file as text with its inertias repaired, for an engine to read in its place;
+        empty where nothing was repaired.
     """
 
     name: str
@@ -114,11 +131,18 @@ class Robot:
     task: str
     warnings: tuple[str, ...]
     xml: str = ""
+    floating: bool = False
+    mended: str = ""
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
-        """Joints with a degree of freedom, in the file's order."""
+        """Joints that move, followers included, in the file's order."""
         return tuple(joint for joint in self.joints if joint.moves)
+
+    @property
+    def followers(self) -> tuple[Joint, ...]:
+        """Mimic joints, in the file's order."""
+        return tuple(joint for joint in self.joints if joint.mimic is not None)
 
     def chain(self, link: str) -> tuple[Joint, ...]:
         """The joints from the root to `link`, root first."""
@@ -181,18 +205,31 @@ def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return placed
 
 
-def moving_bodies(robot: Robot) -> dict[str, Inertia]:
-    """Inertia of every moving body in its own frame, keyed by the link its joint moves.
-
-    Links fixed to a moving one are lumped into it; what is fixed to the base is left out.
-    """
-    placed = poses(robot)
+def carriers(robot: Robot) -> dict[str, str]:
+    """For every link the link it is welded to that a joint moves, or the root: maybe itself."""
     above = {joint.child: joint for joint in robot.joints}
-    bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
+    found = {}
     for link in robot.links:
         name = link.name
         while name in above and not above[name].moves:
             name = above[name].parent
+        found[link.name] = name
+    return found
+
+
+def moving_bodies(robot: Robot) -> dict[str, Inertia]:
+    """Inertia of every moving body in its own frame, keyed by the link its joint moves.
+
+    Links fixed to a moving one are lumped into it; what is fixed to a base that does not float is
+    left out.
+    """
+    placed = poses(robot)
+    bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
+    if robot.floating:
+        bodies = {root(robot): Inertia.zero()} | bodies
+    carrier = carriers(robot)
+    for link in robot.links:
+        name = carrier[link.name]
         if name in bodies:
             (body_rotation, body_translation), (rotation, translation) = (
                 placed[name],

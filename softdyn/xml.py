@@ -123,8 +123,8 @@ class Element:
                 raise child.error(expected, f"<{child.tag}>")
 
 
-def read(path: Path) -> Element:
-    """Parse the file strictly and return its root.
+def read(path: Path, what: str = "URDF") -> Element:
+    """Parse the file strictly and return its root; `what` it should be is for the message.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def read(path: Path) -> Element:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = getattr(error, "strerror", None) or error
-        raise UrdfError(path, "file", "a readable URDF file", reason) from None
+        raise UrdfError(path, "file", f"a readable {what} file", reason) from None
     if len(data) > MAX_BYTES:
         raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", "more")
     parser = etree.XMLParser(

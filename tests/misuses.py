@@ -125,6 +125,11 @@ def number(text: str) -> tuple[str, str]:
     return 'damping="0.02"', f'damping="{text}"'
 
 
+def mimic(element: str) -> tuple[str, str]:
+    """Let the slide follow another joint."""
+    return '<axis xyz="0 0 2"/>', f'<axis xyz="0 0 2"/>{element}'
+
+
 FLEXOR, CABLE = '<tendon name="flexor">', '<tendon name="cable">'
 U1, U2 = '<actuator name="u1">', '<actuator name="u2">'
 SPRING_BEND = '<gazebo reference="bend"><springStiffness>'
@@ -199,9 +204,19 @@ TREE = [
            '<joint name="slide">', "type revolute, continuous, prismatic or fixed", "'floating'"),
     Misuse("planar joint", ('type="prismatic"', 'type="planar"'), '<joint name="slide">',
            "type revolute, continuous, prismatic or fixed", "'planar'", row=False),
-    Misuse("mimic joint",
-           ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 2"/><mimic joint="bend"/>'),
-           '<joint name="slide">', "an independent joint", "<mimic>"),
+    Misuse("mimic of an unknown joint", mimic('<mimic joint="thumb"/>'),
+           '<joint name="slide">', "joint that follows no other", "'thumb'"),
+    Misuse("mimic of a mimic joint, or of itself", mimic('<mimic joint="slide"/>'),
+           '<joint name="slide">', "joint that follows no other", "mimic joint 'slide'"),
+    Misuse("mimic of a joint without a position", mimic('<mimic joint="spin"/>'),
+           '<joint name="slide">', "a revolute or prismatic joint", "continuous joint 'spin'"),
+    Misuse("mimic of a fixed joint", mimic('<mimic joint="glue"/>'),
+           '<joint name="slide">', "a revolute or prismatic joint", "fixed joint 'glue'",
+           row=False),
+    Misuse("unknown attribute of a mimic", mimic('<mimic joint="bend" ratio="2"/>'),
+           '<joint name="slide"><mimic>', "no attribute but joint, multiplier, offset", "ratio"),
+    Misuse("a multiplier that is no number", mimic('<mimic joint="bend" multiplier="x"/>'),
+           '<joint name="slide"><mimic>', "a finite number as multiplier", "'x'", row=False),
     Misuse("a joint with Pinocchio's own name", ('joint name="glue"', 'joint name="universe"'),
            '<joint name="universe">', "another name", "'universe'"),
     Misuse("joint without a child", ('<child link="knuckle"/>', ""), '<joint name="bend">',

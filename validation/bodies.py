@@ -6,7 +6,8 @@ to one another are lumped into one body, whose frame is the frame of the link th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,24 @@ import yourdfpy
 
 from softdyn.exceptions import UrdfError
 
-STATIC = 0  # index of the body that carries the root link: it never moves
+STATIC = 0  # index of the body that never moves: the root link's unless that floats
+FREE = "floating base"
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """A joint at a body's origin: `kind` is hinge or slide, `axis` a unit vector in its frame."""
+    """A joint at a body's origin: hinge, slide or free; `axis` is a unit vector in its frame.
+
+    A follower stands at multiplier · (its leader's coordinate) + offset.
+    """
 
     name: str
     kind: str
     axis: np.ndarray
+    leader: str | None = None
+    multiplier: float = 1.0
+    offset: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +106,14 @@ class Tree:
     skipped: tuple[str, ...]
 
 
-def read_bodies(path: Path) -> Tree:
+def read_bodies(path: Path, *, mended: str = "", floating: bool = False) -> Tree:
     """Read and lump the bodies of a URDF that has already passed the strict parse.
+
+    Parameters
+    ----------
+    path : the file.
+    mended : text to read in its place, `Robot.mended`; none by default.
+    floating : whether the root link moves freely.
 
     Raises
     ------
@@ -108,7 +122,7 @@ def read_bodies(path: Path) -> Tree:
     """
     try:
         robot = yourdfpy.URDF.load(
-            str(path),
+            BytesIO(mended.encode()) if mended else str(path),
             build_scene_graph=False,
             load_meshes=False,
             filename_handler=yourdfpy.filename_handler_null,
@@ -123,7 +137,10 @@ def read_bodies(path: Path) -> Tree:
     root = next(name for name in links if name not in children)
 
     bodies = [Body(root, None, np.eye(4))]
-    place = {root: (STATIC, np.eye(4))}
+    if floating:
+        bodies = [Body("", None, np.eye(4))]
+        bodies.append(Body(root, STATIC, np.eye(4), Freedom(FREE, "free", np.zeros(3))))
+    place = {root: (len(bodies) - 1, np.eye(4))}
     skipped: list[str] = []
     front = [root]
     while front:
@@ -144,6 +161,9 @@ def read_bodies(path: Path) -> Tree:
 def _moving(joint: yourdfpy.Joint, parent: int, pose: np.ndarray) -> Body:
     axis = np.asarray(joint.axis, float)
     freedom = Freedom(joint.name, KINDS[joint.type], axis / np.linalg.norm(axis))
+    if joint.mimic is not None:
+        multiplier, offset = float(joint.mimic.multiplier), float(joint.mimic.offset)
+        freedom = replace(freedom, leader=joint.mimic.joint, multiplier=multiplier, offset=offset)
     return Body(joint.child, parent, pose, freedom)
 
 

@@ -20,7 +20,8 @@ from softdyn.checks import array, number
 from validation.log import Log
 from validation.paper import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from validation.plain import plain
-from validation.twin import SimulationError, StateMap, Twin
+from validation.state_map import StateMap
+from validation.twin import SimulationError, Twin
 from validation.units import input_unit
 
 MAX_TIMESTEP = 5e-4  # s; coarser steps add numerical damping that flatters every controller

@@ -22,8 +22,9 @@ import numpy as np
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.model import SoftModel
 from validation.judge import Judge
+from validation.state_map import StateMap
 from validation.trajectories import Ladder, Run, compare_trajectories, input_window
-from validation.twin import StateMap, Twin
+from validation.twin import Twin
 
 SPEED = 1.0  # rad/s, or m/s of a prismatic joint, at most
 TOLERANCE = 1e-10

@@ -11,8 +11,9 @@ from controllers import find_controller
 from softdyn import SoftModel
 from validation import paper
 from validation.closed_loop import Schedule, simulate
+from validation.state_map import StateMap
 from validation.step_time import quiet
-from validation.twin import StateMap, Twin
+from validation.twin import Twin
 
 THETA = 0.5  # the set point that is run, in multiples of π
 

@@ -20,11 +20,13 @@ import numpy as np
 
 from softdyn.integrators import step_implicit, step_rk4
 from softdyn.model import SoftModel
+from validation.free_base import step_free_implicit, step_free_rk4
 from validation.judge import Judge
 from validation.twin import SimulationError
 
 Start = tuple[np.ndarray, np.ndarray]
 SCHEMES = {"rk4": (step_rk4, "rk4", 4), "implicit": (step_implicit, "implicitfast", 1)}
+FREE_STEPS = {"rk4": step_free_rk4, "implicit": step_free_implicit}
 HORIZON = 1.0  # s, of a robot whose every joint is damped
 HORIZON_UNDAMPED = 0.25
 STEP = 5e-4  # s, at most
@@ -130,13 +132,16 @@ def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> 
 
     MuJoCo's implicit schemes store M + h D in the sparsity of M and drop such terms.
     """
+    if model.robot.followers:  # held there by the judge, who drops nothing
+        return False
     parents = {joint.name: joint.parent for joint in model.robot.joints}
-    names = model.joint_names
+    free = model.nv - len(parents.keys() & set(model.joint_names))  # a floating base carries all
+    names = model.joint_names[free:]
     below = [{joint.name for joint in model.robot.chain(parents[name])} for name in names]
-    D = model.state(q, v).D
+    D = model.state(q, v).D[free:, free:]
     return any(
         D[i, j] != 0.0 and names[i] not in below[j] and names[j] not in below[i]
-        for i in range(model.nv)
+        for i in range(len(names))
         for j in range(i)
     )
 
@@ -159,6 +164,12 @@ def input_window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper (nu,) inputs to draw from: the bounds, within ±1000 where they are wider."""
     lower, upper = np.clip([model.u_min, model.u_max], -MOST_INPUT, MOST_INPUT)
     return lower, upper
+
+
+def _scheme(model: SoftModel, name: str) -> tuple[Callable[..., Start], str, int]:
+    """Our step, the integrator it is held against, and its order."""
+    step, integrator, order = SCHEMES[name]
+    return FREE_STEPS[name] if model.robot.floating else step, integrator, order
 
 
 def _start(model: SoftModel, rng: np.random.Generator) -> Start:
@@ -202,7 +213,7 @@ def _run(
     rng: np.random.Generator,
 ) -> Run:
     """Follow one trajectory in both engines, input by input."""
-    step_model, integrator, _ = SCHEMES[scheme]
+    step_model, integrator, _ = _scheme(model, scheme)
     fastest = rates.motion if scheme == "implicit" else max(rates.damping, rates.motion)
     step = min(STEP, 0.5 / fastest)
     wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
@@ -253,7 +264,7 @@ def _nudged(model: SoftModel, start: Start) -> Start:
 def circles(model: SoftModel) -> np.ndarray:
     """(nv,) bool, true of continuous joints."""
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
-    return np.array([kinds[name] == "continuous" for name in model.joint_names])
+    return np.array([kinds.get(name) == "continuous" for name in model.joint_names])
 
 
 def _ladder(
@@ -264,7 +275,7 @@ def _ladder(
     start: Start,
 ) -> Ladder:
     """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
-    step_model, integrator, order = SCHEMES[scheme]
+    step_model, integrator, order = _scheme(model, scheme)
     coarse = min(4e-3, 0.3 / max(rates.damping, rates.motion))
     rest, circular = np.zeros(model.nu), circles(model)
     finest = 2 ** (RUNGS - 1)

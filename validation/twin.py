@@ -79,6 +79,9 @@ class Twin:
     ----------
     model, data : MuJoCo's; the state may be read and written there.
     robot : the parsed description.
+    followers : by name, the mimic joints, which MuJoCo holds as joints of their own: stiff equality
+        constraints tie them to their leaders.
+    floating : whether the first body moves freely.
     joint_names : order of qpos and qvel: depth first, siblings in the file's order.
     skipped : collision shapes left out, each with the reason.
 
@@ -104,8 +107,11 @@ class Twin:
             raise InputError("integrator", " or ".join(INTEGRATORS), repr(integrator))
         silence()
         self.robot = _robot(source)
-        tree = read_bodies(self.robot.path)
+        self.floating = self.robot.floating
+        tree = read_bodies(self.robot.path, mended=self.robot.mended, floating=self.floating)
         self.skipped = tree.skipped
+        moved = [body.joint for body in tree.bodies if body.joint is not None]
+        self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
         spec = _specify(self.robot, tree)
         spec.option.timestep = number("timestep", timestep, above=0.0)
         spec.option.integrator = INTEGRATORS[integrator]
@@ -116,14 +122,14 @@ class Twin:
             path = self.robot.path
             raise UrdfError(path, "<robot>", "a robot that MuJoCo compiles", error) from error
         self.data = mujoco.MjData(self.model)
-        _finish(self.model, self.data, self.robot, tree)
+        self._rest = _finish(self.model, self.data, self.robot, tree)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.task_site = self.model.site(TASK_SITE).id
         self.reset()
 
     @property
     def qpos(self) -> np.ndarray:
-        """Joint coordinates (nv,), a copy; a continuous joint's angle is not wrapped."""
+        """Joint coordinates (nq,), a copy; a continuous joint's angle is not wrapped."""
         return self.data.qpos.copy()
 
     @property
@@ -144,6 +150,7 @@ class Twin:
     def reset(self) -> None:
         """Back to q = 0 at rest and t = 0, solver memory and warnings forgotten."""
         mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = self._rest
         mujoco.mj_forward(self.model, self.data)
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray, time: float = 0.0) -> None:
@@ -151,7 +158,7 @@ class Twin:
 
         Parameters
         ----------
-        qpos, qvel : (nv,) in the order of `joint_names`.
+        qpos, qvel : (nq,), (nv,) in the order of `joint_names`; nq is nv but with a floating base.
         time : clock (s).
 
         Raises
@@ -160,7 +167,8 @@ class Twin:
             Wrong shape, a number that is not finite, or one beyond ±1e10: MuJoCo by itself would
             silently start from another state.
         """
-        qpos, qvel = (self._vector(n, x) for n, x in (("qpos", qpos), ("qvel", qvel)))
+        qpos = self._vector("qpos", qpos, self.model.nq)
+        qvel = self._vector("qvel", qvel, self.model.nv)
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:], self.data.time = qpos, qvel, time
         mujoco.mj_forward(self.model, self.data)
@@ -183,62 +191,11 @@ class Twin:
         check_warnings(self.data)
         mujoco.mj_fwdPosition(self.model, self.data)
 
-    def _vector(self, name: str, value: np.ndarray) -> np.ndarray:
-        vector = array(name, value, (self.model.nv,))
+    def _vector(self, name: str, value: np.ndarray, size: int) -> np.ndarray:
+        vector = array(name, value, (size,))
         if np.abs(vector).max(initial=0.0) > LARGEST:
             raise InputError(name, f"numbers within ±{LARGEST:g}", vector)
         return vector
-
-
-class StateMap:
-    """The convention map between a model and its twin, joint by joint *by name*.
-
-    Both engines hold one coordinate a joint, measured along the same axis from the same zero, in
-    rad or m; the velocities are their derivatives. Two things differ:
-
-    - order: Pinocchio sorts siblings by name, MuJoCo keeps the order in which they were added;
-    - a continuous joint is (cos q, sin q) in Pinocchio's q, so that nq = nv + 1 a joint of it, and
-      the angle q itself in MuJoCo's qpos, where it may grow beyond ±π.
-
-    Attributes
-    ----------
-    dofs : (nv,) the twin's index of each of the model's degrees of freedom: ``v = qvel[dofs]``.
-
-    Raises
-    ------
-    InputError
-        When the two do not have the same joints.
-    """
-
-    def __init__(self, model: SoftModel, twin: Twin) -> None:
-        if sorted(model.joint_names) != sorted(twin.joint_names):
-            raise InputError("twin", f"joints {model.joint_names}", twin.joint_names)
-        kinds = {joint.name: joint.kind for joint in model.robot.joints}
-        circular = [kinds[name] == "continuous" for name in model.joint_names]
-        self.dofs = np.array([twin.joint_names.index(name) for name in model.joint_names])
-        self._circular = np.array(circular)
-        # Each joint takes one number of q, a continuous one two.
-        self._start = np.cumsum([0, *(1 + c for c in circular[:-1])])
-        self._nq, self._nv = model.nq, model.nv
-
-    def to_twin(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(qpos, qvel), each (nv,), of a model state q (nq,), v (nv,); angles in (-π, π]."""
-        q, v = array("q", q, (self._nq,)), array("v", v, (self._nv,))
-        first = q[self._start]
-        # the number after the cosine; of other joints, whatever stands there: not used
-        second = q[np.minimum(self._start + 1, self._nq - 1)]
-        qpos, qvel = np.empty(self._nv), np.empty(self._nv)
-        qpos[self.dofs] = np.where(self._circular, np.arctan2(second, first), first)
-        qvel[self.dofs] = v
-        return qpos, qvel
-
-    def from_twin(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Model state q (nq,), v (nv,) of a twin state."""
-        coordinates = np.asarray(qpos, float)[self.dofs]
-        q = np.empty(self._nq)
-        q[self._start] = np.where(self._circular, np.cos(coordinates), coordinates)
-        q[self._start[self._circular] + 1] = np.sin(coordinates[self._circular])
-        return q, np.asarray(qvel, float)[self.dofs]
 
 
 def disabled(*, limits: bool, contacts: bool, friction: bool) -> int:
@@ -287,6 +244,7 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
     compiler.autolimits = False
     compiler.boundmass = compiler.boundinertia = 0.0
     compiler.balanceinertia = compiler.fusestatic = compiler.discardvisual = False
+    compiler.alignfree = False
     compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     option.gravity = (0.0, 0.0, -9.81)
     option.density = option.viscosity = 0.0
@@ -302,7 +260,12 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
     for index, body in enumerate(tree.bodies):
         if body.joint is not None:
             bodies.append(_add_body(bodies[body.parent or STATIC], body))
-            _add_joint(bodies[index], body.joint, joints[body.joint.name])
+            if body.joint.kind == "free":
+                bodies[index].add_freejoint().name = body.joint.name
+            else:
+                _add_joint(bodies[index], body.joint, joints[body.joint.name])
+            if body.joint.leader is not None:
+                _tie(spec, body.joint)
         for shape in body.shapes:
             _add_geom(bodies[index], shape)
     for a, b in _neighbours(tree.bodies):
@@ -336,11 +299,21 @@ def _add_joint(body: mujoco.MjsBody, freedom: Freedom, joint: Joint) -> None:
     added.damping = [joint.damping, 0.0, 0.0]
     added.springref, added.ref = joint.rest, 0.0
     added.armature, added.frictionloss = joint.armature, joint.friction
-    added.limited = int(np.isfinite(joint.lower))
+    added.limited = int(np.isfinite(joint.lower) and freedom.leader is None)
     added.range = (-1.0, 1.0)  # the file's may be a single point: see _finish
     added.margin = 0.0
     added.solref_limit, added.solimp_limit = STIFF_SOLREF, STIFF_SOLIMP
     added.solref_friction, added.solimp_friction = STIFF_SOLREF, STIFF_SOLIMP
+
+
+def _tie(spec: mujoco.MjSpec, freedom: Freedom) -> None:
+    """Hold a follower at multiplier · leader + offset, as stiffly as the stops."""
+    tie = spec.add_equality()
+    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+    tie.name1, tie.name2 = freedom.name, freedom.leader
+    tie.data[:] = 0.0
+    tie.data[:2] = freedom.offset, freedom.multiplier
+    tie.solref, tie.solimp = STIFF_SOLREF, STIFF_SOLIMP
 
 
 def _add_geom(body: mujoco.MjsBody, shape: Shape) -> None:
@@ -409,8 +382,11 @@ def _add_site(
     site.name, site.pos = name, pose[:3, :3] @ point + pose[:3, 3]
 
 
-def _finish(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, tree: Tree) -> None:
-    """Write the numbers that the compiler would have refused; derive MuJoCo's constants anew."""
+def _finish(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, tree: Tree) -> np.ndarray:
+    """Write the numbers that the compiler would have refused; derive MuJoCo's constants anew.
+
+    Returns qpos (nq,) at q = 0, where followers are at their offset.
+    """
     for body in tree.bodies:
         if body.joint is None:
             continue
@@ -418,16 +394,24 @@ def _finish(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, tree: Tree
         model.body_mass[index] = body.mass
         model.body_inertia[index] = body.principal[0]
     for joint in robot.moving_joints:
-        if np.isfinite(joint.lower):
+        if np.isfinite(joint.lower) and joint.mimic is None:
             model.jnt_range[model.joint(joint.name).id] = joint.lower, joint.upper
     for actuator in robot.actuators:
         index = model.actuator(actuator.name).id
         model.actuator_ctrlrange[index] = actuator.lower, actuator.upper
     mujoco.mj_setConst(model, data)
+    start = model.qpos0.copy()
+    for body in tree.bodies:
+        if body.joint is not None and body.joint.leader is not None:
+            start[model.joint(body.joint.name).qposadr[0]] = body.joint.offset
+    mujoco.mj_resetData(model, data)
+    data.qpos[:] = start
+    mujoco.mj_fwdPosition(model, data)
     for tendon in robot.tendons:
         index = model.tendon(tendon.name).id
-        rest = model.tendon_length0[index] if tendon.rest is None else tendon.rest
+        rest = data.ten_length[index] if tendon.rest is None else tendon.rest
         model.tendon_lengthspring[index] = rest
+    return start
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
