@@ -6,6 +6,7 @@ import numpy as np
 
 from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
+from controllers.linear_algebra import cholesky, dot, substitute, substitute_back
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
@@ -43,25 +44,41 @@ class Linearisation:
     """
 
     def __init__(self, gains: Gains, nu: int) -> None:
-        self.gains = gains
         self.size = nu
+        self._w1 = float(gains.w1)
+        self._condensed = Condensed.empty(nu)
 
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
-        return Condensed(
-            *_linearised(
-                state.M, state.h, state.v, state.B, state.J, state.Jdot,
-                task.mu_ref, task.yddot, self.gains.w1,
-            )
+        _linearised(
+            state.M, state.h, state.v, state.B, state.J, state.Jdot,
+            task.mu_ref, task.yddot, self._w1, *self._condensed,
         )  # fmt: skip
+        return self._condensed
 
 
 @compiled
-def _linearised(M, h, v, B, J, Jdot, mu_ref, yddot, w1):
+def _linearised(M, h, v, B, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
     m = B.shape[1]
-    mu_map = J @ np.linalg.solve(M, B)
-    mu_0 = Jdot @ v - J @ np.linalg.solve(M, h) - yddot
-    H = 2 * w1 * mu_map.T @ mu_map
-    H = H + (LEAST_NORM * np.trace(H) + TINY) * np.eye(m)
-    g = 2 * w1 * mu_map.T @ (mu_0 - mu_ref)
-    return H, g, mu_map, mu_0, np.eye(m), np.zeros(m)
+    X, L = J.T.copy(), cholesky(M)  # X = M⁻¹ Jᵀ
+    substitute(L, X)
+    substitute_back(L, X)
+    JM, Bt, short = X.T.copy(), B.T.copy(), np.empty(3)
+    for x in range(3):
+        for j in range(m):
+            mu_map[x, j] = dot(JM[x], Bt[j])
+        mu_0[x] = dot(Jdot[x], v) - dot(JM[x], h) - yddot[x]
+        short[x] = mu_0[x] - mu_ref[x]
+    trace = 0.0
+    for i in range(m):
+        g[i] = 0.0
+        for x in range(3):
+            g[i] += 2 * w1 * mu_map[x, i] * short[x]
+        for j in range(i + 1):
+            value = 0.0
+            for x in range(3):
+                value += mu_map[x, i] * mu_map[x, j]
+            H[i, j] = H[j, i] = 2 * w1 * value
+        trace += H[i, i]
+    for i in range(m):
+        H[i, i] += LEAST_NORM * trace + TINY

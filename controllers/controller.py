@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
 
 
 class Status(Enum):
@@ -97,9 +98,8 @@ class InputGuard:
 
     def accept(self, u: np.ndarray, V: float, delta: float, clamped: bool = False) -> Command:
         """A command from the law's answer `u` (nu,); `clamped` laws saturate by design."""
-        inside = np.minimum(np.maximum(u, self.u_min), self.u_max)
-        violation = float(np.abs(u - inside).max()) if u.size else 0.0
-        if not np.isfinite(violation):
+        inside, violation = _clip(u, self.u_min, self.u_max)
+        if not violation < np.inf:  # NaN is not
             return self.fall_back(Status.NON_FINITE, V, delta)
         if not clamped and violation > self.max_bound_violation:
             self.max_bound_violation = violation
@@ -122,3 +122,15 @@ def rehearse(
     with np.errstate(all="ignore"):
         law(state, Reference(state.y))
     guard.reset()
+
+
+@compiled
+def _clip(u, u_min, u_max):
+    """`u` inside its bounds, and how far outside it was; infinite where u is not finite."""
+    inside, violation = np.empty(len(u)), 0.0
+    for i in range(len(u)):
+        inside[i] = min(max(u[i], u_min[i]), u_max[i])
+        outside = abs(u[i] - inside[i])
+        if not outside <= violation:
+            violation = outside if outside == outside else np.inf
+    return inside, violation

@@ -6,7 +6,7 @@ import numpy as np
 
 from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
-from controllers.linear_algebra import row_space
+from controllers.linear_algebra import cholesky, dot, row_space, substitute, substitute_back
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
@@ -72,29 +72,64 @@ class HardInverseDynamics:
     """
 
     def __init__(self, gains: Gains, nu: int) -> None:
-        self.gains = gains
         self.size = nu
+        self._weights = np.array(
+            [gains.w1, gains.w2, gains.w3, gains.w4, gains.null_damping], float
+        )
+        self._condensed = Condensed.empty(nu)
 
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
-        w = self.gains
-        return Condensed(
-            *_hard(
-                state.M, state.h, state.v, state.B, state.J, state.Jdot, task.mu_ref, task.yddot,
-                w.w1, w.w2, w.w3, w.w4, w.null_damping,
-            )
+        _hard(
+            state.M, state.h, state.v, state.B, state.J, state.Jdot, task.mu_ref, task.yddot,
+            self._weights, *self._condensed,
         )  # fmt: skip
+        return self._condensed
 
 
 @compiled
-def _hard(M, h, v, B, J, Jdot, mu_ref, yddot, w1, w2, w3, w4, null_damping):
-    m = B.shape[1]
-    X, drift = np.linalg.solve(M, B), -np.linalg.solve(M, h)  # q̈ = drift + X u
+def _hard(
+    M, h, v, B, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0
+):  # fmt: skip
+    w1, w2, w3, w4, damping = weights[0], weights[1], weights[2], weights[3], weights[4]
+    n, m = B.shape
+    # q̈ = drift + X u; the columns of `right` are X and -drift
+    right = np.empty((n, m + 1))
+    right[:, :m], right[:, m] = B, h
+    L = cholesky(M)
+    substitute(L, right)
+    substitute_back(L, right)
+    X = right.T.copy()
+    drift, damped = X[m], np.empty(n)
+    for i in range(n):
+        drift[i] = -drift[i]
+        damped[i] = drift[i] + damping * v[i]
     reach = row_space(J)
-    NX = X - reach.T @ (reach @ X)
-    damped = drift + null_damping * v
-    N_damped = damped - reach.T @ (reach @ damped)
-    mu_map, mu_0 = J @ X, J @ drift + Jdot @ v - yddot
-    H = 2 * (w1 * mu_map.T @ mu_map + w2 * X.T @ X + w4 * NX.T @ NX + w3 * np.eye(m))
-    g = 2 * (w1 * mu_map.T @ (mu_0 - mu_ref) + w2 * X.T @ drift + w4 * NX.T @ N_damped)
-    return H, g, mu_map, mu_0, np.eye(m), np.zeros(m)
+    r = len(reach)
+    RX, Rd = np.empty((r, m)), np.empty(r)
+    for x in range(r):
+        for j in range(m):
+            RX[x, j] = dot(reach[x], X[j])
+        Rd[x] = dot(reach[x], damped)
+    short = np.empty(3)
+    for x in range(3):
+        for j in range(m):
+            mu_map[x, j] = dot(J[x], X[j])
+        mu_0[x] = dot(J[x], drift) + dot(Jdot[x], v) - yddot[x]
+        short[x] = mu_0[x] - mu_ref[x]
+    # N is a projector: (N X)ᵀ N X = XᵀX - (R X)ᵀ R X
+    for i in range(m):
+        slope = w2 * dot(X[i], drift) + w4 * dot(X[i], damped)
+        for x in range(3):
+            slope += w1 * mu_map[x, i] * short[x]
+        for x in range(r):
+            slope -= w4 * RX[x, i] * Rd[x]
+        g[i] = 2 * slope
+        for j in range(i + 1):
+            value = (w2 + w4) * dot(X[i], X[j])
+            for x in range(3):
+                value += w1 * mu_map[x, i] * mu_map[x, j]
+            for x in range(r):
+                value -= w4 * RX[x, i] * RX[x, j]
+            H[i, j] = H[j, i] = 2 * value
+        H[i, i] += 2 * w3

@@ -6,11 +6,18 @@ from functools import partial
 
 import numpy as np
 
-from controllers.clf import make_clf
 from controllers.controller import Command, InputGuard, guarded, rehearse
 from controllers.gains import Gains, resolve
-from controllers.linear_algebra import extended, factor, row_space
-from controllers.task import task_error
+from controllers.linear_algebra import (
+    add,
+    cholesky,
+    dot,
+    factor,
+    orthogonalise,
+    row_space,
+    substitute,
+)
+from controllers.task import Task
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
 
@@ -22,27 +29,53 @@ SMALL_DETERMINANT, TASK_INERTIA_RCOND, UIC_RCOND = 1e-2, 1e-2, 1e-8
 @compiled
 def task_inertia(M: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Λ = (J M⁻¹ Jᵀ)⁻¹ (3, 3), in kg."""
-    mobility = J @ np.linalg.solve(M, J.T.copy())
+    half = J.T.copy()
+    substitute(cholesky(M), half)
+    mobility = np.zeros((3, 3))
+    for i in range(len(half)):
+        for x in range(3):
+            for y in range(3):
+                mobility[x, y] += half[i, x] * half[i, y]
     if abs(np.linalg.det(mobility)) >= SMALL_DETERMINANT:
         return np.ascontiguousarray(np.linalg.inv(mobility))
     values, vectors = np.linalg.eigh(mobility)
-    keep = np.abs(values) > TASK_INERTIA_RCOND * np.abs(values).max()
-    vectors = np.ascontiguousarray(vectors[:, keep])
-    return (vectors / values[keep]) @ vectors.T.copy()
+    inertia = np.zeros((3, 3))
+    for i in range(3):
+        if abs(values[i]) > TASK_INERTIA_RCOND * np.abs(values).max():
+            for x in range(3):
+                for y in range(3):
+                    inertia[x, y] += vectors[x, i] * vectors[y, i] / values[i]
+    return inertia
 
 
 @compiled
-def task_torque(  # the state's terms, then μ_ref and ÿ_ref
-    M: np.ndarray, J: np.ndarray, Jdot: np.ndarray, v: np.ndarray, coriolis: np.ndarray,
-    reach: np.ndarray, mu_ref: np.ndarray, yddot: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Jᵀ f (n,) with f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ and ÿ = ÿ_ref - K_d ė - K_p e.
+def _law(
+    M, h, bias, g, v, J, Jdot, mu_ref, yddot, span, inverse, project
+):  # fmt: skip
+    """B⁺(Jᵀ f + D q̇ + K + g) before clamping; `project` removes what no input can give.
 
-    Paper, (eq:impedance_acc) and (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the
-    rows of `reach` span.
+    f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
+    (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the rows of `reach` span.
     """
-    acceleration = yddot + mu_ref - Jdot @ v
-    return J.T @ (task_inertia(M, J) @ acceleration) + reach.T @ (reach @ coriolis)
+    n = len(v)
+    reach, inertia = row_space(J), task_inertia(M, J)
+    acceleration, torque = np.empty(3), np.zeros(n)
+    for x in range(3):
+        acceleration[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
+    for x in range(3):
+        add(torque, dot(inertia[x], acceleration), J[x])
+    coriolis = bias - g
+    for x in range(len(reach)):
+        add(torque, dot(reach[x], coriolis), reach[x])
+    if project:
+        actuated_torque(reach, span, torque)
+    torque += h - coriolis
+    u, along = np.zeros(len(inverse)), np.empty(len(span))
+    for i in range(len(span)):
+        along[i] = dot(span[i], torque)
+    for i in range(len(inverse)):
+        u[i] = dot(inverse[i], along)
+    return u
 
 
 class ImpedanceLaw:
@@ -50,28 +83,22 @@ class ImpedanceLaw:
 
     def __init__(self, model: SoftModel, gains: Gains) -> None:
         self.guard = InputGuard(model.u_min, model.u_max)
-        self._gains = gains
-        self._clf = make_clf(gains.eps)
+        self._task = Task(gains)
         self._B: np.ndarray | None = None
-        self._factors = (np.empty((0, 0)),) * 3
+        self._factors = (np.empty((0, 0)),) * 2
         rehearse(partial(self.command, project=True), model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint, *, project: bool) -> Command:
         """u = clamp(B⁺ τ); `project` removes the torques that no input can give."""
         if state.B is not self._B:
             self._factors, self._B = factor(state.B), state.B
-        span, inverse, _ = self._factors
-        task = task_error(state, reference, self._gains)
-        reach = row_space(state.J)
-        torque = task_torque(
-            state.M, state.J, state.Jdot, state.v, state.bias - state.g, reach,
-            task.mu_ref, task.yddot,
+        task = self._task
+        task.update(state, reference)
+        u = _law(
+            state.M, state.h, state.bias, state.g, state.v, state.J, state.Jdot,
+            task.mu_ref, task.yddot, *self._factors, project,
         )  # fmt: skip
-        if project:
-            torque = torque + null_torque(reach, span, torque)
-        u = inverse @ (span @ (torque + state.D @ state.v + state.K + state.g))
-        V = self._clf.decrease(task.eta)[0]
-        return self.guard.accept(u, V, np.nan, clamped=True)
+        return self.guard.accept(u, task.V, np.nan, clamped=True)
 
 
 class Impedance:
@@ -114,27 +141,40 @@ class UnderactuatedImpedance:
 
 
 @compiled
-def null_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """N τ_null = -N [(I - I_p) N]⁺ (I - I_p) Jᵀf (n,), paper (null_tau), in few dimensions.
+def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) -> None:
+    """Add N τ_null = -N [(I - I_p) N]⁺ (I - I_p) Jᵀf to Jᵀf, paper (null_tau), in 3 dimensions.
 
-    N and I - I_p are both the identity outside the span of range(Jᵀ) and range(B), at most 3 + m
-    dimensions, and Jᵀf lies inside it: the pseudo-inverse is taken there.
+    With principal vectors t_i of range(Jᵀ) and r_i of range(B), t_i·r_j = cos θ_i δ_ij, both
+    projectors act in the planes of one pair each, where the sum is (Jᵀf·t_i) r_i / cos θ_i; where
+    the pseudo-inverse drops cos θ_i it is (Jᵀf·t_i) t_i (`docs/derivations.md`, section 10).
 
     Parameters
     ----------
     reach : (r, n) orthonormal rows that span range(Jᵀ).
     range_B : (rank, n) orthonormal rows that span range(B).
-    torque : (n,) in range(Jᵀ).
+    torque : (n,) in range(Jᵀ), changed in place.
     """
-    span = extended(reach, range_B)
-    k, n = span.shape
-    task, actuated = reach @ span.T, range_B @ span.T
-    N = np.eye(k) - task.T @ task
-    unactuated = np.eye(k) - actuated.T @ actuated
-    left, values, right = np.linalg.svd(unactuated @ N)
-    largest = 1.0 if n > k else values.max()  # outside the span every singular value is 1
-    keep = values > UIC_RCOND * largest
-    inner = unactuated @ (span @ torque)
-    rows, columns = right[keep], np.ascontiguousarray(left[:, keep])
-    answer = rows.T @ ((columns.T @ inner) / values[keep])
-    return -(span.T @ (N @ answer))
+    (r, n), a = reach.shape, len(range_B)
+    inner, turned = np.empty((r, a)), np.eye(r)
+    for i in range(r):
+        for j in range(a):
+            inner[i, j] = dot(reach[i], range_B[j])
+    orthogonalise(inner, turned)
+    cosines, largest = np.empty(r), 0.0
+    for i in range(r):
+        cosines[i] = np.sqrt(dot(inner[i], inner[i]))
+        largest = max(largest, cosines[i])
+    if n > r + a:  # outside both ranges every singular value is 1
+        largest = 1.0
+    parts = np.empty(r)
+    for i in range(r):
+        parts[i] = dot(reach[i], torque)
+    torque[:] = 0.0
+    for i in range(r):
+        part = dot(turned[i], parts)
+        if cosines[i] > UIC_RCOND * largest:
+            for j in range(a):
+                add(torque, part * inner[i, j] / (cosines[i] * cosines[i]), range_B[j])
+        else:
+            for j in range(r):
+                add(torque, part * turned[i, j], reach[j])

@@ -1,26 +1,67 @@
-"""Ranks and bases, judged at one threshold: the row space of J, the pseudo-inverse of B."""
+"""Ranks, bases and small systems, in loops: at these sizes calls cost more than sums.
+
+Where nothing is compiled, the innermost of them are calls of NumPy instead.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from softdyn.compiled import compiled
+from softdyn.compiled import compiled, plainly
 
 # A row counts while what the larger rows leave of it exceeds this share of the largest row.
 RANK_TOLERANCE = 1e-6
 DEPENDENT = 1e-10  # the same for a row that only completes a basis, against the row itself
 
 
-@compiled
-def project_out(row: np.ndarray, basis: np.ndarray, count: int) -> np.ndarray:
-    """`row` (n,) without its part along the first `count` orthonormal rows of `basis`.
+def _add(row, part, other):
+    row += part * other
 
-    Twice, since once loses orthogonality where little is left (Giraud et al. 2005).
+
+def _substitute(triangle, right):
+    right[:] = np.linalg.solve(np.tril(triangle), right)
+
+
+def _substitute_back(triangle, right):
+    right[:] = np.linalg.solve(np.tril(triangle).T, right)
+
+
+def _eliminate(A, b):
+    try:
+        b[:] = np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@plainly(np.dot)
+def dot(a: np.ndarray, b: np.ndarray) -> float:
+    """a · b of two vectors (n,)."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@plainly(_add)
+def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
+    """row += part · other, of vectors (n,)."""
+    for i in range(len(row)):
+        row[i] += part * other[i]
+
+
+@compiled
+def project_out(row: np.ndarray, basis: np.ndarray, count: int, along: np.ndarray) -> None:
+    """Take from `row` (n,) its part along the first `count` orthonormal rows of `basis`.
+
+    Twice, since once loses orthogonality where little is left (Giraud et al. 2005). What is taken
+    is added to `along` (≥ count,).
     """
     for _ in range(2):
         for i in range(count):
-            row = row - np.dot(basis[i], row) * basis[i]
-    return row
+            part = dot(basis[i], row)
+            along[i] += part
+            add(row, -part, basis[i])
 
 
 @compiled
@@ -30,52 +71,172 @@ def row_space(rows: np.ndarray) -> np.ndarray:
     Gram–Schmidt, the largest remaining row first. Where nothing is finite the result is not.
     """
     k, n = rows.shape
-    left = rows.copy()
+    left, along = rows.copy(), np.zeros(k)
     basis = np.zeros((min(k, n), n))
     largest = 0.0
     for count in range(min(k, n)):
-        norms = np.sqrt((left * left).sum(axis=1))
-        pivot = int(np.argmax(norms))
-        if count == 0:
-            largest = norms[pivot]
-        if norms[pivot] <= RANK_TOLERANCE * largest:
-            return basis[:count].copy()
-        row = project_out(left[pivot], basis, count)
-        basis[count] = row / np.sqrt(np.dot(row, row))
+        pivot, square = 0, -1.0
         for i in range(k):
-            left[i] = left[i] - np.dot(basis[count], left[i]) * basis[count]
+            size = dot(left[i], left[i])
+            if not size <= square:  # the first that is NaN stays
+                pivot, square = i, size
+        norm = np.sqrt(square)
+        if count == 0:
+            largest = norm
+        if norm <= RANK_TOLERANCE * largest:
+            return basis[:count].copy()
+        basis[count] = left[pivot]
+        project_out(basis[count], basis, count, along)
+        basis[count] /= np.sqrt(dot(basis[count], basis[count]))
+        for i in range(k):
+            add(left[i], -dot(basis[count], left[i]), basis[count])
     return basis
 
 
 @compiled
-def extended(basis: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Orthonormal rows that span `basis` (r, n), itself orthonormal, and `rows` (k, n)."""
-    r, n = basis.shape
-    result = np.zeros((min(r + len(rows), n), n))
-    result[:r] = basis
-    count = r
+def triangular(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
+    """Orthonormalise independent rows (k, n): rows = triangle @ basis, `triangle` (k, k) lower.
+
+    Fills the first k rows of `basis` and `triangle`.
+    """
     for i in range(len(rows)):
-        if count == len(result):
-            break
-        row = project_out(rows[i], result, count)
-        norm = np.sqrt(np.dot(row, row))
-        if norm > DEPENDENT * np.sqrt(np.dot(rows[i], rows[i])):
-            result[count] = row / norm
-            count += 1
-    return result[:count].copy()
+        basis[i] = rows[i]
+        triangle[i] = 0.0
+        project_out(basis[i], basis, i, triangle[i])
+        norm = np.sqrt(dot(basis[i], basis[i]))
+        triangle[i, i] = norm
+        basis[i] /= norm
+
+
+@plainly(_substitute)
+def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
+    """Solve triangle @ x = right, lower triangular (k, k), in place of `right` (k, c)."""
+    for i in range(len(right)):
+        for c in range(right.shape[1]):
+            for j in range(i):
+                right[i, c] -= triangle[i, j] * right[j, c]
+            right[i, c] /= triangle[i, i]
+
+
+@plainly(_substitute_back)
+def substitute_back(triangle: np.ndarray, right: np.ndarray) -> None:
+    """Solve triangleᵀ @ x = right, in place of `right` (k, c)."""
+    for i in range(len(right) - 1, -1, -1):
+        for c in range(right.shape[1]):
+            right[i, c] /= triangle[i, i]
+            for j in range(i):
+                right[j, c] -= triangle[i, j] * right[i, c]
 
 
 @compiled
-def factor(B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Factors of B (n, m) of numerical rank r: (range, inverse, null).
+def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
+    """Add to the first `count` orthonormal rows of `basis` what they lack of `rows` (k, n).
 
-    ``inverse @ range`` is B⁺; `range` (r, n) spans range(B) with orthonormal rows, `inverse` is
-    (m, r), and `null` (m, m - r) spans null(B) with orthonormal columns: what B does not see of u.
+    Returns their number, at most n or the room in `basis`.
+    """
+    room = min(basis.shape)
+    along = np.zeros(room)
+    for i in range(len(rows)):
+        if count == room:
+            break
+        basis[count] = rows[i]
+        project_out(basis[count], basis, count, along)
+        norm = np.sqrt(dot(basis[count], basis[count]))
+        if norm > DEPENDENT * np.sqrt(dot(rows[i], rows[i])):
+            basis[count] /= norm
+            count += 1
+    return count
+
+
+@compiled
+def factor(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of B (n, m) of numerical rank r: (range, inverse), ``inverse @ range`` being B⁺.
+
+    `range` (r, n) spans range(B) with orthonormal rows, `inverse` is (m, r).
     """
     span = row_space(B.T.copy())
-    if len(span) == 0:
-        return span, np.zeros((B.shape[1], 0)), np.eye(B.shape[1])
-    left, values, right = np.linalg.svd(span @ B, full_matrices=True)
-    r = len(span)
-    inverse = (right[:r].T / values[:r]) @ left.T
-    return span, inverse, right[r:].T.copy()
+    r, m = len(span), B.shape[1]
+    basis, triangle, inverse = np.empty((r, m)), np.empty((r, r)), np.eye(r)
+    triangular(span @ B, basis, triangle)
+    substitute(triangle, inverse)
+    return span, basis.T @ inverse
+
+
+@plainly(np.linalg.cholesky)
+def cholesky(M: np.ndarray) -> np.ndarray:
+    """Lower triangular L (n, n) with L Lᵀ = M, its upper half unset.
+
+    Not finite where M is not positive definite (in NumPy: `LinAlgError`).
+    """
+    n = len(M)
+    L = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            rest = M[i, j]
+            for x in range(j):
+                rest -= L[i, x] * L[j, x]
+            L[i, j] = rest / L[j, j] if j < i else np.sqrt(rest)
+    return L
+
+
+@plainly(_eliminate)
+def eliminate(A: np.ndarray, b: np.ndarray) -> bool:
+    """Solve A x = b in place of `b`, by Gauss with row pivots; False where A (n, n) is singular."""
+    n = len(b)
+    for k in range(n):
+        pivot, largest = k, abs(A[k, k])
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > largest:
+                pivot, largest = i, abs(A[i, k])
+        if not largest > 0:
+            return False
+        if pivot != k:
+            for x in range(k, n):
+                A[k, x], A[pivot, x] = A[pivot, x], A[k, x]
+            b[k], b[pivot] = b[pivot], b[k]
+        for i in range(k + 1, n):
+            share = A[i, k] / A[k, k]
+            if share != 0:
+                for x in range(k + 1, n):
+                    A[i, x] -= share * A[k, x]
+                b[i] -= share * b[k]
+    for k in range(n - 1, -1, -1):
+        for x in range(k + 1, n):
+            b[k] -= A[k, x] * b[x]
+        b[k] /= A[k, k]
+    return True
+
+
+@compiled
+def orthogonalise(rows: np.ndarray, turned: np.ndarray) -> None:
+    """Turn the rows (k, n) until they are orthogonal, and those of `turned` (k, k) with them.
+
+    One-sided Jacobi rotations (Hestenes 1958): norms of the rows are then the singular values, each
+    to its own relative accuracy. From the identity, `turned` is the orthogonal matrix applied.
+    """
+    for _ in range(30):
+        turns = False
+        for p in range(len(rows) - 1):
+            for q in range(p + 1, len(rows)):
+                a, b = dot(rows[p], rows[p]), dot(rows[q], rows[q])
+                along = dot(rows[p], rows[q])
+                if not abs(along) > 1e-15 * np.sqrt(a * b):
+                    continue
+                turns = True
+                slope = (b - a) / (2 * along)
+                t = 1 / (abs(slope) + np.sqrt(1 + slope * slope))
+                if slope < 0:
+                    t = -t
+                cosine = 1 / np.sqrt(1 + t * t)
+                _rotate(rows, p, q, cosine, cosine * t)
+                _rotate(turned, p, q, cosine, cosine * t)
+        if not turns:
+            return
+
+
+@compiled
+def _rotate(rows, p, q, cosine, sine):
+    for x in range(rows.shape[1]):
+        first, second = rows[p, x], rows[q, x]
+        rows[p, x] = cosine * first - sine * second
+        rows[q, x] = sine * first + cosine * second

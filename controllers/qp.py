@@ -13,13 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from proxsuite import proxqp
 
+from controllers.linear_algebra import eliminate
 from softdyn.compiled import compiled
 
-COARSE, FINE = 1e-6, 1e-9  # what ProxQP is asked for, in scaled variables
+# What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
+# finds the optimum; and where it does not, the optimum itself.
+COARSE, FINE = 1e-3, 1e-9
 MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
 MAX_ITERATIONS, MAX_INNER = 200, 100
 POLISH_STEPS = 8
+NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
+WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 
 
 class Problem(NamedTuple):
@@ -30,6 +35,12 @@ class Problem(NamedTuple):
     A: np.ndarray  # (rows, n)
     lower: np.ndarray  # (rows,), -inf where open
     upper: np.ndarray  # (rows,), +inf where open
+
+    @classmethod
+    def empty(cls, variables: int, rows: int) -> Problem:
+        """Room for a problem of this size."""
+        A, (lower, upper) = np.zeros((rows, variables)), np.zeros((2, rows))
+        return cls(np.zeros((variables, variables)), np.zeros(variables), A, lower, upper)
 
 
 class Solution(NamedTuple):
@@ -70,8 +81,8 @@ def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, 
     tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
     it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
     """
-    found, *exact = _polish(*problem, x, z)
-    return (exact[0], exact[1]) if found else None
+    x, z = np.array(x, float), np.array(z, float)
+    return (x, z) if _polish(*problem, x, z) else None
 
 
 class DenseQp:
@@ -95,133 +106,179 @@ class DenseQp:
         settings.default_mu_in = MU_IN
         settings.compute_preconditioner = False
         settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
-        self._fresh = True
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        self._scaled = Problem.empty(variables, rows)
+        self._scale, self._norms = np.ones(variables), np.ones(rows)
+        _, g, A, lower, upper = self._scaled
+        self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
+        self._qp.solve()
+        # views of ProxQP's memory, which every solve refreshes
+        self._x, self._z = self._qp.results.x, self._qp.results.z
+        if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
+            raise RuntimeError("this ProxSuite hands out copies of its results")
 
     def solve(self, problem: Problem) -> Solution | None:
         """The answer, whatever its quality; None where no solver may see the problem."""
-        sane, H, g, A, lower, upper, scale, norms, size = _scaled(*problem)
+        H, g, A, lower, upper = scaled = self._scaled
+        sane, size = _scale(*problem, *scaled, self._scale, self._norms)
         if not sane:
             return None
-        update = self._qp.init if self._fresh else self._qp.update
-        update(H, g, None, None, A, lower, upper, False)
-        self._fresh = False
-        scaled = Problem(H, g, A, lower, upper)
-        guesses = proxqp.InitialGuess
-        solution = self._attempt(scaled, COARSE, guesses.NO_INITIAL_GUESS)
-        if not all(residual <= FINE for residual in solution[2:]):  # NaN is not
-            solution = self._attempt(scaled, FINE, guesses.WARM_START_WITH_PREVIOUS_RESULT)
-        x, z = solution.x * scale * size, solution.multipliers / norms * size
-        return Solution(x, z, solution.primal, solution.dual, solution.gap)
-
-    def _attempt(self, scaled: Problem, eps: float, guess: proxqp.InitialGuess) -> Solution:
-        """ProxQP's answer to the scaled problem, polished where that is better."""
-        settings, results = self._qp.settings, self._qp.results
-        settings.eps_abs, settings.initial_guess = eps, guess
-        self._qp.solve()
-        return Solution(*_refined(*scaled, np.array(results.x), np.array(results.z)))
+        qp = self._qp
+        qp.update(H, g, None, None, A, lower, upper, False)
+        qp.solve()
+        answer = Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        if max(answer[2:]) <= FINE:  # NaN is not
+            return answer
+        settings = qp.settings
+        settings.eps_abs, settings.initial_guess = FINE, WARM
+        qp.solve()
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        return Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
 
 
 @compiled
-def _scaled(H, g, A, lower, upper):
-    """(sane, scaled problem, scales of variables and rows, size of the answer).
+def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
+    """Fill the scaled problem and the scales of variables and rows: (sane, size of the answer).
 
     Sane is what a solver may see: finite data, bounds that are ordered and not NaN.
     """
     n, rows = len(g), len(lower)
-    scale = np.ones(n)
+    size = 1.0
     for i in range(n):
-        if H[i, i] > 0:
-            scale[i] = 1.0 / np.sqrt(H[i, i])
-    H2, g2, A2 = H * np.outer(scale, scale), g * scale, A * scale
-    norms = np.ones(rows)
+        scale[i] = 1.0 / np.sqrt(H[i, i]) if H[i, i] > 0 else 1.0
+        g2[i] = g[i] * scale[i]
+        if not abs(g2[i]) <= size:
+            size = abs(g2[i])
     for i in range(rows):
-        norm = np.sqrt(np.dot(A2[i], A2[i]))
-        if norm != 0:
-            norms[i] = norm
-        A2[i] = A2[i] / norms[i]
-    lower2, upper2 = lower / norms, upper / norms
-    size = max(1.0, np.abs(g2).max())
-    if rows:
-        size = max(size, lower2.max(), -upper2.min())
-    g2, lower2, upper2 = g2 / size, lower2 / size, upper2 / size
-    sane = np.isfinite(size) and np.isfinite(H2).all() and np.isfinite(g2).all()
-    sane = sane and np.isfinite(A2).all() and (lower2 <= upper2).all()
-    return sane, H2, g2, A2, lower2, upper2, scale, norms, size
+        square = 0.0
+        for j in range(n):
+            A2[i, j] = A[i, j] * scale[j]
+            square += A2[i, j] * A2[i, j]
+        norms[i] = np.sqrt(square) if square != 0 else 1.0
+        lower2[i], upper2[i] = lower[i] / norms[i], upper[i] / norms[i]
+        size = max(size, lower2[i], -upper2[i])
+    sane = size < np.inf
+    for i in range(n):
+        g2[i] /= size
+        sane = sane and abs(g2[i]) < np.inf
+        for j in range(n):
+            H2[i, j] = H[i, j] * (scale[i] * scale[j])
+            sane = sane and abs(H2[i, j]) < np.inf
+    for i in range(rows):
+        lower2[i], upper2[i] = lower2[i] / size, upper2[i] / size
+        sane = sane and lower2[i] <= upper2[i]
+        for j in range(n):
+            A2[i, j] /= norms[i]
+            sane = sane and abs(A2[i, j]) < np.inf
+    return sane, size
 
 
 @compiled
 def _residuals(H, g, A, lower, upper, x, z):
-    Hx = H @ x
-    primal, largest, support = 0.0, 1.0, 0.0
-    stationarity = Hx + g
-    dual_scale = max(1.0, np.abs(Hx).max(), np.abs(g).max())
-    if len(z):
-        Ax, Atz = A @ x, z @ A
-        largest = max(largest, np.abs(Ax).max())
-        for i in range(len(z)):
-            excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i]) / largest
-            width = upper[i] - lower[i]
-            if 0 < width < 1:
-                excess = excess * largest / width  # in the units of its own range
-            primal = max(primal, excess)
-        stationarity = stationarity + Atz
-        dual_scale = max(dual_scale, np.abs(Atz).max())
+    n, rows = len(x), len(z)
+    quadratic, linear, support = 0.0, 0.0, 0.0
+    dual, dual_scale = 0.0, 1.0
+    for i in range(n):
+        Hx, Atz = 0.0, 0.0
+        for j in range(n):
+            Hx += H[i, j] * x[j]
+        for j in range(rows):
+            Atz += A[j, i] * z[j]
+        quadratic += x[i] * Hx
+        linear += x[i] * g[i]
+        dual = _larger(dual, abs(Hx + g[i] + Atz))
+        dual_scale = max(dual_scale, abs(Hx), abs(g[i]), abs(Atz))
+    Ax, largest = np.zeros(rows), 1.0
+    for i in range(rows):
+        for j in range(n):
+            Ax[i] += A[i, j] * x[j]
+        largest = _larger(largest, abs(Ax[i]))
+    primal = 0.0
+    for i in range(rows):
+        excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
+        width = upper[i] - lower[i]
+        # a narrow row is judged in the units of its own range
+        primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
-        for i in range(len(z)):
-            if z[i] > 0:
-                support += z[i] * upper[i]
-            elif z[i] < 0:
-                support += z[i] * lower[i]
-    quadratic, linear = np.dot(x, Hx), np.dot(g, x)
+        if z[i] > 0:
+            support += z[i] * upper[i]
+        elif z[i] < 0:
+            support += z[i] * lower[i]
     gap = abs(quadratic + linear + support)
-    if np.isfinite(gap):
+    if gap < np.inf:
         gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
-    else:  # a multiplier on an open bound
+    else:  # a multiplier on an open bound, or no number
         gap = np.inf
-    return primal, np.abs(stationarity).max() / dual_scale, gap
+    return primal, dual / dual_scale, gap
+
+
+@compiled
+def _larger(a, b):
+    """The larger of two, NaN where one is."""
+    return b if not b <= a else a
 
 
 @compiled
 def _polish(H, g, A, lower, upper, x, z):
-    n = len(x)
-    Ax = A @ x
-    at_upper = z > upper - Ax
-    at_lower = -z > Ax - lower
-    active = np.flatnonzero(at_upper | at_lower)
-    multipliers = np.zeros_like(z)
-    kkt = np.zeros((n + len(active), n + len(active)))
-    target = np.zeros(n + len(active))
-    kkt[:n, :n] = H
-    target[:n] = -g
-    for k in range(len(active)):
-        i = active[k]
-        kkt[:n, n + k] = A[i]
-        kkt[n + k, :n] = A[i]
-        target[n + k] = upper[i] if at_upper[i] else lower[i]
-    try:
-        answer = np.linalg.solve(kkt, target)
-    except Exception:  # singular; Numba knows no narrower clause
-        return False, x, z
-    multipliers[active] = answer[n:]
-    return True, answer[:n].copy(), multipliers
+    """A step of `polish` in place; False where it fails."""
+    n, rows = len(x), len(z)
+    active, count = np.empty(rows, np.int64), 0
+    target = np.empty(n + rows)
+    for i in range(n):
+        target[i] = -g[i]
+    for i in range(rows):
+        Ax = 0.0
+        for j in range(n):
+            Ax += A[i, j] * x[j]
+        if z[i] > upper[i] - Ax:
+            target[n + count] = upper[i]
+        elif -z[i] > Ax - lower[i]:
+            target[n + count] = lower[i]
+        else:
+            continue
+        active[count] = i
+        count += 1
+    kkt = np.zeros((n + count, n + count))
+    for i in range(n):
+        for j in range(n):
+            kkt[i, j] = H[i, j]
+    for k in range(count):
+        for j in range(n):
+            kkt[j, n + k] = kkt[n + k, j] = A[active[k], j]
+    if not eliminate(kkt, target[: n + count]):
+        return False
+    for i in range(n):
+        x[i] = target[i]
+    for i in range(rows):
+        z[i] = 0.0
+    for k in range(count):
+        z[active[k]] = target[n + k]
+    return True
 
 
 @compiled
-def _refined(H, g, A, lower, upper, x, z):
-    """The polished answer if that is the optimum, else (x, z); with its residuals."""
-    if not (np.isfinite(x).all() and np.isfinite(z).all()):
-        return x, z, np.inf, np.inf, np.inf
+def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
+    """The polished answer if that is the optimum, else (x, z), unscaled; with its residuals."""
+    x, z = x.copy(), z.copy()
+    primal = dual = gap = np.inf
+    if np.isfinite(x).all() and np.isfinite(z).all():
+        for i in range(len(z)):
+            # an open bound has no multiplier; what is left there counts as a dual residual
+            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
+                z[i] = 0.0
+        x2, z2, optimal = x.copy(), z.copy(), False
+        for _ in range(POLISH_STEPS):
+            if not _polish(H, g, A, lower, upper, x2, z2):
+                break
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
+            optimal = primal <= FINE and dual <= FINE and gap <= FINE  # NaN is not
+            if optimal:
+                x, z = x2, z2
+                break
+        if not optimal:
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+    for i in range(len(x)):
+        x[i] *= scale[i] * size
     for i in range(len(z)):
-        # an open bound has no multiplier; what the solver leaves there counts as a dual residual
-        if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
-            z[i] = 0.0
-    x2, z2 = x, z
-    for _ in range(POLISH_STEPS):
-        found, x2, z2 = _polish(H, g, A, lower, upper, x2, z2)
-        if not found:
-            break
-        primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
-        if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
-            return x2, z2, primal, dual, gap
-    primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+        z[i] = z[i] / norms[i] * size
     return x, z, primal, dual, gap

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.gains import Gains
-from controllers.linear_algebra import extended, row_space
+from controllers.linear_algebra import dot, extend, row_space, substitute, triangular
 from controllers.task import Task
 from controllers.task_qp import Condensed
 from softdyn import State
@@ -34,57 +34,110 @@ class SoftInverseDynamics:
         total = gains.w2 + gains.w4
         # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
         c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
-        self._weights = (gains.w1, gains.w2, gains.w3, gains.w4, c)
+        self._weights = np.array([gains.w1, gains.w2, gains.w3, gains.w4, c], float)
         self._B: np.ndarray | None = None
-        self._span = np.empty((0, 0))
+        self._span = self._span_B = np.empty((0, 0))
+        self._condensed = Condensed.empty(self.size)
 
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
         if state.B is not self._B:
-            self._span, self._B = row_space(state.B.T.copy()), state.B
-        return Condensed(
-            *_condense(
-                state.M, state.h, state.v, state.J, state.Jdot, state.ydot,
-                self._span, state.B, task.mu_ref, task.yddot, *self._weights,
-            )
+            self._span, self._span_B = range_of(state.B)
+            self._B = state.B
+        _condense(
+            state.M, state.h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
+            task.mu_ref, task.yddot, self._weights, *self._condensed,
         )  # fmt: skip
+        return self._condensed
 
 
 @compiled
-def _condense(M, h, v, J, Jdot, ydot, span, B, mu_ref, yddot, w1, w2, w3, w4, c):
-    a, m = len(span), B.shape[1]
-    size = m + 3
+def range_of(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal rows U (a, n) that span range(B), and U B (a, m)."""
+    span = row_space(B.T.copy())
+    return span, span @ B
+
+
+@compiled
+def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g, mu_map, mu_0):
+    w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
+    a, m = span_B.shape
+    n, size = len(v), m + 3
     reach = row_space(J)
+    r = len(reach)
+    Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
     if a:
         # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
-        # is. They read triangleᵀ z[:a] = span (B u - h + c M v).
+        # is. They read triangle z[:a] = span (B u - h + c M v).
         actuated = span @ M
-        basis, triangle = np.linalg.qr(actuated.T.copy())
-        Z = extended(basis.T.copy(), reach)
-        right = np.zeros((a, m + 1))
-        right[:, :m] = span @ B
-        right[:, m] = c * (actuated @ v) - span @ h
-        right = np.linalg.solve(triangle.T.copy(), right)
-    else:
-        Z, right = reach, np.zeros((0, m + 1))
-    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding)
-    k = len(Z)
-    Y, z_0 = np.zeros((k, size)), np.zeros(k)
-    Y[:a, :m], z_0[:a] = right[:, :m], right[:, m]
-    for i in range(a, k):
-        Y[i, m + i - a] = 1.0
+        triangular(actuated, Z, triangle)
+        for i in range(a):
+            for j in range(m):
+                right[i, j] = span_B[i, j]
+            right[i, m] = c * dot(actuated[i], v) - dot(span[i], h)
+        substitute(triangle, right)
+    k = extend(Z, a, reach)
 
-    along = J @ Z.T.copy()
-    mu_map = along @ Y
-    mu_0 = Jdot @ v - yddot - c * ydot + along @ z_0
+    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
+    # `along` gives J Zᵀ and R = reach Zᵀ.
+    along, R = np.empty((3, k)), np.empty((r, k))
+    for j in range(k):
+        for x in range(3):
+            along[x, j] = dot(J[x], Z[j])
+        for x in range(r):
+            R[x, j] = dot(reach[x], Z[j])
+    RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
+    _through(R, right, a, k, RY, Rz)
+    _through(along, right, a, k, mu_map, mu_0)
+    for x in range(r):
+        Rv[x] = dot(reach[x], v)
+    short = np.empty(3)
+    for x in range(3):
+        mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
+        short[x] = mu_0[x] - mu_ref[x]
+
     # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(reach q̇) + const
-    R = reach @ Z.T.copy()
-    RY, both = R @ Y, w2 + w4
-    H = 2 * (w1 * mu_map.T @ mu_map + both * Y.T @ Y - w4 * RY.T @ RY)
-    g = 2 * (w1 * mu_map.T @ (mu_0 - mu_ref) + both * Y.T @ z_0)
-    g -= 2 * RY.T @ (w4 * (R @ z_0) + w2 * c * (reach @ v))
-    for i in range(m):
-        H[i, i] += 2 * w3
-    for i in range(m + k - a, size):
-        H[i, i] = 1.0  # unused: zero at the optimum
-    return H, g, mu_map, mu_0, np.eye(m, size), np.zeros(m)
+    both = w2 + w4
+    used = m + k - a
+    for i in range(size):
+        slope = 0.0
+        for x in range(3):
+            slope += w1 * mu_map[x, i] * short[x]
+        for x in range(r):
+            slope -= RY[x, i] * (w4 * Rz[x] + w2 * c * Rv[x])
+        if i < m:
+            for x in range(a):
+                slope += both * right[x, i] * right[x, m]
+        g[i] = 2 * slope
+        for j in range(i + 1):
+            value = 0.0
+            for x in range(3):
+                value += w1 * mu_map[x, i] * mu_map[x, j]
+            for x in range(r):
+                value -= w4 * RY[x, i] * RY[x, j]
+            if i < m:
+                for x in range(a):
+                    value += both * right[x, i] * right[x, j]
+            H[i, j] = H[j, i] = 2 * value
+        if i < m:
+            H[i, i] += 2 * w3
+        elif i < used:
+            H[i, i] += 2 * both
+        else:
+            H[i, i] = 1.0  # unused: zero at the optimum
+
+
+@compiled
+def _through(rows, right, a, k, product, constant):
+    """rows (p, k) times Y into `product` (p, size) and times z_0 into `constant` (p,)."""
+    m = right.shape[1] - 1
+    for x in range(len(rows)):
+        for j in range(product.shape[1]):
+            product[x, j] = 0.0
+        constant[x] = 0.0
+        for i in range(a):
+            for j in range(m):
+                product[x, j] += rows[x, i] * right[i, j]
+            constant[x] += rows[x, i] * right[i, m]
+        for i in range(a, k):
+            product[x, m + i - a] = rows[x, i]

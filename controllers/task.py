@@ -1,32 +1,58 @@
-"""The task error every law starts from."""
+"""The task error every law starts from, and the Lyapunov condition on it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from controllers.clf import make_clf
 from controllers.gains import Gains
 from softdyn import Reference, SetPoint, State
+from softdyn.compiled import compiled
 
 
-@dataclass(frozen=True, slots=True)
 class Task:
-    """Error of the tip, paper section "Input-Output Linearization".
+    """Error of the tip, paper section "Input-Output Linearization"; refilled at every step.
 
     Attributes
     ----------
-    eta : (6,) η = (e, ė), e = y - y_ref (m, m/s).
-    mu_ref : (3,) μ_ref = -K_d ė - K_p e (m/s²).
+    mu_ref : (3,) μ_ref = -K_d ė - K_p e (m/s²), e = y - y_ref.
     yddot : (3,) ÿ_ref.
+    row, bound : (3,), (1,) the decrease condition row·μ - δ ≤ bound; see `Clf.decrease`.
+    V : value of the Lyapunov function.
     """
 
-    eta: np.ndarray
-    mu_ref: np.ndarray
-    yddot: np.ndarray
+    def __init__(self, gains: Gains) -> None:
+        clf = make_clf(gains.eps)
+        self._numbers = gains.Kp, gains.Kd, clf.eps, clf.P_eps
+        values = np.zeros(10)
+        self.mu_ref, self.yddot, self.row = values[:3], values[3:6], values[6:9]
+        self.bound = values[9:]
+        self.V = 0.0
+
+    def update(self, state: State, reference: Reference | SetPoint) -> None:
+        """The error of `state` against `reference`."""
+        self.V = _error(
+            state.y, state.ydot, reference.y, reference.ydot, reference.yddot, *self._numbers,
+            self.mu_ref, self.yddot, self.row, self.bound,
+        )  # fmt: skip
 
 
-def task_error(state: State, reference: Reference | SetPoint, gains: Gains) -> Task:
-    """The error of `state` against `reference`."""
-    e, edot = state.y - reference.y, state.ydot - reference.ydot
-    return Task(np.concatenate((e, edot)), -gains.Kd * edot - gains.Kp * e, reference.yddot)
+@compiled
+def _error(y, ydot, y_ref, ydot_ref, yddot_ref, Kp, Kd, eps, P_eps, mu_ref, yddot, row, bound):
+    eta = np.empty(6)
+    for x in range(3):
+        eta[x], eta[3 + x] = y[x] - y_ref[x], ydot[x] - ydot_ref[x]
+        mu_ref[x] = -Kd * eta[3 + x] - Kp * eta[x]
+        yddot[x] = yddot_ref[x]
+    twice_V, drift = 0.0, 0.0
+    for i in range(6):
+        gradient = 0.0
+        for j in range(6):
+            gradient += 2.0 * P_eps[i, j] * eta[j]
+        twice_V += gradient * eta[i]
+        if i < 3:
+            drift += gradient * eta[3 + i]
+        else:
+            row[i - 3] = gradient
+    bound[0] = -twice_V / 2 / eps - drift
+    return twice_V / 2

@@ -6,11 +6,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from controllers.clf import make_clf
 from controllers.controller import Command, InputGuard, Status, rehearse
 from controllers.gains import Gains
 from controllers.qp import DenseQp, Problem
-from controllers.task import Task, task_error
+from controllers.task import Task
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
 
@@ -20,21 +19,23 @@ BACKOFF = 1e-8
 
 
 class Condensed(NamedTuple):
-    """An objective ½ xᵀHx + gᵀx over unknowns x, and what x means.
+    """An objective ½ xᵀHx + gᵀx over unknowns x of which u is the first m.
 
     Attributes
     ----------
     H, g : (k, k), (k,) the objective.
     mu_map, mu_0 : (3, k), (3,) so that μ = mu_0 + mu_map x.
-    u_map, u_0 : (m, k), (m,) so that u = u_0 + u_map x.
     """
 
     H: np.ndarray
     g: np.ndarray
     mu_map: np.ndarray
     mu_0: np.ndarray
-    u_map: np.ndarray
-    u_0: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> Condensed:
+        """Room for `size` unknowns."""
+        return cls(np.zeros((size, size)), np.zeros(size), np.zeros((3, size)), np.zeros(3))
 
 
 class Objective(Protocol):
@@ -43,7 +44,7 @@ class Objective(Protocol):
     size: int
 
     def condense(self, state: State, task: Task) -> Condensed:
-        """The objective at this state."""
+        """The objective at this state; in memory that the next call may use again."""
         ...
 
 
@@ -61,44 +62,52 @@ class TaskQp:
         self, model: SoftModel, gains: Gains, objective: Objective, *, decrease: bool
     ) -> None:
         self.guard = InputGuard(model.u_min, model.u_max)
-        self._gains, self._objective = gains, objective
-        self._clf = make_clf(gains.eps)
-        self._decrease = decrease
-        self._qp = DenseQp(objective.size + decrease, model.nu + decrease)
+        self._objective, self._task = objective, Task(gains)
+        self._rho, self._decrease = float(gains.rho), decrease
+        size, m = objective.size, model.nu
+        self._nu, self._size = m, size
+        self._qp = DenseQp(size + decrease, m + decrease)
+        # x = (u, …, δ); what the steps do not change is written once
+        self._problem = Problem.empty(size + decrease, m + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
-        self._u_min, self._u_max = model.u_min + margin, model.u_max - margin
+        self._problem.lower[:m], self._problem.upper[:m] = (
+            model.u_min + margin,
+            model.u_max - margin,
+        )
+        self._problem.A[:m, :m] = np.eye(m)
+        if decrease:
+            self._problem.lower[m], self._problem.A[m, size] = -np.inf, -1.0
         rehearse(self.command, model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint) -> Command:
         """The bounded input, or the guard's fallback."""
-        task = task_error(state, reference, self._gains)
-        V, row, bound = self._clf.decrease(task.eta)
-        p = self._objective.condense(state, task)
-        if self._decrease:
-            problem = Problem(
-                *_bounded_decreasing(*p, self._u_min, self._u_max, row, bound, self._gains.rho)
-            )
-        else:
-            problem = Problem(p.H, p.g, p.u_map, self._u_min - p.u_0, self._u_max - p.u_0)
+        task, problem = self._task, self._problem
+        task.update(state, reference)
+        condensed = self._objective.condense(state, task)
+        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
         solution = self._qp.solve(problem)
         if solution is None:
-            return self.guard.fall_back(Status.NON_FINITE, V, np.nan)
-        k = self._objective.size
-        delta = float(solution.x[k]) if self._decrease else np.nan
+            return self.guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+        delta = float(solution.x[self._size]) if self._decrease else np.nan
         if not solution.solved:
-            return self.guard.fall_back(Status.NOT_SOLVED, V, delta)
-        return self.guard.accept(p.u_0 + p.u_map @ solution.x[:k], V, delta)
+            return self.guard.fall_back(Status.NOT_SOLVED, task.V, delta)
+        return self.guard.accept(solution.x[: self._nu], task.V, delta)
 
 
 @compiled
-def _bounded_decreasing(H, g, mu_map, mu_0, u_map, u_0, u_min, u_max, row, bound, rho):
-    """The programme in (x, δ) with bounds on u and the decrease row·μ - δ ≤ bound."""
-    m, k = u_map.shape
-    H2, g2 = np.zeros((k + 1, k + 1)), np.zeros(k + 1)
-    H2[:k, :k], g2[:k] = H, g
-    H2[k, k] = 2 * rho
-    A, lower, upper = np.zeros((m + 1, k + 1)), np.empty(m + 1), np.empty(m + 1)
-    A[:m, :k], lower[:m], upper[:m] = u_map, u_min - u_0, u_max - u_0
-    A[m, :k], A[m, k] = row @ mu_map, -1.0
-    lower[m], upper[m] = -np.inf, bound - np.dot(row, mu_0)
-    return H2, g2, A, lower, upper
+def _write(H, g, mu_map, mu_0, row, bound, rho, decrease, m, H2, g2, A, lower, upper):
+    """The objective, and the decrease row·μ - δ ≤ bound below the bounds on u."""
+    k = len(g)
+    for i in range(k):
+        g2[i] = g[i]
+        for j in range(k):
+            H2[i, j] = H[i, j]
+    if decrease:
+        H2[k, k] = 2 * rho
+        upper[m] = bound[0]
+        for x in range(3):
+            upper[m] -= row[x] * mu_0[x]
+        for j in range(k):
+            A[m, j] = 0.0
+            for x in range(3):
+                A[m, j] += row[x] * mu_map[x, j]

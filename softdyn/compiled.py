@@ -33,6 +33,15 @@ numba = _numba()
 COMPILES = numba is not None
 
 
+def plainly(plain: Callable[..., Any]) -> Callable[[Kernel], Kernel]:
+    """`compiled`, but `plain` runs where nothing is compiled: NumPy's calls instead of loops."""
+
+    def choose(function: Kernel) -> Kernel:
+        return compiled(function) if COMPILES else plain  # type: ignore[return-value]
+
+    return choose
+
+
 def compiled(function: Kernel) -> Kernel:
     """`function` compiled at its first call, or itself; ``.py_func`` is the source either way."""
     if numba is None:

@@ -9,7 +9,7 @@ from control_cases import BUNDLED, drawn, recorded, robot
 
 from controllers import ClfQp
 from controllers.clf_qp import Linearisation
-from controllers.task import task_error
+from controllers.task import Task
 
 SQRT3 = np.sqrt(3.0)
 
@@ -73,9 +73,9 @@ def test_the_least_norm_minimiser_is_taken():
         seen += 1
     if not seen:  # every state saturates: widen the question to the objective itself
         state, reference = recorded("helix")[-1]
-        p = Linearisation(controller.gains, model.nu).condense(
-            state, task_error(state, reference, controller.gains)
-        )
+        task = Task(controller.gains)
+        task.update(state, reference)
+        p = Linearisation(controller.gains, model.nu).condense(state, task)
         free = np.linalg.solve(p.H, -p.g)
         least = np.linalg.pinv(p.mu_map) @ (p.mu_map @ free)
         assert np.abs(free - least).max() <= 1e-6 * np.abs(free).max()

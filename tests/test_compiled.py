@@ -12,7 +12,17 @@ from control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 
 import softdyn.compiled
 from controllers import CONTROLLERS
-from controllers.linear_algebra import extended, factor, row_space
+from controllers.linear_algebra import (
+    cholesky,
+    eliminate,
+    extend,
+    factor,
+    orthogonalise,
+    row_space,
+    substitute,
+    substitute_back,
+    triangular,
+)
 from softdyn.compiled import compiled
 
 pytestmark = pytest.mark.skipif(
@@ -62,14 +72,55 @@ def test_bases(which):
         # it spans range(Jᵀ) up to the threshold
         left = state.J - state.J @ reach.T @ reach
         assert np.abs(left).max() <= 1e-5 * max(np.abs(state.J).max(), 1e-300)
-        span, inverse, null = factor(state.B)
+        span, inverse = factor(state.B)
         assert np.allclose(inverse @ span, np.linalg.pinv(state.B, rcond=1e-6), atol=1e-6)
-        assert np.abs(state.B @ null).max(initial=0) <= 1e-5 * np.abs(state.B).max()
-        assert null.shape == (robot(which).nu, robot(which).nu - len(span))
-        Z = extended(reach, span @ state.M)
+        rows = span @ state.M
+        Z, triangle = np.empty((len(rows) + len(reach), len(state.v))), np.empty((len(rows),) * 2)
+        triangular(rows, Z, triangle)
+        Z = Z[: extend(Z, len(rows), reach)]
         assert np.allclose(Z @ Z.T, np.eye(len(Z)), atol=1e-12)
-        rows = np.vstack((reach, span @ state.M))
+        assert np.allclose(triangle @ Z[: len(rows)], rows, atol=1e-12 * np.abs(rows).max())
+        rows = np.vstack((reach, rows))
         assert np.allclose(rows @ Z.T @ Z, rows, atol=1e-9 * np.abs(rows).max())
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 20])
+def test_small_systems(n):
+    rng = np.random.default_rng(n)
+    A, b = rng.normal(size=(n, n)), rng.normal(size=n)
+    A[0, 0] = 0.0 if n > 1 else A[0, 0]  # a pivot is needed
+    x = np.linalg.solve(A, b)
+    assert eliminate(A.copy(), b)
+    assert np.allclose(b, x, rtol=1e-9, atol=1e-12)
+    A[-1] = 2 * A[0] if n > 1 else 0.0
+    A[:, -1] = 0.0
+    assert not eliminate(A, b)
+
+    root = rng.normal(size=(n, n + 1))
+    M, right = root @ root.T + 0.1 * np.eye(n), rng.normal(size=(n, 3))
+    L = np.tril(cholesky(M))
+    assert np.allclose(L @ L.T, M, atol=1e-12 * np.abs(M).max())
+    found = right.copy()
+    substitute(L, found)
+    assert np.allclose(L @ found, right, atol=1e-10)
+    substitute_back(L, found)
+    assert np.allclose(M @ found, right, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (3, 2), (3, 9), (2, 1), (3, 3)])
+def test_turned_rows(shape):
+    rng = np.random.default_rng(0)
+    for scale in (1.0, 1e-9):
+        rows = rng.normal(size=shape)
+        rows[-1] = rows[0] + scale * rows[-1]
+        turned, orthogonal = np.eye(shape[0]), rows.copy()
+        orthogonalise(orthogonal, turned)
+        assert np.allclose(turned @ turned.T, np.eye(shape[0]), atol=1e-14)
+        assert np.allclose(turned @ rows, orthogonal, atol=1e-14)
+        sizes = np.sort(np.linalg.norm(orthogonal, axis=1))[::-1][: min(shape)]
+        assert np.allclose(sizes, np.linalg.svd(rows, compute_uv=False), rtol=1e-6, atol=1e-14)
+        gram = orthogonal @ orthogonal.T
+        assert np.abs(gram - np.diag(np.diag(gram))).max() <= 1e-13 * np.abs(gram).max()
 
 
 def test_kernels_keep_their_source():

@@ -28,7 +28,7 @@ from textbook import (
 
 from controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
-from controllers.task import task_error
+from controllers.task import Task
 from controllers.task_qp import BACKOFF
 from softdyn import SetPoint, SoftModel, State
 from softdyn.integrators import step_implicit
@@ -177,10 +177,11 @@ def test_the_programme_has_at_most_m_plus_4_unknowns(name: str) -> None:
     model, gains = robot(name), gains_of(name)
     dynamics = SoftInverseDynamics(gains, model.nu)
     state, reference = cases(name)[0]
-    condensed = dynamics.condense(state, task_error(state, reference, gains))
+    task = Task(gains)
+    task.update(state, reference)
+    condensed = dynamics.condense(state, task)
     assert dynamics.size == model.nu + 3
     assert condensed.H.shape == (model.nu + 3,) * 2
-    assert condensed.u_map.shape == (model.nu, model.nu + 3)
     assert condensed.mu_map.shape == (3, model.nu + 3)
 
 
