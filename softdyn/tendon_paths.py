@@ -56,8 +56,9 @@ def _along(
         rotation, translation = placed[link]
         path.append((link, rotation.T @ (point - translation)))
 
+    beside = []
     for joint in chain:
-        rotation, origin = placed[joint.child]
+        rotation, _ = placed[joint.child]
         along, length = _direction(robot, joint, placed)
         if joint.kind == "prismatic":
             normal = _diagonal(along) * side
@@ -65,7 +66,10 @@ def _along(
             normal = np.cross(rotation @ joint.axis, along) * np.sign(coefs[joint.name]) * side
             norm = float(np.linalg.norm(normal))
             normal = normal / norm if norm > 1e-6 else _diagonal(along)
-        point = origin + normal * _distance(robot, joint, normal, shapes, placed)
+        beside.append((joint, along, length, normal))
+    distance = max(_distance(robot, joint, n, shapes, placed) for joint, _, _, n in beside)
+    for joint, along, length, normal in beside:
+        point = placed[joint.child][1] + normal * distance
         if not path:
             add(joint.parent, point - 0.3 * length * along)
         add(joint.parent, point)

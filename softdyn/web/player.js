@@ -188,9 +188,9 @@ class Track {
     this.target.visible = data.aims;
     this.object.add(this.target);
     if (data.path) {
-      this.path = new Thread(this.object, PATH, 0.0018 * size, 1);
-      data.path.forEach(point => this.path.add(new T.Vector3(...point)));
-      this.path.show(Infinity);
+      const line = new Thread(this.object, PATH, 0.0018 * size, 1);
+      data.path.forEach(point => line.add(new T.Vector3(...point)));
+      line.show(Infinity);
     }
     stage.add(this.object);
     this.frames = [];
@@ -369,12 +369,13 @@ class Player {
   }
   updateInputs() {
     for (const {track, i, input, fill, value} of this.bars) {
-      const u = track.u ? track.u[i] : 0, {lower, upper} = input;
+      const u = track.u ? track.u[i] : 0, full = track.figure.full[i] || 1;
+      const [lower, upper] = [Math.max(input.lower, -full), Math.min(input.upper, full)];
       const place = x => 100 * (x - Math.min(lower, 0)) / ((Math.max(upper, 0) - Math.min(lower, 0)) || 1);
       const [left, right] = [place(Math.min(u, 0)), place(Math.max(u, 0))];
       fill.style.left = left + "%";
       fill.style.width = Math.max(0.5, right - left) + "%";
-      fill.style.background = css(scaled(u / (track.figure.full[i] || 1)));
+      fill.style.background = css(scaled(u / full));
       value.textContent = Math.abs(u) < 99.95 ? u.toPrecision(3).slice(0, 6) : u.toFixed(0);
     }
   }
@@ -463,7 +464,7 @@ class Player {
       };
       const vector = xyz => new T.Vector3(...xyz);
       const robot = () => track.figure.links.forEach(link => include(new T.Vector3()
-        .setFromMatrixPosition(link.matrixWorld).applyMatrix4(scene).sub(offset), 0.07));
+        .setFromMatrixPosition(link.matrixWorld).applyMatrix4(scene).sub(offset), 0.11));
       const {frames} = track, count = frames.length;
       if (!count) robot();
       for (const part of [0, 0.12, 0.3, 0.6, 1]) if (count) {
