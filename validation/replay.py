@@ -16,6 +16,7 @@ from validation.log import Log
 
 RATE = 30.0  # frames a second
 MOST = 3000  # frames of one run
+STRIDE = 0.02  # of the robot's length that the tip moves between two frames
 # Okabe and Ito's palette, as in the figures
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GAP = 1.25  # between robots side by side, in lengths of the robot
@@ -95,10 +96,8 @@ def track(
         raise InputError("log", f"one of {model.name!r}", repr(log))
     finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.error).all(axis=1)
     last = len(log.t) if finite.all() else int(np.argmin(finite))
-    t = log.t[:last]
-    count = min(MOST, int(np.ceil(t[-1] * rate)) + 1) if last else 0
-    kept = np.unique(np.searchsorted(t, np.linspace(0, t[-1], count))) if last else np.arange(0)
-    kept = kept[kept < last]
+    kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))
+    t = log.t
     # the input that was held from each sample on; the last sample has none of its own
     u = log.u[np.minimum(kept, log.steps - 1)] if log.steps else np.zeros((len(kept), model.nu))
     return Track(
@@ -109,6 +108,17 @@ def track(
         path=reference_path(log, model) if path else None,
         failed=not log.complete,
     )
+
+
+def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarray:
+    """Samples at `rate` (Hz) and, where the tip moves fast, one every `stride` (m) of its way."""
+    if not len(t):
+        return np.arange(0)
+    count = min(MOST, int(np.ceil(t[-1] * rate)) + 1)
+    steady = np.searchsorted(t, np.linspace(0, t[-1], count)).clip(max=len(t) - 1)
+    way = np.cumsum(np.linalg.norm(np.diff(y, axis=0, prepend=y[:1]), axis=1)) / stride
+    fast = np.flatnonzero(np.diff(np.floor(way), prepend=0.0) > 0)
+    return np.unique(np.concatenate((steady, fast[:MOST])))
 
 
 def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:

@@ -100,6 +100,7 @@ class Figure {
     this.moving = data.joints.filter(joint => joint.index >= 0)
       .map(joint => ({...joint, axis: new T.Vector3(...joint.axis)}));
     const meshes = data.meshes.map(geometryOf);
+    this.shapes = [];
     for (const shape of data.shapes) {
       const geometry = shape.mesh !== undefined ? meshes[shape.mesh]
         : shape.box ? new T.BoxGeometry(...shape.box)
@@ -115,6 +116,8 @@ class Figure {
       mesh.matrixAutoUpdate = false;
       mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
       this.links[shape.link].add(mesh);
+      geometry.computeBoundingBox();
+      this.shapes.push(mesh);
     }
     const radius = 0.005 * data.size;
     this.full = look.full || data.inputs.map(i => Math.max(-i.lower, i.upper));
@@ -184,7 +187,9 @@ class Track {
     this.object.add(this.figure.object);
     this.trail = new Thread(this.object, data.colour || TRAIL, 0.0026 * size, 0.9);
     this.target = new T.Mesh(new T.SphereGeometry(0.016 * size, 24, 16),
-      new T.MeshPhongMaterial({color: TARGET, opacity: 0.82, transparent: true}));
+      new T.MeshPhongMaterial(
+        {color: TARGET, opacity: 0.75, transparent: true, depthTest: false}));  // never hidden
+    this.target.renderOrder = 1;
     this.target.visible = data.aims;
     this.object.add(this.target);
     if (data.path) {
@@ -376,7 +381,8 @@ class Player {
       fill.style.left = left + "%";
       fill.style.width = Math.max(0.5, right - left) + "%";
       fill.style.background = css(scaled(u / full));
-      value.textContent = Math.abs(u) < 99.95 ? u.toPrecision(3).slice(0, 6) : u.toFixed(0);
+      const digits = Math.abs(u) < 1 ? 3 : Math.abs(u) < 10 ? 2 : Math.abs(u) < 100 ? 1 : 0;
+      value.textContent = u.toFixed(digits).replace(/^-(0[.0]*)$/, "$1");
     }
   }
   buildScale() {
@@ -463,8 +469,15 @@ class Player {
             .addScaledVector(new T.Vector3(x, y, z), sign * margin * size));
       };
       const vector = xyz => new T.Vector3(...xyz);
-      const robot = () => track.figure.links.forEach(link => include(new T.Vector3()
-        .setFromMatrixPosition(link.matrixWorld).applyMatrix4(scene).sub(offset), 0.11));
+      const robot = () => {  // the corners of all its shapes
+        track.object.updateMatrixWorld(true);
+        for (const shape of track.figure.shapes) {
+          const {min, max} = shape.geometry.boundingBox;
+          for (const x of [min.x, max.x]) for (const y of [min.y, max.y])
+            for (const z of [min.z, max.z]) include(new T.Vector3(x, y, z)
+              .applyMatrix4(shape.matrixWorld).applyMatrix4(scene).sub(offset), 0.02);
+        }
+      };
       const {frames} = track, count = frames.length;
       if (!count) robot();
       for (const part of [0, 0.12, 0.3, 0.6, 1]) if (count) {
