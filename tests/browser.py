@@ -24,7 +24,7 @@ FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--disable-default-apps", "--disable-extensions", "--no-first-run", "--no-default-browser-check",
-    "--disable-dev-shm-usage", "--remote-debugging-pipe", "--window-size=900,640",
+    "--disable-dev-shm-usage", "--remote-debugging-pipe", "--window-size=640,480",
 )  # fmt: skip
 
 
@@ -44,10 +44,10 @@ class Browser:
         self._profile = tempfile.TemporaryDirectory(prefix="chromium-")
         read, theirs_out = os.pipe()
         theirs_in, write = os.pipe()
-        # Chromium reads commands from descriptor 3 and answers on 4
+        # Chromium reads commands from descriptor 3 and answers on 4; dash knows single digits only
         command = f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}'
         self._process = subprocess.Popen(
-            ["sh", "-c", command, "sh", CHROMIUM, *FLAGS, f"--user-data-dir={self._profile.name}"],
+            ["bash", "-c", command, "bash", CHROMIUM, *FLAGS, f"--user-data-dir={self._profile.name}"],
             pass_fds=(theirs_in, theirs_out), stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
@@ -78,7 +78,7 @@ class Browser:
             except OSError:
                 time.sleep(0.1)
 
-    def open(self, url: str, width: int = 900, height: int = 640) -> None:
+    def open(self, url: str, width: int = 640, height: int = 480) -> None:
         """Load a page from nothing; returns when its first frame is drawn."""
         if self._session is not None:
             self._call("Target.closeTarget", {"targetId": self._target}, session=None)

@@ -13,7 +13,7 @@ from softdyn.figure import Figure
 from softdyn.page import Page, Run, Track, frames
 from softdyn.viewer import Viewer
 from validation.paper import Experiment
-from validation.replay import controller_title
+from validation.replay import controller_title, ellipse
 
 RATE = 30.0  # frames a second of a clock
 WAIT = 10.0  # s that a loop waits for a browser before it starts
@@ -22,10 +22,11 @@ WAIT = 10.0  # s that a loop waits for a browser before it starts
 def live_page(model: SoftModel, name: str, experiment: Experiment) -> Page:
     """An empty page for a loop that is about to run."""
     width = 1 + model.nv + model.nu + 6
-    moments = np.linspace(0, experiment.duration, 200)
-    path = np.array([experiment.reference(float(t)).y for t in moments])
-    moves = float(np.ptp(path, axis=0).max()) > 0
-    empty = Track(0, np.zeros((0, width)), controller_title(name), path=path if moves else None)
+    if (experiment.theta, experiment.omega) != (None, None):
+        path = ellipse(model)
+    else:
+        path = None
+    empty = Track(0, np.zeros((0, width)), controller_title(name), path=path)
     run = Run("live", (empty,), duration=experiment.duration)
     return Page(model.bundled or model.name, (Figure.of(model),), (run,), live=True)
 

@@ -123,16 +123,25 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
 
 def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
     """The reference's path (K, 3): the ellipse of the paper's experiments, else where it went."""
-    if log.theta is not None or log.omega is not None:
-        setup = paper.setup_of(model)
-        if setup.length > 0:
-            ellipse = setup.ellipse()
-            points = np.array([ellipse.point(theta) for theta in np.linspace(0, 2, 97)])
-            # a run of this name on another ellipse
-            if float(np.linalg.norm(points - log.y_ref[0], axis=1).min()) < 0.05 * setup.length:
-                return points
+    if (log.theta, log.omega) != (None, None):
+        points = ellipse(model)
+        # a run of this name may have been on another ellipse
+        if points is not None and _distance(points, log.y_ref[0]) < 0.05 * _distance(points, 0):
+            return points
     moved = np.linalg.norm(np.ptp(log.y_ref, axis=0)) > 1e-6
     return log.y_ref[:: max(1, len(log.y_ref) // 400)] if moved else None
+
+
+def ellipse(model: SoftModel) -> np.ndarray | None:
+    """Points (97, 3) of the paper's ellipse in the robot's size; None for one without a length."""
+    setup = paper.setup_of(model)
+    if setup.length == 0:
+        return None
+    return np.array([setup.ellipse().point(theta) for theta in np.linspace(0, 2, 97)])
+
+
+def _distance(points: np.ndarray, point: np.ndarray | float) -> float:
+    return float(np.linalg.norm(points - point, axis=1).min())
 
 
 def title(log: Log, model: SoftModel) -> str:

@@ -260,6 +260,7 @@ class Player {
     this.speed = 1;
     this.time = 0;
     this.connectControls();
+    this.find("inputs").open = innerWidth > 640;
     const hash = new URLSearchParams(location.hash.slice(1));
     document.body.classList.toggle("bare", hash.has("bare"));
     this.select(Number(hash.get("run")) || 0);
