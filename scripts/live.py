@@ -1,10 +1,22 @@
-"""What commands that serve a page share: a clean end."""
+"""What commands that serve a page share: their options and a clean end."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+import cli
+
+
+def add_server_options(parser: cli.Parser) -> None:
+    """Options of a command that serves a page."""
+    parser.add_argument(
+        "--port", type=cli.count, metavar="P", help="of the page (default: a free one from 7000 on)"
+    )
+    parser.add_argument(
+        "--no-open", action="store_true", help="print the page's address and open no browser"
+    )
 
 
 class _Ended(BaseException):

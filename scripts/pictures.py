@@ -37,9 +37,7 @@ def parser() -> cli.Parser:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -47,10 +45,10 @@ def command(arguments: argparse.Namespace) -> int:
     import softdyn
     from controllers import SoftIdClfQp
     from validation import paper, simulate
-    from validation.files import atomic, check_writable
+    from validation.files import atomic
     from validation.replay import replay
 
-    check_writable(arguments.out)
+    cli.check_outputs(arguments.out)
     browser = next((path for name in NAMES if (path := shutil.which(name))), None)
     if browser is None:
         raise softdyn.InputError("pictures", "Chromium (apt-get install chromium)", "none")

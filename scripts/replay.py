@@ -34,19 +34,17 @@ def parser() -> cli.Parser:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
     """Read the logs, write the page."""
     import softdyn
     from validation import Log
-    from validation.files import check_writable, write_text
+    from validation.files import write_text
     from validation.replay import comparison, replay
 
-    check_writable(arguments.html)
+    cli.check_outputs(arguments.html)
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
         raise softdyn.InputError(
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)

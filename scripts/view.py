@@ -5,8 +5,14 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 import cli
+import live
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
+    from softdyn.page import Page
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
@@ -25,35 +31,25 @@ def parser() -> cli.Parser:
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("robot", metavar="ROBOT")
     found.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
-    found.add_argument(
-        "--port", type=cli.count, metavar="P", help="default: a free one from 7000 on"
-    )
-    found.add_argument(
-        "--no-open", action="store_true", help="print the address and open no browser"
-    )
+    live.add_server_options(found)
+    cli.add_robot_options(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
     """Write the page, or serve it until somebody ends it."""
     import threading
 
-    from live import ends_cleanly
+    with live.ends_cleanly():
+        from validation.files import write_text
 
-    with ends_cleanly():
-        import softdyn
-        from validation.files import check_writable, write_text
-
-        if arguments.html is not None:
-            check_writable(arguments.html)
-        page = at_rest(softdyn.load(arguments.robot))
+        cli.check_outputs(arguments.html)
+        page = at_rest(cli.load_robot(arguments))
         if arguments.html is not None:
             write_text(arguments.html, page.html())
             print(arguments.html)
@@ -68,7 +64,7 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED
 
 
-def at_rest(model):
+def at_rest(model: SoftModel) -> Page:
     """A page with a robot's rest and the response to each of its inputs."""
     import warnings
 
@@ -85,9 +81,9 @@ def at_rest(model):
     track = Track(
         0,
         frames(model, sweep.t, sweep.q, sweep.u, sweep.y, sweep.y),
-        "one input after the other" if model.nu else "one joint after the other",
+        "one input after the other" if sweep.u.any() else "one joint after the other",
         aims=False,
-        full=np.abs(sweep.u).max(axis=0) if model.nu else None,
+        full=np.abs(sweep.u).max(axis=0) if sweep.u.any() else None,
     )
     run = Run("", (track,), loop=True, notes=sweep.notes)
     return Page(model.name, (figure,), (run,))

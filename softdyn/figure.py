@@ -1,7 +1,7 @@
 """A robot as the viewer draws it: links, joints, shapes and cables as plain data.
 
-The page poses it from the joint coordinates alone: every joint has one degree of freedom, so a
-frame is as short as (q, u), and cables follow from their sites.
+The page poses it from the coordinates alone (`SoftModel.coordinates`), so a frame is as short as
+(q, u), and cables follow from their sites.
 """
 
 from __future__ import annotations
@@ -81,6 +81,8 @@ class Figure:
             "links": len(links),
             "tip": links[robot.task],
             "dof": model.nv,
+            "floating": robot.floating,
+            "root": links[root(robot)],
             "joints": [
                 {
                     "parent": links[joint.parent],
@@ -88,7 +90,8 @@ class Figure:
                     "pose": _columns(_matrix(joint)),
                     "axis": joint.axis.tolist(),
                     "slides": joint.kind == "prismatic",
-                    "index": order.get(joint.name, -1),
+                    "turns": joint.kind == "continuous",
+                    **_coordinate(joint, order),
                 }
                 for joint in joints
             ],
@@ -126,6 +129,14 @@ def _matrix(joint: Joint) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = joint.rotation, joint.translation
     return pose
+
+
+def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
+    """Which of the coordinates moves a joint, and how: q_joint = gain · q[index] + offset."""
+    if joint.mimic is None:
+        return {"index": order.get(joint.name, -1), "gain": 1, "offset": 0}
+    follows = joint.mimic
+    return {"index": order[follows.leader], "gain": follows.multiplier, "offset": follows.offset}
 
 
 def _columns(matrix: np.ndarray) -> list[float]:

@@ -32,10 +32,10 @@ def rest_sweep(model: SoftModel) -> Sweep:
 
     A robot with inputs follows its analytic dynamics, joint limits as stiff springs; amplitudes
     are such that the tip should move `TRAVEL` of the robot's length and no joint turn more than
-    `BEND`, by the stiffness at rest, within the bounds. One without inputs is at q = 0, and each
-    joint moves in turn.
+    `BEND`, by the stiffness at rest, within the bounds. One without inputs, or with nothing to hold
+    it, is at q = 0, and each joint moves in turn.
     """
-    if not model.nu:
+    if not model.nu or model.robot.floating:
         return _joints(model)
     q, v, zero = model.q0, np.zeros(model.nv), np.zeros(model.nu)
     for _ in range(round(SETTLE / STEP)):
@@ -92,7 +92,8 @@ def _amplitudes(model: SoftModel, q: np.ndarray) -> list[tuple[float, float]]:
     # where nothing holds a joint, some response is better than an infinite one
     soft = 1e-6 * float(np.abs(np.diag(stiffness)).max()) or 1.0
     response = np.linalg.lstsq(stiffness + soft * np.eye(model.nv), state.B, rcond=None)[0]
-    turns = np.array([j.kind != "prismatic" for j in _ordered(model)])
+    kinds = {joint.name: joint.kind for joint in model.robot.joints}
+    turns = np.array([kinds[name] != "prismatic" for name in model.joint_names])
     size = max(model.robot.length, 1e-3)
     found = []
     for i in range(model.nu):
@@ -109,11 +110,14 @@ def _joints(model: SoftModel) -> Sweep:
     """Each joint of a robot without inputs, there and back."""
     lower, upper = (np.clip(b, -1e3, 1e3) for b in (model.lower, model.upper))
     rest = np.clip(model.coordinates(model.q0), lower, upper)
-    turns = np.array([j.kind != "prismatic" for j in _ordered(model)])
+    kinds = {joint.name: joint.kind for joint in model.robot.joints}
+    turns = np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
     reach = np.where(turns, BEND, 0.1 * max(model.robot.length, 1e-3))
     rows, notes, t = [], [], 0.0
     shape = np.concatenate((_ramp(RAMP / 2), _ramp(RAMP / 2)[::-1]))[::6]
     for j, name in enumerate(model.joint_names):
+        if name not in kinds:  # a floating base
+            continue
         notes.append((t, name))
         up, down = upper[j] - rest[j], rest[j] - lower[j]
         size = min(reach[j], up) if up >= min(down, reach[j]) else -min(reach[j], down)
@@ -121,14 +125,9 @@ def _joints(model: SoftModel) -> Sweep:
             x = rest.copy()
             x[j] += part * size
             q = model.configuration(x)
-            rows.append((t, q, np.zeros(0), model.state(q, np.zeros(model.nv)).y))
+            rows.append((t, q, np.zeros(model.nu), model.state(q, np.zeros(model.nv)).y))
             t += 6 * STEP
     return _sweep(rows, notes)
-
-
-def _ordered(model: SoftModel) -> list:
-    joints = {joint.name: joint for joint in model.robot.joints}
-    return [joints[name] for name in model.joint_names]
 
 
 def _ramp(seconds: float) -> np.ndarray:

@@ -101,6 +101,7 @@ class Figure {
       .map(joint => ({...joint, axis: new T.Vector3(...joint.axis)}));
     const meshes = data.meshes.map(geometryOf);
     this.shapes = [];
+    this.turns = new Set(this.moving.filter(joint => joint.turns).map(joint => joint.index));
     for (const shape of data.shapes) {
       const geometry = shape.mesh !== undefined ? meshes[shape.mesh]
         : shape.box ? new T.BoxGeometry(...shape.box)
@@ -138,9 +139,15 @@ class Figure {
   }
   pose(q, u) {
     for (const joint of this.moving) {
-      const link = this.links[joint.child];
-      if (joint.slides) link.position.copy(joint.axis).multiplyScalar(q[joint.index]);
-      else link.quaternion.setFromAxisAngle(joint.axis, q[joint.index]);
+      const link = this.links[joint.child], value = joint.gain * q[joint.index] + joint.offset;
+      if (joint.slides) link.position.copy(joint.axis).multiplyScalar(value);
+      else link.quaternion.setFromAxisAngle(joint.axis, value);
+    }
+    if (this.data.floating) {  // position and rotation vector of the root
+      const base = this.links[this.data.root], turn = new T.Vector3(q[3], q[4], q[5]);
+      const angle = turn.length();
+      base.position.set(q[0], q[1], q[2]);
+      base.quaternion.setFromAxisAngle(angle > 0 ? turn.divideScalar(angle) : UP, angle);
     }
     this.object.updateMatrixWorld(true);
     const home = this.object.matrixWorld.clone().invert();
@@ -232,7 +239,8 @@ class Track {
     const [i, a, b, s] = this.at(t), q = [];
     for (let k = 0; k < this.dof; k++) {
       let step = b[1 + k] - a[1 + k];
-      if (Math.abs(step) > Math.PI) step -= 2 * Math.PI * Math.sign(step);  // a full turn
+      if (this.figure.turns.has(k) && Math.abs(step) > Math.PI)
+        step -= 2 * Math.PI * Math.sign(step);  // a full turn
       q.push(a[1 + k] + s * step);
     }
     this.u = Array.from(a.subarray(1 + this.dof, 1 + this.dof + this.nu));
