@@ -6,9 +6,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import cli
+import live
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
@@ -58,6 +61,16 @@ def parser() -> cli.Parser:
     found.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
     found.add_argument("--contacts", action="store_true", help="let the links touch")
     found.add_argument("--log", metavar="FILE", help="write the run as NPZ")
+    found.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
+    found.add_argument("--view", action="store_true", help="show the run live in the browser")
+    found.add_argument(
+        "--speed",
+        type=cli.positive,
+        default=1.0,
+        metavar="X",
+        help="pace of --view, simulated seconds per second (default: 1)",
+    )
+    live.add_server_options(found)
     cli.add_json(found)
     return found
 
@@ -73,28 +86,68 @@ def command(arguments: argparse.Namespace) -> int:
     from controllers.registry import own_error
     from validation import simulate
 
-    cli.check_outputs(arguments.log, arguments.json)
+    cli.check_outputs(arguments.log, arguments.json, arguments.html)
     model = softdyn.load(arguments.robot)
     experiment = make_experiment(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)
+    viewing: dict[str, Any] = {}
     try:
-        log = simulate(
-            model,
-            controller,
-            experiment,
-            duration=arguments.duration,
-            contacts=arguments.contacts,
-            name=arguments.controller,
-            progress=True,
-        )
+        with shown(model, experiment, arguments, viewing) as on_step:
+            log = simulate(
+                model,
+                controller,
+                experiment,
+                duration=arguments.duration,
+                contacts=arguments.contacts,
+                name=arguments.controller,
+                progress=True,
+                on_step=on_step,
+            )
     except Exception as error:
         if isinstance(error, softdyn.SoftdynError) or ".py" not in arguments.controller:
             raise
         raise own_error(arguments.controller, "a command", error) from error
     if arguments.log is not None:
         log.save(arguments.log)
-    cli.write_report(report(log), arguments.json, summary(log))
+    if arguments.html is not None:
+        from validation.files import write_text
+        from validation.replay import replay
+
+        write_text(arguments.html, replay(log, model).html())
+    text = summary(log)
+    if viewing:
+        text += (
+            f"\nviewer         {viewing['frames']} frames of {viewing['frame_us_median']:.0f} us, "
+            f"none of it in the step time; {viewing['pace']:.2f} x real time"
+        )
+    cli.write_report(report(log) | ({"viewer": viewing} if viewing else {}), arguments.json, text)
     return cli.FAILED if log.failed else cli.PASSED
+
+
+@contextmanager
+def shown(
+    model: SoftModel, experiment: Experiment, arguments: argparse.Namespace, viewing: dict[str, Any]
+) -> Iterator[Any]:
+    """What `simulate` calls at each step to show it, None without --view; `viewing` is filled."""
+    if not arguments.view:
+        yield None
+        return
+    from dataclasses import replace
+
+    from softdyn.viewer import Viewer
+    from validation.live import WAIT, Show, live_page
+
+    if arguments.duration is not None:
+        experiment = replace(experiment, duration=arguments.duration)
+    with Viewer(live_page(model, arguments.controller, experiment), arguments.port) as viewer:
+        print(viewer.url, file=sys.stderr, flush=True)
+        if not arguments.no_open:
+            viewer.open()
+        viewer.wait(WAIT)
+        show = Show(viewer, model, experiment.reference, arguments.speed)
+        yield show
+        viewing.update(show.report())
+        viewer.say("done: the page keeps the run")
 
 
 def make_experiment(model: SoftModel, arguments: argparse.Namespace) -> Experiment:

@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""Show saved runs as one page without a server: one, or several in one scene to compare."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import cli
+
+EPILOG = """\
+LOG is what run.py --log or benchmark.py wrote (results/runs/ROBOT/CONTROLLER/CASE.npz). Several
+logs play together in one place, or with --side-by-side next to each other. The page has a timeline
+with the error of each run, shows cables by tension, and works from the file system.
+
+exit codes: 0 written; 2 bad input.
+"""
+
+
+def parser() -> cli.Parser:
+    """The command line."""
+    found = cli.Parser(description=__doc__, epilog=EPILOG)
+    found.add_argument("logs", nargs="+", metavar="LOG")
+    found.add_argument("--html", metavar="FILE", required=True, help="the page to write")
+    found.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
+    found.add_argument(
+        "--side-by-side", action="store_true", help="next to each other, not in one place"
+    )
+    found.add_argument(
+        "--robot", metavar="ROBOT", help="the logs' robot, where it is no bundled one"
+    )
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    return cli.start(parser(), command, argv)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Read the logs, write the page."""
+    import softdyn
+    from validation import Log
+    from validation.files import write_text
+    from validation.replay import comparison, replay
+
+    cli.check_outputs(arguments.html)
+    if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
+        raise softdyn.InputError(
+            "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)
+        )
+    logs = [Log.load(path) for path in arguments.logs]
+    robots = {log.robot: softdyn.load(arguments.robot or log.robot) for log in logs}
+    if len(logs) == 1 and arguments.labels is None:
+        page = replay(logs[0], robots[logs[0].robot])
+    else:
+        models = [robots[log.robot] for log in logs]
+        page = comparison(logs, models, arguments.labels, arguments.side_by_side)
+    write_text(arguments.html, page.html())
+    print(arguments.html)
+    return cli.PASSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

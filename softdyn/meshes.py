@@ -1,0 +1,184 @@
+"""Mesh files of a robot's visuals: found inside its own folder only, read, made small enough to show.
+
+Nothing outside the robot's package is ever opened: a path that leads out of it (absolute, ``../``,
+``file://``, a link) is refused. Textures are not read.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FORMATS = ("stl", "dae", "obj")
+MAX_BYTES = 64 * 2**20
+MAX_FACES = 12_000  # of one mesh; what has more is thinned
+CREASE = np.radians(35)  # two faces that meet at more keep an edge between them
+
+
+class MeshError(Exception):
+    """Why a mesh cannot be shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of one colour.
+
+    `vertices` (n, 3) in m, float32; `faces` (m, 3) indices; `rgba` the file's own colour, None if
+    it has none. Vertices on sharp edges are there once a side, so that normals can be averaged.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rgba: tuple[float, float, float, float] | None
+
+
+def locate(urdf: Path, reference: str) -> Path:
+    """The file that a mesh reference of a URDF means.
+
+    Parameters
+    ----------
+    urdf : the robot's file.
+    reference : a path relative to it, or ``package://NAME/path`` with NAME a folder above it.
+
+    Raises
+    ------
+    MeshError
+        When it leads out of the robot's folder, which is that of the URDF or, where one above it
+        has a ``package.xml``, that one; or when there is no such file.
+    """
+    folder = urdf.resolve().parent
+    scheme, _, path = reference.rpartition("://")
+    if scheme == "package":
+        name, _, path = path.partition("/")
+        base = root = next((f for f in (folder, *folder.parents) if name and f.name == name), None)
+        if base is None or root is None:
+            raise MeshError(f"expected a folder {name!r} above {folder}, got none")
+    elif scheme:
+        raise MeshError(f"expected package:// or a relative path, got {reference!r}")
+    else:
+        base = folder
+        packages = (f for f in (folder, *folder.parents) if (f / "package.xml").is_file())
+        root = next(packages, folder)
+    try:
+        found = (base / path).resolve()
+        inside = found.is_relative_to(root) and not Path(path).is_absolute()
+        if not inside:
+            raise MeshError(f"expected a mesh inside {root}, got {reference!r}")
+        if not found.is_file():
+            raise MeshError(f"expected a mesh file, got none at {found}")
+    except (OSError, ValueError) as error:  # a name that no system accepts
+        raise MeshError(f"expected a mesh file, got {reference!r}: {error}") from None
+    return found
+
+
+def read(path: Path) -> tuple[Mesh, ...]:
+    """The parts of a mesh file, in its own frame and in metres.
+
+    Raises
+    ------
+    MeshError
+        For a format that is not known or a file that cannot be read.
+    """
+    stamp = path.stat()
+    return _read(path, stamp.st_mtime_ns, stamp.st_size)
+
+
+@cache
+def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
+    import trimesh
+
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in FORMATS:
+        raise MeshError(f"expected a mesh as {', '.join(FORMATS)}, got {path}")
+    if size > MAX_BYTES:
+        raise MeshError(f"expected a mesh of at most {MAX_BYTES} bytes, got {size} in {path}")
+    content = path.read_bytes()
+    if kind == "dae" and re.search(rb"<!(DOCTYPE|ENTITY)", content):
+        raise MeshError(f"expected a mesh without a document type, got one in {path}")
+    try:
+        scene = trimesh.load_scene(
+            io.BytesIO(content), file_type=kind, resolver=_Materials(path.parent)
+        )
+        scale = _unit(scene)
+        parts = [_part(part, scale) for part in scene.dump() if len(getattr(part, "faces", ()))]
+    except MeshError:
+        raise
+    except Exception as error:  # whatever the readers trip over
+        raise MeshError(f"expected a {kind} mesh, got {type(error).__name__} in {path}") from error
+    if not parts:
+        raise MeshError(f"expected triangles, got none in {path}")
+    return tuple(parts)
+
+
+class _Materials:
+    """Gives a mesh reader the material libraries beside the mesh, and nothing else."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def get(self, name: str) -> bytes:
+        """The content of an .mtl file."""
+        path = (self._folder / name).resolve()
+        if path.parent != self._folder or path.suffix.lower() != ".mtl":
+            raise FileNotFoundError(name)
+        return path.read_bytes()
+
+    __getitem__ = get
+
+    def __contains__(self, name: object) -> bool:
+        return str(name).lower().endswith(".mtl")
+
+    def namespaced(self, _namespace: str) -> _Materials:
+        """The same resolver."""
+        return self
+
+
+def _unit(scene: Any) -> float:
+    """Metres per unit of a COLLADA file; 1 for formats without units."""
+    for geometry in scene.geometry.values():
+        found = re.fullmatch(r"([\d.eE+-]+) \* meters", str(geometry.metadata.get("units", "")))
+        if found:
+            return float(found[1])
+    return 1.0
+
+
+def _part(part: Any, scale: float) -> Mesh:
+    import trimesh
+
+    vertices, faces = np.asarray(part.vertices, float) * scale, np.asarray(part.faces)
+    if not np.isfinite(vertices).all():
+        raise MeshError("expected finite vertices, got others")
+    rgba = None
+    if part.visual.defined and part.visual.kind in ("texture", "face", "vertex"):
+        colour = np.asarray(part.visual.material.main_color if part.visual.kind == "texture"
+                            else part.visual.main_color, float)  # fmt: skip
+        rgba = tuple((colour / 255).tolist())
+    if len(faces) > MAX_FACES:
+        vertices, faces = _thinned(vertices, faces)
+    mesh = trimesh.Trimesh(vertices, faces, process=True)  # merges equal vertices
+    shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
+    return Mesh(
+        np.asarray(shaded.vertices, np.float32), np.asarray(shaded.faces, np.uint32), rgba
+    )  # type: ignore[arg-type]
+
+
+def _thinned(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices merged within the cells of a grid, as coarse as it takes for `MAX_FACES`."""
+    low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+    for cells in (160, 112, 80, 56, 40, 28, 20):
+        key = ((vertices - low) / size * cells).astype(np.int64)
+        _, first, where = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        merged = where.reshape(-1)[faces]
+        a, b, c = merged.T
+        kept = merged[(a != b) & (b != c) & (c != a)]
+        if len(kept) <= MAX_FACES:
+            break
+    counts = np.bincount(where.reshape(-1), minlength=len(first))[:, None]
+    sums = np.stack([np.bincount(where.reshape(-1), column) for column in vertices.T], axis=1)
+    return sums / counts, kept

@@ -1,0 +1,566 @@
+"use strict";
+// Draws robots in a Meshcat viewer: from a recording that is in the page, or live from a server.
+// Meshcat's own animations move objects, but cables change shape and colour and trails grow, so
+// frames are (t, q, u, y, y_ref) here and everything else follows from them.
+
+const T = MeshCat.THREE;
+// slack to full tension grey to dark red, pushing grey to dark blue: light to dark for every eye
+const STOPS = [[-1, 8, 48, 107], [-0.5, 43, 123, 186], [0, 150, 162, 176], [0.5, 239, 138, 43],
+  [1, 150, 20, 30]];
+const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e;
+
+function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
+  const x = Math.max(-1, Math.min(1, value || 0));
+  let i = 1;
+  while (i < STOPS.length - 1 && x > STOPS[i][0]) i++;
+  const [a, b] = [STOPS[i - 1], STOPS[i]], s = (x - a[0]) / (b[0] - a[0]);
+  return [1, 2, 3].map(k => (a[k] + s * (b[k] - a[k])) / 255);
+}
+// what is drawn as a part of full scale: most tensions are a few per cent of their bounds
+const scaled = part => Math.cbrt(part);
+const css = value => "rgb(" + shade(value).map(c => Math.round(255 * c)).join(" ") + ")";
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+}
+
+function element(parent, tag, text, name) {
+  const made = document.createElement(tag);
+  if (text !== undefined) made.textContent = text;
+  if (name) made.className = name;
+  parent.append(made);
+  return made;
+}
+
+const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);
+const UP = new T.Vector3(0, 1, 0);
+
+function lay(object, a, b, radius) {  // a rod from a to b
+  const along = new T.Vector3().subVectors(b, a), length = along.length();
+  object.position.addVectors(a, b).multiplyScalar(0.5);
+  if (length > 1e-9) object.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
+  object.scale.set(radius, Math.max(length, 1e-9), radius);
+}
+
+// Rods through points, of which the first so many can be shown.
+class Thread {
+  constructor(parent, colour, radius, opacity) {
+    this.parent = parent;
+    this.radius = radius;
+    this.material = new T.MeshBasicMaterial(
+      {color: colour, transparent: opacity < 1, opacity: opacity});
+    this.last = null;
+    this.count = 0;
+    this.reserve(256);
+  }
+  reserve(size) {
+    const mesh = new T.InstancedMesh(ROD, this.material, size);
+    mesh.frustumCulled = false;
+    for (let i = 0, m = new T.Matrix4(); i < this.count; i++) {
+      this.mesh.getMatrixAt(i, m);
+      mesh.setMatrixAt(i, m);
+    }
+    if (this.mesh) {
+      this.parent.remove(this.mesh);
+      this.mesh.dispose();
+    }
+    this.parent.add(this.mesh = mesh);
+    this.size = size;
+  }
+  add(point) {
+    if (this.last) {
+      if (this.count == this.size) this.reserve(2 * this.size);
+      const rod = new T.Object3D();
+      lay(rod, this.last, point, this.radius);
+      rod.updateMatrix();
+      this.mesh.setMatrixAt(this.count++, rod.matrix);
+      this.mesh.instanceMatrix.needsUpdate = true;
+    }
+    this.last = point;
+  }
+  show(count) { this.mesh.count = Math.max(0, Math.min(count, this.count)); }
+  clear() { this.count = 0; this.last = null; this.show(0); }
+}
+
+// A robot: a tree of groups that the joints move.
+class Figure {
+  constructor(data, look) {
+    this.data = data;
+    this.object = new T.Group();
+    this.links = Array.from({length: data.links}, () => new T.Group());
+    const child = new Set(data.joints.map(joint => joint.child));
+    this.links.forEach((link, i) => { if (!child.has(i)) this.object.add(link); });
+    for (const joint of data.joints) {
+      const fixed = new T.Group();
+      new T.Matrix4().fromArray(joint.pose)
+        .decompose(fixed.position, fixed.quaternion, fixed.scale);
+      this.links[joint.parent].add(fixed);
+      fixed.add(this.links[joint.child]);
+    }
+    this.moving = data.joints.filter(joint => joint.index >= 0)
+      .map(joint => ({...joint, axis: new T.Vector3(...joint.axis)}));
+    const meshes = data.meshes.map(geometryOf);
+    this.shapes = [];
+    this.turns = new Set(this.moving.filter(joint => joint.turns).map(joint => joint.index));
+    for (const shape of data.shapes) {
+      const geometry = shape.mesh !== undefined ? meshes[shape.mesh]
+        : shape.box ? new T.BoxGeometry(...shape.box)
+        : shape.cylinder ? new T.CylinderGeometry(
+            shape.cylinder[0], shape.cylinder[0], shape.cylinder[1], 40).rotateX(Math.PI / 2)
+        : new T.SphereGeometry(shape.sphere, 28, 18);
+      const colour = new T.Color(...shape.rgba.slice(0, 3));
+      if (look.tint) colour.lerp(new T.Color(look.tint), 0.72);
+      const opacity = shape.rgba[3] * look.opacity;
+      const mesh = new T.Mesh(geometry, new T.MeshPhongMaterial({
+        color: colour, opacity: opacity, transparent: opacity < 1, depthWrite: opacity > 0.35,
+        side: T.DoubleSide, shininess: 22, specular: 0x222222}));
+      mesh.matrixAutoUpdate = false;
+      mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
+      this.links[shape.link].add(mesh);
+      geometry.computeBoundingBox();
+      this.shapes.push(mesh);
+    }
+    const radius = 0.005 * data.size;
+    this.full = look.full || data.inputs.map(i => Math.max(-i.lower, i.upper));
+    this.cables = data.cables.map(cable => {
+      const limit = cable.weights.reduce((sum, w, i) => sum + Math.abs(w) * this.full[i], 0);
+      const material = new T.MeshBasicMaterial();
+      const sites = cable.sites.map(([link, ...xyz]) => {
+        const site = new T.Object3D();
+        site.position.set(...xyz);
+        this.links[link].add(site);
+        return site;
+      });
+      const rods = sites.slice(1).map(() => new T.Mesh(ROD, material));
+      rods.forEach(rod => this.object.add(rod));
+      return {...cable, limit, material, sites, rods, radius, points: sites.map(() => new T.Vector3())};
+    });
+    this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
+  }
+  pose(q, u) {
+    for (const joint of this.moving) {
+      const link = this.links[joint.child], value = joint.gain * q[joint.index] + joint.offset;
+      if (joint.slides) link.position.copy(joint.axis).multiplyScalar(value);
+      else link.quaternion.setFromAxisAngle(joint.axis, value);
+    }
+    if (this.data.floating) {  // position and rotation vector of the root
+      const base = this.links[this.data.root], turn = new T.Vector3(q[3], q[4], q[5]);
+      const angle = turn.length();
+      base.position.set(q[0], q[1], q[2]);
+      base.quaternion.setFromAxisAngle(angle > 0 ? turn.divideScalar(angle) : UP, angle);
+    }
+    this.object.updateMatrixWorld(true);
+    const home = this.object.matrixWorld.clone().invert();
+    for (const cable of this.cables) {
+      cable.sites.forEach((site, i) =>
+        cable.points[i].setFromMatrixPosition(site.matrixWorld).applyMatrix4(home));
+      let pull = cable.weights.reduce((sum, weight, i) => sum + weight * u[i], 0);
+      if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
+      const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
+      cable.material.color.setRGB(...shade(part));
+      cable.rods.forEach((rod, i) => lay(rod, cable.points[i], cable.points[i + 1],
+        cable.radius * (0.75 + 0.5 * Math.abs(part))));
+    }
+  }
+  tip() {  // in the robot's own frame
+    const home = this.object.matrixWorld.clone().invert();
+    return new T.Vector3().setFromMatrixPosition(this.links[this.data.tip].matrixWorld)
+      .applyMatrix4(home).toArray();
+  }
+}
+
+function geometryOf(mesh) {
+  const packed = new Uint16Array(bytes(mesh.vertices)), vertices = new Float32Array(packed.length);
+  for (let i = 0; i < packed.length; i++)
+    vertices[i] = mesh.low[i % 3] + packed[i] / 65535 * mesh.span[i % 3];
+  const faces = bytes(mesh.faces), geometry = new T.BufferGeometry();
+  geometry.setAttribute("position", new T.BufferAttribute(vertices, 3));
+  geometry.setIndex(new T.BufferAttribute(
+    mesh.bytes == 2 ? new Uint16Array(faces) : new Uint32Array(faces), 1));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+// One robot in one run: its frames, its trail and its target.
+class Track {
+  constructor(data, figures, stage, unit) {
+    Object.assign(this, data);
+    this.figure = new Figure(figures[data.figure], data);
+    const {dof, inputs, size} = this.figure.data;
+    [this.dof, this.nu] = [dof, inputs.length];
+    this.stride = 1 + dof + this.nu + 6;
+    this.object = new T.Group();
+    this.object.position.set(...data.offset);
+    this.object.add(this.figure.object);
+    this.trail = new Thread(this.object, data.colour || TRAIL, 0.0026 * size, 0.9);
+    this.target = new T.Mesh(new T.SphereGeometry(0.016 * size, 24, 16),
+      new T.MeshPhongMaterial(
+        {color: TARGET, opacity: 0.75, transparent: true, depthTest: false}));  // never hidden
+    this.target.renderOrder = 1;
+    this.target.visible = data.aims;
+    this.object.add(this.target);
+    if (data.path) {
+      const line = new Thread(this.object, PATH, 0.0018 * size, 1);
+      data.path.forEach(point => line.add(new T.Vector3(...point)));
+      line.show(Infinity);
+    }
+    stage.add(this.object);
+    this.frames = [];
+    this.push(new Float32Array(bytes(data.frames || "")));
+  }
+  push(values) {
+    for (let i = 0; i + this.stride <= values.length; i += this.stride) {
+      const frame = values.subarray(i, i + this.stride);
+      this.frames.push(frame);
+      this.trail.add(new T.Vector3(...this.vector(frame, 6)));
+    }
+  }
+  vector(frame, back) {
+    const at = this.stride - back;
+    return [frame[at], frame[at + 1], frame[at + 2]];
+  }
+  get end() { return this.frames.length ? this.frames[this.frames.length - 1][0] : 0; }
+  get failedAt() { return this.failed ? this.end : Infinity; }
+  error(frame) {
+    const [y, r] = [this.vector(frame, 6), this.vector(frame, 3)];
+    return Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]);
+  }
+  at(t) {  // the frame before t and how far it is to the next one
+    let low = 0, high = this.frames.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.frames[middle][0] <= t) low = middle; else high = middle - 1;
+    }
+    const [a, b] = [this.frames[low], this.frames[Math.min(low + 1, this.frames.length - 1)]];
+    return [low, a, b, b[0] > a[0] ? Math.max(0, Math.min(1, (t - a[0]) / (b[0] - a[0]))) : 0];
+  }
+  draw(t) {
+    if (!this.frames.length) return;
+    const [i, a, b, s] = this.at(t), q = [];
+    for (let k = 0; k < this.dof; k++) {
+      let step = b[1 + k] - a[1 + k];
+      if (this.figure.turns.has(k) && Math.abs(step) > Math.PI)
+        step -= 2 * Math.PI * Math.sign(step);  // a full turn
+      q.push(a[1 + k] + s * step);
+    }
+    this.u = Array.from(a.subarray(1 + this.dof, 1 + this.dof + this.nu));
+    this.figure.pose(q, this.u);
+    const [now, next] = [this.vector(a, 3), this.vector(b, 3)];
+    this.target.position.set(...now.map((x, k) => x + s * (next[k] - x)));
+    this.trail.show(this.aims ? i : 0);
+    this.now = this.error(s < 0.5 ? a : b);
+  }
+}
+
+class Player {
+  constructor(scene) {
+    this.scene = scene;
+    this.viewer = new MeshCat.Viewer(document.getElementById("pane"));
+    const set = (path, name, value) => this.viewer.set_property(path, name, value);
+    set(["Background"], "top_color", [0.985, 0.99, 1]);
+    set(["Background"], "bottom_color", [0.86, 0.89, 0.94]);
+    set(["Grid"], "visible", false);
+    set(["Axes"], "visible", false);
+    this.stage = new T.Group();
+    this.viewer.set_object(["softdyn"], this.stage);
+    this.find = name => document.getElementById(name);
+    this.playing = false;
+    this.speed = 1;
+    this.time = 0;
+    this.connectControls();
+    this.find("inputs").open = innerWidth > 640;
+    const hash = new URLSearchParams(location.hash.slice(1));
+    document.body.classList.toggle("bare", hash.has("bare"));
+    this.select(Number(hash.get("run")) || 0);
+    addEventListener("resize", () => { this.frameCamera(); this.drawCurves(); });
+    addEventListener("load", () => this.frameCamera());
+    if (scene.live) this.connect();
+    else if (hash.has("t")) this.seek(Number(hash.get("t")));
+    else if (!hash.has("pause")) this.play();
+    this.before = performance.now();
+    const tick = now => {
+      requestAnimationFrame(tick);
+      this.advance((now - this.before) / 1000);
+      this.before = now;
+    };
+    requestAnimationFrame(tick);
+  }
+
+  // -- runs ----------------------------------------------------------------------------------
+
+  select(index) {
+    const runs = this.scene.runs;
+    this.run = runs[Math.min(index, runs.length - 1)];
+    this.find("runs").selectedIndex = index;
+    this.find("runs").style.display = runs.length > 1 ? "" : "none";
+    this.stage.clear();
+    this.tracks = this.run.tracks.map(
+      track => new Track(track, this.scene.figures, this.stage));
+    document.querySelector("#card h1").textContent =
+      this.scene.title + (runs.length > 1 ? "" : this.run.title ? ", " + this.run.title : "");
+    this.buildLegend();
+    this.buildInputs();
+    this.buildScale();
+    this.following = Boolean(this.scene.live);
+    this.seek(0);
+    this.frameCamera();
+    this.drawCurves();
+  }
+  get duration() { return Math.max(this.run.duration || 0, ...this.tracks.map(t => t.end)); }
+
+  // -- time ----------------------------------------------------------------------------------
+
+  play() {
+    if (this.time >= this.duration) this.time = 0;
+    this.playing = true;
+    this.find("play").textContent = "❚❚";
+  }
+  pause() { this.playing = false; this.find("play").textContent = "▶"; }
+  seek(t) {
+    this.time = Math.max(0, Math.min(t, this.duration));
+    this.draw();
+  }
+  advance(seconds) {
+    if (this.following) {
+      const end = Math.max(...this.tracks.map(t => t.end));
+      if (end != this.time) this.seek(end);
+    } else if (this.playing) {
+      let t = this.time + seconds * this.speed;
+      if (t >= this.duration) {
+        if (this.run.loop) t = 0; else { t = this.duration; this.pause(); }
+      }
+      this.seek(t);
+    }
+  }
+  draw() {
+    for (const track of this.tracks) track.draw(this.time);
+    const range = this.find("time");
+    range.max = this.duration || 1;
+    range.value = this.time;
+    const note = this.run.notes ? this.run.notes.filter(([t]) => t <= this.time).pop() : null;
+    this.find("clock").value = (note ? note[1] + "  " : "")
+      + `${this.time.toFixed(2)} / ${this.duration.toFixed(1)} s`;
+    this.updateLegend();
+    this.updateInputs();
+    this.viewer.set_dirty();
+  }
+
+  // -- the card ------------------------------------------------------------------------------
+
+  buildLegend() {
+    const list = this.find("legend");
+    list.replaceChildren();
+    for (const track of this.tracks) {
+      const item = element(list, "li");
+      element(item, "i").style.background = track.colour || "#2b6f9e";
+      element(item, "b", track.label);
+      track.readout = element(item, "output");
+      if (track.note) element(list, "li", track.note, "note");
+    }
+    this.stateNote = element(list, "li", "", "note");
+  }
+  updateLegend() {
+    for (const track of this.tracks) {
+      if (!track.aims || track.now === undefined) continue;
+      const gone = this.time > track.failedAt + 1e-6;
+      track.readout.value = gone ? "ended" : `${(100 * track.now).toFixed(2)} cm`;
+    }
+  }
+  buildInputs() {
+    const table = document.querySelector("#inputs table");
+    table.replaceChildren();
+    this.find("inputs").style.display = this.tracks.some(t => t.nu) ? "" : "none";
+    this.bars = [];
+    for (const track of this.tracks.slice(0, 4))
+      track.figure.data.inputs.forEach((input, i) => {
+        const row = element(table, "tr");
+        const name = element(row, "td", input.name);
+        name.title = input.name;
+        if (this.tracks.length > 1) name.style.color = track.colour;
+        const fill = element(element(element(row, "td"), "div"), "i");
+        this.bars.push({track, i, input, fill, value: element(row, "td")});
+      });
+  }
+  updateInputs() {
+    for (const {track, i, input, fill, value} of this.bars) {
+      const u = track.u ? track.u[i] : 0, full = track.figure.full[i] || 1;
+      const [lower, upper] = [Math.max(input.lower, -full), Math.min(input.upper, full)];
+      const place = x => 100 * (x - Math.min(lower, 0)) / ((Math.max(upper, 0) - Math.min(lower, 0)) || 1);
+      const [left, right] = [place(Math.min(u, 0)), place(Math.max(u, 0))];
+      fill.style.left = left + "%";
+      fill.style.width = Math.max(0.5, right - left) + "%";
+      fill.style.background = css(scaled(u / full));
+      const digits = Math.abs(u) < 1 ? 3 : Math.abs(u) < 10 ? 2 : Math.abs(u) < 100 ? 1 : 0;
+      value.textContent = u.toFixed(digits).replace(/^-(0[.0]*)$/, "$1");
+    }
+  }
+  buildScale() {
+    const scale = this.find("scale");
+    const figures = this.tracks.map(t => t.figure).filter(f => f.cables.some(c => c.limit > 0));
+    scale.style.display = figures.length ? "" : "none";
+    const signed = figures.some(f => f.data.inputs.some(i => i.lower < 0));
+    const canvas = scale.querySelector("canvas"), pen = canvas.getContext("2d");
+    for (let x = 0; x < canvas.width; x++) {
+      const s = x / (canvas.width - 1);
+      pen.fillStyle = css(signed ? 2 * s - 1 : s);
+      pen.fillRect(x, 0, 1, canvas.height);
+    }
+    const max = this.tracks.some(t => t.full) ? "most" : "bound";
+    scale.querySelector("p").replaceChildren();
+    for (const text of signed ? ["−" + max, "−⅛", "0", "⅛", "+" + max]
+      : ["slack", "⅛", max]) element(scale.querySelector("p"), "span", text);
+    scale.querySelector("b").textContent = max == "most"
+      ? "cable tension, of the largest here" : "cable tension, of the input's bound";
+  }
+
+  // -- the bar -------------------------------------------------------------------------------
+
+  connectControls() {
+    for (const run of this.scene.runs) element(this.find("runs"), "option", run.title);
+    this.find("runs").onchange = event => {
+      const playing = this.playing;
+      this.select(event.target.selectedIndex);
+      if (playing) this.play();
+    };
+    this.find("play").onclick = () => {
+      this.following = false;
+      if (this.playing) this.pause(); else this.play();
+    };
+    this.find("time").oninput = event => {
+      this.following = false;
+      this.pause();
+      this.seek(Number(event.target.value));
+    };
+    this.find("speed").onchange = event => { this.speed = Number(event.target.value); };
+    addEventListener("keydown", event => {
+      if (event.target.tagName == "SELECT" || event.target.tagName == "BUTTON") return;
+      const step = {ArrowLeft: -0.1, ArrowRight: 0.1}[event.key];
+      if (event.key == " ") this.find("play").click();
+      else if (step) { this.pause(); this.seek(this.time + step); } else return;
+      event.preventDefault();
+    });
+  }
+  drawCurves() {  // the error over time behind the slider, on a common scale
+    const canvas = this.find("curves"), ratio = devicePixelRatio || 1;
+    [canvas.width, canvas.height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio];
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    const tracks = this.tracks.filter(t => t.aims && t.frames.length > 1);
+    const most = Math.max(1e-9, ...tracks.map(t => t.frames.reduce(
+      (m, f) => Math.max(m, t.error(f)), 0)));
+    for (const track of tracks) {
+      pen.strokeStyle = track.colour || "#2b6f9e";
+      pen.lineWidth = 1.4 * ratio;
+      pen.beginPath();
+      const every = Math.max(1, Math.floor(track.frames.length / 1500));
+      for (let i = 0; i < track.frames.length; i += every) {
+        const f = track.frames[i];
+        pen.lineTo(f[0] / (this.duration || 1) * canvas.width,
+          (0.95 - 0.9 * track.error(f) / most) * canvas.height);
+      }
+      pen.stroke();
+    }
+  }
+
+  // -- the camera ----------------------------------------------------------------------------
+
+  frameCamera() {
+    if (!this.tracks) return;
+    const points = [], home = this.time;
+    this.stage.updateMatrixWorld(true);
+    const scene = this.viewer.scene.matrixWorld.clone().invert();
+    for (const track of this.tracks) {
+      const size = track.figure.data.size, offset = new T.Vector3(...track.offset);
+      const include = (point, margin) => {  // but not where a diverged run went
+        if (point.length() > 3 * size) return;
+        for (const [x, y, z] of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) for (const sign of [1, -1])
+          points.push(point.clone().add(offset)
+            .addScaledVector(new T.Vector3(x, y, z), sign * margin * size));
+      };
+      const vector = xyz => new T.Vector3(...xyz);
+      const robot = () => {  // the corners of all its shapes
+        track.object.updateMatrixWorld(true);
+        for (const shape of track.figure.shapes) {
+          const {min, max} = shape.geometry.boundingBox;
+          for (const x of [min.x, max.x]) for (const y of [min.y, max.y])
+            for (const z of [min.z, max.z]) include(new T.Vector3(x, y, z)
+              .applyMatrix4(shape.matrixWorld).applyMatrix4(scene).sub(offset), 0.02);
+        }
+      };
+      const {frames} = track, count = frames.length;
+      if (!count) robot();
+      for (const part of [0, 0.12, 0.3, 0.6, 1]) if (count) {
+        track.draw(frames[Math.round(part * (count - 1))][0]);
+        robot();
+      }
+      if (track.aims) {
+        (track.path || []).forEach(p => include(vector(p), 0.03));
+        frames.forEach((f, i) => { if (i % 4 == 0) include(track.vector(f, 6).reduce(
+          (v, x, k) => v.setComponent(k, x), new T.Vector3()), 0.03); });
+        if (count) include(vector(track.vector(frames[0], 3)), 0.04);
+      }
+      if (this.scene.live)  // what comes is not known: leave room around the robot
+        for (const x of [-0.6, 0.6]) for (const z of [-0.9, 0.3])
+          include(new T.Vector3(x * size, 0, z * size), 0);
+    }
+    this.seek(home);
+    const box = new T.Box3().setFromPoints(points), centre = box.getCenter(new T.Vector3());
+    const bare = document.body.classList.contains("bare"), narrow = innerWidth < 700;
+    const room = bare ? [0.96, 0.96]
+      : [narrow ? 0.94 : 1 - 270 / innerWidth, 1 - (narrow ? 230 : 120) / innerHeight];
+    // the middle of what the card and the bar leave free
+    const shift = bare ? [0, 0] : [narrow ? 0 : 250 / innerWidth, narrow ? -0.1 : 50 / innerHeight];
+    // seen from -y, a little from the side and from above; the camera's frame has y up
+    const [turn, rise] = [0.42, 0.2];
+    const view = new T.Vector3(
+      Math.sin(turn) * Math.cos(rise), Math.sin(rise), Math.cos(turn) * Math.cos(rise));
+    const {camera, controls} = this.viewer, tan = Math.tan(Math.PI / 12);
+    const aspect = innerWidth / innerHeight;
+    const right = new T.Vector3(Math.cos(turn), 0, -Math.sin(turn));
+    const up = new T.Vector3().crossVectors(view, right);
+    const seen = points.map(p => new T.Vector3(p.x, p.z, -p.y));
+    const middle = new T.Vector3(centre.x, centre.z, -centre.y);
+    let distance = 1;
+    for (let k = 0; k < 12; k++) {  // centre and distance at which all points fill the room
+      const ends = [Infinity, -Infinity, Infinity, -Infinity];
+      for (const p of seen) {
+        const d = p.clone().sub(middle), depth = Math.max(distance - d.dot(view), 1e-3);
+        const [x, y] = [d.dot(right) / depth, d.dot(up) / depth];
+        [ends[0], ends[1]] = [Math.min(ends[0], x), Math.max(ends[1], x)];
+        [ends[2], ends[3]] = [Math.min(ends[2], y), Math.max(ends[3], y)];
+      }
+      middle.addScaledVector(right, (ends[0] + ends[1]) / 2 * distance)
+        .addScaledVector(up, (ends[2] + ends[3]) / 2 * distance);
+      distance *= Math.max((ends[1] - ends[0]) / (2 * tan * aspect * room[0]),
+        (ends[3] - ends[2]) / (2 * tan * room[1]), 0.2);
+    }
+    middle.addScaledVector(right, -shift[0] * tan * aspect * distance)
+      .addScaledVector(up, -shift[1] * tan * distance);
+    camera.fov = 30;
+    camera.near = distance / 100;
+    camera.far = distance * 20;
+    controls.target.copy(middle);
+    camera.position.copy(middle).addScaledVector(view, distance);
+    controls.update();
+    this.viewer.set_dirty();
+  }
+
+  // -- live ----------------------------------------------------------------------------------
+
+  connect() {
+    const node = this.viewer.scene_tree.find(["softdyn", "<object>"]).object;
+    Object.defineProperty(node, "frames", {set: values => {
+      this.tracks[0].push(values);
+      if (!this.curvesDue) this.curvesDue = setTimeout(() => {
+        this.curvesDue = null;
+        this.drawCurves();
+      }, 500);
+    }});
+    Object.defineProperty(node, "state", {set: text => { this.stateNote.textContent = text; }});
+    this.viewer.connect();
+    this.viewer.connection.addEventListener("close", () => {
+      this.following = false;  // what came can still be played
+      this.drawCurves();
+    });
+  }
+}
