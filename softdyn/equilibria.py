@@ -32,6 +32,36 @@ SNAP = 0.3  # a ramp's step that ends this far from its prediction is halved (ra
 SMALLEST_RAMP_STEP = 1e-3
 
 
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """Joint limits as smooth repulsion μ / gap: the stops without their corners.
+
+    With exact stops, ∂q/∂u jumps where a joint meets or leaves one; a search among equilibria
+    gets stuck there. It follows the smooth branch instead, for falling μ.
+
+    Attributes
+    ----------
+    weight : (nv,) μ (N m rad, N m); a force f keeps a joint μ / f away from its limit.
+    """
+
+    weight: np.ndarray
+
+    def force(self, model: SoftModel, q: np.ndarray) -> np.ndarray:
+        """What the stops add to the residual (nv,), within the limits."""
+        at = model.coordinates(q)
+        return self.weight / (model.upper - at) - self.weight / (at - model.lower)
+
+    def stiffness(self, model: SoftModel, q: np.ndarray) -> np.ndarray:
+        """Its derivative (nv,) by each joint."""
+        at = model.coordinates(q)
+        return self.weight / (model.upper - at) ** 2 + self.weight / (at - model.lower) ** 2
+
+    def inside(self, model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The part of a step (nv,) that uses up at most nine tenths of each gap."""
+        at = model.coordinates(q)
+        return np.clip(step, 0.9 * (model.lower - at), 0.9 * (model.upper - at))
+
+
 class StaticsError(SoftdynError, ArithmeticError):
     """No equilibrium was found; the text says what was reached.
 
@@ -180,7 +210,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         if np.abs(r[free]).max(initial=0.0) <= TOLERANCE * scale:
             escape = _downhill(block)
             if escape is None:
-                return _equilibrium(model, q, u, held, r, H)
+                return _equilibrium(model, q, u, held, np.where(held, r, 0.0), H)
             step = np.zeros(model.nv)
             step[free] = escape
             moved = [move(model, q, s * step) for s in (0.05, -0.05)]
@@ -215,39 +245,59 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
     held = _pressed(model, q, r)
     left = float(np.abs(r[~held]).max(initial=0.0))
     if left <= 1e4 * TOLERANCE * scale:
-        return _equilibrium(model, q, u, held, r, stiffness(model, q, u))
+        return _equilibrium(model, q, u, held, np.where(held, r, 0.0), stiffness(model, q, u))
     raise StaticsError(f"no stable equilibrium of {model.name} after {ITERATIONS} steps", left)
 
 
-def balance(model: SoftModel, u: np.ndarray, start: np.ndarray) -> Equilibrium:
+def balance(
+    model: SoftModel, u: np.ndarray, start: np.ndarray, barrier: Barrier | None = None
+) -> Equilibrium:
     """The equilibrium near `start`, stable or not: Newton's method on r(q, u) = 0.
 
-    Parameters and errors: see `settle`.
+    Parameters
+    ----------
+    u : (nu,) input; it need not be within its bounds.
+    start : (nq,) configuration; moved within the limits.
+    barrier : stops that repel instead of hold; the equilibrium's stiffness then contains theirs.
+
+    Raises
+    ------
+    StaticsError
+        No convergence.
+    InputError
+        Wrong shape or a number that is not finite.
     """
     u = array("u", u, (model.nu,))
     q = _within_limits(model, start)
+    if barrier is not None:
+        q = _off_the_stops(model, q)
+    r, scale, held = _balance(model, q, u, barrier)
     for _ in range(60):
-        r, scale = _residual(model, q, u)
-        held = _pressed(model, q, r)
         free = np.flatnonzero(~held)
-        size = np.abs(r[free]).max(initial=0.0)
+        size = float(np.abs(r[free]).max(initial=0.0))
         H = stiffness(model, q, u)
+        if barrier is not None:
+            H += np.diag(barrier.stiffness(model, q))
         if size <= TOLERANCE * scale:
-            return _equilibrium(model, q, u, held, r, H)
+            break
         step = np.zeros(model.nv)
         step[free] = -np.linalg.lstsq(H[np.ix_(free, free)], r[free], rcond=1e-14)[0]
         step *= min(1.0, LARGEST_STEP / np.abs(step).max(initial=1e-300))
         for _ in range(12):
-            after = move(model, q, step)
-            if np.linalg.norm(_free_residual(model, after, u)) < np.linalg.norm(r[free]):
+            inside = (_clip if barrier is None else barrier.inside)(model, q, step)
+            after = model.integrate(q, inside)
+            r_after, scale_after, held_after = _balance(model, after, u, barrier)
+            if np.linalg.norm(r_after[~held_after]) < np.linalg.norm(r[free]):
                 break
             step /= 2
         else:
             break
-        q = after
+        q, r, scale, held = after, r_after, scale_after, held_after
     if size <= 1e4 * TOLERANCE * scale:
-        return _equilibrium(model, q, u, held, r, H)
-    raise StaticsError(f"no equilibrium of {model.name} near the start", float(size))
+        if barrier is not None:
+            return _equilibrium(model, q, u, held, -barrier.force(model, q), H)
+        return _equilibrium(model, q, u, held, np.where(held, r, 0.0), H)
+    raise StaticsError(f"no equilibrium of {model.name} near the start", size)
 
 
 def ramp(
@@ -314,6 +364,22 @@ def _residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarra
     return forces[0] + forces[1] - forces[2], max(scale, 1e-12)
 
 
+def _balance(
+    model: SoftModel, q: np.ndarray, u: np.ndarray, barrier: Barrier | None
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """r with the barrier in it, the size of the forces, the joints that a stop holds."""
+    r, scale = _residual(model, q, u)
+    if barrier is None:
+        return r, scale, _pressed(model, q, r)
+    return r + barrier.force(model, q), scale, np.zeros(model.nv, bool)
+
+
+def _off_the_stops(model: SoftModel, q: np.ndarray) -> np.ndarray:
+    at = model.coordinates(q)
+    margin = np.minimum(1e-4 * (model.upper - model.lower), 1e-4)
+    return model.integrate(q, np.clip(at, model.lower + margin, model.upper - margin) - at)
+
+
 def _free_residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     r, _ = _residual(model, q, u)
     return np.where(_pressed(model, q, r), 0.0, r)
@@ -372,10 +438,9 @@ def _equilibrium(
     q: np.ndarray,
     u: np.ndarray,
     held: np.ndarray,
-    r: np.ndarray,
+    forces: np.ndarray,
     H: np.ndarray,
 ) -> Equilibrium:
-    forces = np.where(held, r, 0.0)
     for values in (q, held, forces, H):
         values.flags.writeable = False
     return Equilibrium(model, q, u, held, forces, H)

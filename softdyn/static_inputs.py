@@ -17,13 +17,23 @@ from scipy.optimize import least_squares, lsq_linear
 
 from softdyn.checks import array
 from softdyn.derivatives import stiffness
-from softdyn.equilibria import Equilibrium, StaticsError, balance, move, residual, rest, settle
+from softdyn.equilibria import (
+    Barrier,
+    Equilibrium,
+    StaticsError,
+    balance,
+    move,
+    rest,
+    settle,
+)
 from softdyn.model import SoftModel
 
 REACHED = 1e-6  # m: the tip is at the target
 SAME = 1e-3  # equilibria whose joints are this close are one (rad, m)
 LARGEST_STEP = 0.3  # of a joint in one step along a branch (rad, m)
-RAMP = 6  # steps from rest to a sampled input
+STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # of `explore`: the tip's error against the forces
+BARRIERS = (1e-2, 1e-3, 1e-4)  # relative to a joint's force times its range
+STATIONS = 12  # equilibria along a ray of inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +61,19 @@ class TipSearch:
     def nearest_stable(self) -> Equilibrium | None:
         """The closest stable one; None when none was found."""
         return next((one for one in self.found if one.stable), None)
+
+    @property
+    def most_stable(self) -> Equilibrium | None:
+        """Of the stable ones as close as the closest, the one with the largest smallest eigenvalue.
+
+        None when no stable one was found.
+        """
+        nearest = self.nearest_stable
+        if nearest is None:
+            return None
+        within = max(self.distance(nearest), REACHED)
+        close = [one for one in self.found if one.stable and self.distance(one) <= within]
+        return max(close, key=lambda one: one.eigenvalues[0] if one.eigenvalues.size else np.inf)
 
     def distance(self, equilibrium: Equilibrium) -> float:
         """From its tip to the target (m)."""
@@ -90,7 +113,7 @@ def inputs_for_tip(
     ends = [approach(one, target) for one in known]
     for q, u in guesses:
         try:
-            ends.append(approach(explore(model, target, q, u), target))
+            ends.append(explore(model, target, q, u))
         except StaticsError:
             continue
     found: list[Equilibrium] = []
@@ -100,7 +123,9 @@ def inputs_for_tip(
     return TipSearch(target, tuple(found))
 
 
-def approach(start: Equilibrium, target: np.ndarray, steps: int = 60) -> Equilibrium:
+def approach(
+    start: Equilibrium, target: np.ndarray, steps: int = 60, barrier: Barrier | None = None
+) -> Equilibrium:
     """Follow the branch of `start` until the tip is as close to `target` as its inputs allow.
 
     Damped Gauss-Newton on ‖y(u) - y*‖ within the input bounds, every iterate an equilibrium,
@@ -111,6 +136,7 @@ def approach(start: Equilibrium, target: np.ndarray, steps: int = 60) -> Equilib
     start : where to start.
     target : (3,) in the world (m).
     steps : at most so many.
+    barrier : the stops `start` was found with, when they are not exact.
     """
     model, here = start.model, start
     target = array("target", target, (3,))
@@ -129,12 +155,12 @@ def approach(start: Equilibrium, target: np.ndarray, steps: int = 60) -> Equilib
         du = lsq_linear(rows, goal, room, method="bvls").x * scale
         change = here.joint_sensitivity @ du
         du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
-        after = _follow(here, np.clip(here.u + du, model.u_min, model.u_max))
+        after = _follow(here, np.clip(here.u + du, model.u_min, model.u_max), barrier)
         if after is not None and np.linalg.norm(after.y - target) < np.linalg.norm(error):
             gain = 1 - np.linalg.norm(after.y - target) / np.linalg.norm(error)
             here, error = after, after.y - target
             damping = max(damping / 10, 1e-9)
-            if gain < 1e-9:
+            if gain < (1e-9 if barrier is None else 1e-4):
                 break
         elif damping > 1e3:
             break
@@ -144,19 +170,20 @@ def approach(start: Equilibrium, target: np.ndarray, steps: int = 60) -> Equilib
 
 
 def explore(
-    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = 60
+    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = 100
 ) -> Equilibrium:
     """An equilibrium, stable or not, with its tip near `target`, from an arbitrary shape.
 
-    Bounded least squares on (q, u) (SciPy's reflective trust region): forces, the tip's error,
-    and a little of u so that among many inputs small ones are taken. A joint limit acts as a
-    barrier force μ / gap whose μ falls; Newton's method then finishes on exact stops.
+    Bounded least squares on (q, u) (SciPy's reflective trust region): the forces, the tip's error
+    at falling weights until only the forces count, and a little of u so that of many inputs small
+    ones are taken. Meanwhile joint limits are a `Barrier`; `approach` goes on with it, and Newton's
+    method finishes on exact stops.
 
     Parameters
     ----------
     target : (3,) in the world (m).
     q, u : where to start: (nq,), (nu,).
-    steps : evaluations at most, for each of two μ.
+    steps : evaluations at most, for each weight.
 
     Raises
     ------
@@ -166,46 +193,58 @@ def explore(
     target = array("target", target, (3,))
     problem = _TipProblem.build(model, target)
     x = np.concatenate((model.coordinates(q), u)) / problem.scale
-    for barrier in (1e-2, 1e-4):
-        value, slope = problem.functions(barrier)
+    for weight in STAGES:
+        value, slope = problem.functions(BARRIERS[0], weight)
         x = problem.inside(x)
         x = least_squares(
-            value, x, slope, bounds=(problem.low, problem.high), max_nfev=steps, ftol=1e-10,
-            xtol=1e-10, gtol=1e-10,
+            value, x, slope, bounds=(problem.low, problem.high), max_nfev=steps, ftol=1e-6,
+            xtol=1e-8, gtol=1e-12,
         ).x  # fmt: skip
     x = np.clip(x, problem.low, problem.high) * problem.scale
-    coordinates, u = problem.to_stops(x[: model.nv]), x[model.nv :]
-    return balance(model, u, model.configuration(coordinates))
+    q, u = model.configuration(x[: model.nv]), x[model.nv :]
+    if not problem.near_stops(q):
+        return approach(balance(model, u, q), target)
+    stops = [Barrier(mu * problem.force * problem.scale[: model.nv]) for mu in BARRIERS]
+    here = balance(model, u, q, stops[0])
+    for barrier in stops:
+        here = balance(model, here.u, here.q, barrier)
+        here = approach(here, target, 30, barrier)
+    coordinates = problem.to_stops(model.coordinates(here.q))
+    return approach(balance(model, here.u, model.configuration(coordinates)), target)
 
 
-def scatter(model: SoftModel, count: int, seed: int = 0) -> Iterator[Equilibrium]:
-    """Stable equilibria that raising random inputs from rest leads to.
+def scatter(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilibrium]:
+    """Stable equilibria that raising random inputs from rest leads to, all along the way.
 
-    Directions are uniform in the box of inputs, amplitudes log-uniform between 1e-3 of it and
-    all of it: a robot's useful tensions may be a small part of what its bounds allow.
+    A robot's useful tensions may be a small part of what its bounds allow, so a ray goes from a
+    thousandth of its end to all of it in equal ratios.
 
     Parameters
     ----------
-    count : so many inputs; one that leads to no equilibrium yields none.
+    rays : so many inputs are raised, `STATIONS` equilibria each.
     seed : of the random inputs.
     """
+    rng = np.random.default_rng(seed)
     start = rest(model)
-    for u in random_inputs(model, count, seed):
-        try:
-            yield _quick_ramp(start, u)
-        except StaticsError:
-            continue
+    for end in random_inputs(model, rays, seed):
+        here = start
+        for part in np.geomspace(1e-3, 1.0, STATIONS) * 10 ** -rng.uniform(0.0, 3 / STATIONS):
+            try:
+                here = settle(model, start.u + part * (end - start.u), here.q)
+            except StaticsError:
+                break
+            yield here
 
 
 def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
-    """Inputs (count, nu) within bounds: uniform directions, log-uniform amplitudes."""
+    """Inputs (count, nu) on the surface of the box of bounds, seen from the least input."""
     rng = np.random.default_rng(seed)
     origin = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
     ends = rng.uniform(model.u_min, model.u_max, (count, model.nu)) - origin
     reach = np.where(ends > 0, model.u_max - origin, model.u_min - origin)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.nanmax(np.where(reach == 0, 0.0, ends / reach), axis=1, initial=1e-300)
-    return origin + ends / part[:, None] * 10.0 ** rng.uniform(-3, 0, (count, 1))
+    return np.clip(origin + ends / part[:, None], model.u_min, model.u_max)
 
 
 def random_shapes(
@@ -253,9 +292,9 @@ class _TipProblem:
         return cls(model, target, scale, force, length, low, np.maximum(high, low + 1e-12))
 
     def functions(
-        self, barrier: float
+        self, barrier: float, weight: float
     ) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
-        """Residual and Jacobian of x at one barrier parameter."""
+        """Residual and Jacobian of x for one barrier and one weight of the tip's error."""
         model, n = self.model, self.model.nv
         mu = barrier * self.force * self.scale[:n]
         little = 1e-3
@@ -266,7 +305,11 @@ class _TipProblem:
             r = state.K + state.bias - state.B @ z[n:]
             r += mu / (model.upper - z[:n]) - mu / (z[:n] - model.lower)
             return np.concatenate(
-                (r / self.force, (state.y - self.target) / self.length, little * x[n:])
+                (
+                    r / self.force,
+                    weight * (state.y - self.target) / self.length,
+                    little * weight * x[n:],
+                )
             )
 
         def slope(x: np.ndarray) -> np.ndarray:
@@ -278,9 +321,9 @@ class _TipProblem:
             rows = np.zeros((n + 3 + model.nu, n + model.nu))
             rows[:n, :n] = H / self.force[:, None]
             rows[:n, n:] = -state.B / self.force[:, None]
-            rows[n : n + 3, :n] = state.J / self.length
+            rows[n : n + 3, :n] = weight * state.J / self.length
             rows *= self.scale
-            rows[n + 3 :, n:] = little * np.eye(model.nu)
+            rows[n + 3 :, n:] = little * weight * np.eye(model.nu)
             return rows
 
         return value, slope
@@ -289,6 +332,11 @@ class _TipProblem:
         """x strictly between its bounds."""
         margin = 1e-6 * np.minimum(self.high - self.low, 1.0)
         return np.clip(x, self.low + margin, self.high - margin)
+
+    def near_stops(self, q: np.ndarray) -> bool:
+        """Whether any joint is within a tenth of its scale of a limit."""
+        at, near = self.model.coordinates(q), 0.1 * self.scale[: self.model.nv]
+        return bool(((at < self.model.lower + near) | (at > self.model.upper - near)).any())
 
     def to_stops(self, coordinates: np.ndarray) -> np.ndarray:
         """Joints that only the barrier keeps from a limit put on it."""
@@ -306,22 +354,15 @@ def _input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
     return np.clip(needed, 1e-9, np.maximum(model.u_max - model.u_min, 1e-9))
 
 
-def _follow(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
+def _follow(here: Equilibrium, u: np.ndarray, barrier: Barrier | None) -> Equilibrium | None:
     """The equilibrium under `u` on the same branch, None when Newton's method leaves it."""
     change = here.joint_sensitivity @ (u - here.u)
     try:
-        after = balance(here.model, u, move(here.model, here.q, change))
+        after = balance(here.model, u, move(here.model, here.q, change), barrier)
     except StaticsError:
         return None
     moved = np.abs(here.model.coordinates(after.q) - here.model.coordinates(here.q))
     return after if moved.max(initial=0.0) < 3 * LARGEST_STEP else None
-
-
-def _quick_ramp(start: Equilibrium, u: np.ndarray) -> Equilibrium:
-    here = start
-    for s in np.linspace(0, 1, RAMP + 1)[1:]:
-        here = settle(start.model, start.u + s * (u - start.u), here.q)
-    return here
 
 
 def _order(one: Equilibrium, target: np.ndarray) -> tuple[float, float]:
