@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.statics import Equilibrium, TipSearch
 
+NUDGE = 1e-3  # rad, or part of a stroke: what stability is tried with in the twin
+
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
@@ -23,7 +25,7 @@ of a robot of example-robot-data.
 Without a goal: the four set points of the paper's ellipse, scaled to the robot. Every target is
 searched from many starts: stable rests under random inputs, and random shapes. What is found
 exists; what is not found may exist. Each result is put into the MuJoCo twin with its input frozen
-for --hold seconds, and the tip's drift is told.
+for --hold seconds, exactly and with joints nudged by 1e-3 rad, and the tip's drift is told.
 
 --inputs raises the given input slowly from rest instead, and tells where that ends.
 
@@ -51,19 +53,31 @@ def parser() -> cli.Parser:
         help="random inputs to raise (default: 40)",
     )
     found.add_argument(
+        "--spread",
+        type=cli.count,
+        default=100,
+        metavar="N",
+        help="stable rests sought where there are few (default: 100)",
+    )
+    found.add_argument(
         "--shapes",
         type=cli.count,
         default=12,
         metavar="N",
         help="random shapes to start from, for each target (default: 12)",
     )
-    found.add_argument("--seed", type=int, default=0, metavar="S", help="of both (default: 0)")
+    found.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="of all that is random (default: 0)"
+    )
     found.add_argument(
         "--hold",
         type=cli.positive,
         default=10.0,
         metavar="S",
         help="length of the twin's run in s (default: 10)",
+    )
+    found.add_argument(
+        "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
     )
     found.add_argument("--map", metavar="FILE", help="draw the rests and the targets: .png or .pdf")
     found.add_argument(
@@ -132,13 +146,16 @@ def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
     from validation import statics_figure
 
     goals = targets(model, arguments)
+    guesses = [] if arguments.log is None else [last_state(model, arguments.log)]
     rests = statics.scatter(model, arguments.rays, arguments.seed)
     samples = list(progress(rests, arguments.rays * STATIONS, "rests"))
+    more = statics.spread(samples, arguments.spread, arguments.seed)
+    samples += list(progress(more, arguments.spread, "between them"))
     searches, rows = [], []
     for theta, target in progress(goals, len(goals), "targets"):
         nearest = sorted(samples, key=lambda one: float(np.linalg.norm(one.y - target)))[:4]
         one = statics.inputs_for_tip(
-            model, target, nearest, shapes=arguments.shapes, seed=arguments.seed
+            model, target, nearest, guesses=guesses, shapes=arguments.shapes, seed=arguments.seed
         )
         searches.append(one)
         rows.append(row(theta, one, samples, arguments.hold))
@@ -150,6 +167,17 @@ def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
         "samples": len(samples),
         "targets": rows,
     }
+
+
+def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
+    """(q, u) at the end of a logged run."""
+    from softdyn import InputError
+    from validation import Log
+
+    log = Log.load(path)
+    if log.joint_names != model.joint_names or not log.steps:
+        raise InputError(path, f"a run of {model.name}", f"one of {log.robot}")
+    return log.q[-1], log.u[-1]
 
 
 def targets(
@@ -208,7 +236,7 @@ def figures(one: Equilibrium, hold_s: float) -> dict[str, Any]:
     """An equilibrium in numbers, the twin's verdict among them."""
     from validation.statics import hold
 
-    drift = hold(one, hold_s)
+    drift, nudged = hold(one, hold_s), hold(one, hold_s, nudge=NUDGE)
     held = [name for name, held in zip(one.model.joint_names, one.held, strict=True) if held]
     return {
         "y": one.y.tolist(),
@@ -220,7 +248,9 @@ def figures(one: Equilibrium, hold_s: float) -> dict[str, Any]:
         "rightmost_pole": float(one.poles[0].real) if one.poles.size else None,
         "joints_at_limits": held,
         "tip_compliance": one.tip_compliance.tolist(),
-        "drift_cm": {"largest": 100 * drift.largest, "final": 100 * drift.final, "hold_s": hold_s},
+        "hold_s": hold_s,
+        "drift_cm": {"largest": 100 * drift.largest, "final": 100 * drift.final},
+        "nudged_drift_cm": {"largest": 100 * nudged.largest, "final": 100 * nudged.final},
     }
 
 
@@ -237,7 +267,7 @@ def summary(report: dict[str, Any]) -> str:
         tip = " ".join(f"{x:.4f}" for x in report["rest"]["y"])
         lines = [f"{report['robot']}: rests with its tip at {tip} m, {report['snaps']} snaps"]
         return "\n".join([*lines, describe(report["rest"])])
-    lines = [f"{report['robot']}: {report['samples']} stable rests under random inputs"]
+    lines = [f"{report['robot']}: {report['samples']} stable rests sampled"]
     for line in report["targets"]:
         place = " ".join(f"{x:.4f}" for x in line["target"])
         lines.append(f"{target_name(line)} ({place} m), {line['equilibria']} equilibria found")
@@ -249,7 +279,7 @@ def summary(report: dict[str, Any]) -> str:
             lines.append(f"  stable         {describe(stable)}")
         if line["most_stable"] != stable:
             lines.append(f"  most stable    {describe(line['most_stable'])}")
-        lines.append(f"  under random inputs {line['closest_sample_cm']:.2f} cm away")
+        lines.append(f"  closest sample {line['closest_sample_cm']:.3f} cm away")
     return "\n".join(lines)
 
 
@@ -258,18 +288,21 @@ def describe(one: dict[str, Any]) -> str:
     away = f"{one['distance_cm']:.3f} cm away, " if "distance_cm" in one else ""
     value, pole = one["smallest_eigenvalue"], one["rightmost_pole"]
     firm = "nothing free" if value is None else f"eigenvalue {value:.4g}, pole {pole:.3g} /s"
-    drift, count = one["drift_cm"], len(one["joints_at_limits"])
+    count = len(one["joints_at_limits"])
     stops = f", {count} joints at limits" if count else ""
     inputs = " ".join(f"{x:.3f}" for x in one["u"])
     return (
         f"{away}{'stable' if one['stable'] else 'unstable'} ({firm}){stops}, "
-        f"drift {drift['final']:.3g} cm in {drift['hold_s']:g} s, u = {inputs}"
+        f"drift {one['drift_cm']['final']:.2g} cm in {one['hold_s']:g} s, "
+        f"nudged {one['nudged_drift_cm']['final']:.2g} cm, u = {inputs}"
     )
 
 
 def target_name(line: dict[str, Any]) -> str:
     """θ of a set point, or that it is the target."""
-    return "target" if line["theta"] is None else f"θ = {line['theta']:g}π"
+    if line["theta"] is None:
+        return "target"
+    return "θ = " + {0.0: "0", 1.0: "π"}.get(line["theta"], f"{line['theta']:g}π")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ on, with ∂y/∂u = J (∂r/∂q)⁻¹ B, until the tip is as close as the boun
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +86,7 @@ def inputs_for_tip(
     target: np.ndarray,
     starts: Iterable[Equilibrium] = (),
     *,
+    guesses: Iterable[tuple[np.ndarray, np.ndarray]] = (),
     shapes: int = 16,
     seed: int = 0,
 ) -> TipSearch:
@@ -96,6 +98,7 @@ def inputs_for_tip(
     ----------
     target : (3,) in the world (m).
     starts : equilibria to start from besides rest, e.g. the nearest of `scatter`.
+    guesses : (q, u) to start from besides: equilibria or not.
     shapes : random shapes to start from besides those.
     seed : of the shapes.
 
@@ -108,14 +111,16 @@ def inputs_for_tip(
     """
     target = array("target", target, (3,))
     known = (rest(model), *starts)
-    guesses = [(one.q, one.u) for one in known]
-    guesses += list(random_shapes(model, shapes, seed))
     ends = [approach(one, target) for one in known]
+    ends += [approach(one, target, stay_stable=True) for one in known if one.stable]
     for q, u in guesses:
-        try:
+        with suppress(StaticsError):
+            ends.append(approach(balance(model, u, q), target))
+        with suppress(StaticsError):
             ends.append(explore(model, target, q, u))
-        except StaticsError:
-            continue
+    for q, u in (*((one.q, one.u) for one in known), *random_shapes(model, shapes, seed)):
+        with suppress(StaticsError):
+            ends.append(explore(model, target, q, u))
     found: list[Equilibrium] = []
     for one in sorted(ends, key=lambda one: _order(one, target)):
         if not any(_same(one, other) for other in found):
@@ -124,7 +129,12 @@ def inputs_for_tip(
 
 
 def approach(
-    start: Equilibrium, target: np.ndarray, steps: int = 60, barrier: Barrier | None = None
+    start: Equilibrium,
+    target: np.ndarray,
+    steps: int = 60,
+    barrier: Barrier | None = None,
+    *,
+    stay_stable: bool = False,
 ) -> Equilibrium:
     """Follow the branch of `start` until the tip is as close to `target` as its inputs allow.
 
@@ -137,6 +147,7 @@ def approach(
     target : (3,) in the world (m).
     steps : at most so many.
     barrier : the stops `start` was found with, when they are not exact.
+    stay_stable : end before the branch loses its stability.
     """
     model, here = start.model, start
     target = array("target", target, (3,))
@@ -156,6 +167,8 @@ def approach(
         change = here.joint_sensitivity @ du
         du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
         after = _follow(here, np.clip(here.u + du, model.u_min, model.u_max), barrier)
+        if after is not None and stay_stable and not after.stable:
+            after = None
         if after is not None and np.linalg.norm(after.y - target) < np.linalg.norm(error):
             gain = 1 - np.linalg.norm(after.y - target) / np.linalg.norm(error)
             here, error = after, after.y - target
@@ -234,6 +247,31 @@ def scatter(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilibrium]
             except StaticsError:
                 break
             yield here
+
+
+def spread(samples: Sequence[Equilibrium], count: int, seed: int = 0) -> Iterator[Equilibrium]:
+    """More stable equilibria, with tips where `samples` has few.
+
+    Each goes from the sample closest to a random point of the box around all tips towards that
+    point as far as it stays stable: points within the reachable set are met, others mark its edge.
+
+    Parameters
+    ----------
+    samples : stable equilibria to start from.
+    count : so many.
+    seed : of the points.
+    """
+    rng = np.random.default_rng(seed)
+    known = list(samples)
+    tips = [one.y for one in known]
+    for _ in range(count if known else 0):
+        low, high = np.min(tips, axis=0), np.max(tips, axis=0)
+        point = rng.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low))
+        start = known[int(np.argmin(np.linalg.norm(np.array(tips) - point, axis=1)))]
+        one = approach(start, point, 15, stay_stable=True)
+        known.append(one)
+        tips.append(one.y)
+        yield one
 
 
 def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:

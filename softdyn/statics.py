@@ -34,6 +34,7 @@ from softdyn.static_inputs import (
     random_inputs,
     random_shapes,
     scatter,
+    spread,
 )
 
 __all__ = [
@@ -54,5 +55,6 @@ __all__ = [
     "rest",
     "scatter",
     "settle",
+    "spread",
     "stiffness",
 ]

@@ -81,10 +81,10 @@ def test_a_stop_takes_the_rest_of_the_force(tmp_path):
 def test_inputs_for_the_pendulum_s_tip(tmp_path):
     """u = k q + m g r sin q holds the tip at the angle q; off the circle, the nearest point."""
     model = pendulum(tmp_path)
-    for angle in (-0.9, 0.4, 1.4):
+    for angle in (-0.95, 1.4):
         circle = -0.1 * np.array([np.sin(angle), 0.0, np.cos(angle)])
         for radius in (1.0, 1.5):
-            search = statics.inputs_for_tip(model, radius * circle, shapes=2)
+            search = statics.inputs_for_tip(model, radius * circle, shapes=1)
             assert search.distance(search.nearest) == pytest.approx(0.1 * (radius - 1), abs=1e-6)
             force = STIFFNESS * angle + 0.1 * G * np.sin(angle)
             assert search.nearest.u == pytest.approx([force], abs=1e-4)
@@ -173,20 +173,25 @@ def test_approach_recovers_a_tip_that_is_reachable():
     assert found.residual < 1e-9
 
 
-def test_explored_equilibria_are_exact(model):
-    """Whatever the least squares ends at, what is returned balances within limits and bounds."""
-    target = statics.settle(model, some_input(model)).y
-    for q, u in statics.random_shapes(model, 2):
+@pytest.mark.parametrize(("robot", "size"), [("finger", 0.1), ("spirob", 0.02)])
+def test_explored_equilibria_are_exact(robot, size):
+    """From random shapes to the tip of a known rest: what is returned balances, within bounds."""
+    model = softdyn.load(robot)
+    target = statics.settle(model, some_input(model, size)).y
+    distances = []
+    for q, u in statics.random_shapes(model, 3):
         try:
             found = statics.explore(model, target, q, u)
         except statics.StaticsError:
             continue
-        assert found.residual < 1e-6
+        assert found.residual < 1e-9
         assert np.all(found.u >= model.u_min)
         assert np.all(found.u <= model.u_max)
         at = model.coordinates(found.q)
         assert np.all(at >= model.lower - 1e-9)
         assert np.all(at <= model.upper + 1e-9)
+        distances.append(np.linalg.norm(found.y - target))
+    assert min(distances) < 1e-6
 
 
 def test_random_inputs_stay_within_bounds(model):

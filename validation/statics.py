@@ -41,15 +41,20 @@ def hold(
     ----------
     duration : of the run (s).
     timestep : of the plant (s).
-    nudge : standard deviation of random joint velocities at the start (rad/s, m/s): an exact
-        unstable equilibrium would otherwise only be left through rounding.
+    nudge : standard deviation of random joint displacements at the start, in rad or in parts of
+        a shorter stroke: an exact unstable equilibrium would otherwise only be left through
+        rounding.
     """
     model = equilibrium.model
     steps = max(1, round(SAMPLE / number("timestep", timestep, above=0.0)))
     samples = math.ceil(number("duration", duration, above=0.0) / (steps * timestep) - 1e-9)
     twin = Twin(model, timestep=timestep)
-    v = nudge * np.random.default_rng(NUDGE_SEED).normal(size=model.nv)
-    twin.set_state(*StateMap(model, twin).to_twin(equilibrium.q, v))
+    at = model.coordinates(equilibrium.q)
+    span = np.minimum(model.upper - model.lower, 1.0)
+    off = nudge * span * np.random.default_rng(NUDGE_SEED).normal(size=model.nv)
+    off = np.clip(at + off, model.lower, model.upper) - at
+    start = model.integrate(equilibrium.q, np.where(equilibrium.held, 0.0, off))
+    twin.set_state(*StateMap(model, twin).to_twin(start, np.zeros(model.nv)))
     largest = final = 0.0
     for _ in range(samples):
         try:

@@ -108,7 +108,7 @@ def _handles() -> list[Line2D]:
 
 
 def _shape(axis: Axes, twin: Twin, one: Equilibrium, colour: str) -> None:
-    """The chain of bodies from base to tip, in the xz-plane."""
+    """The chain of bodies from the world's origin to the tip, in the xz-plane."""
     zero = np.zeros(one.model.nv)
     twin.set_state(*StateMap(one.model, twin).to_twin(one.q, zero))
     points = [twin.tip]
@@ -116,5 +116,5 @@ def _shape(axis: Axes, twin: Twin, one: Equilibrium, colour: str) -> None:
     while body > 0:
         points.append(twin.data.xpos[body].copy())
         body = int(twin.model.body_parentid[body])
-    xyz = 100 * np.array(points)
+    xyz = 100 * np.array([*points, np.zeros(3)])
     axis.plot(xyz[:, 0], xyz[:, 2], color=colour, lw=1.3, marker="o", ms=1.8)
