@@ -51,19 +51,19 @@ class Linearisation:
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
         _linearised(
-            state.M, state.h, state.v, state.B, state.J, state.Jdot,
+            state.M, state.h, state.v, state.B.T, state.J, state.Jdot,
             task.mu_ref, task.yddot, self._w1, *self._condensed,
         )  # fmt: skip
         return self._condensed
 
 
 @compiled
-def _linearised(M, h, v, B, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
-    m = B.shape[1]
+def _linearised(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
+    m = len(Bt)
     X, L = J.T.copy(), cholesky(M)  # X = M⁻¹ Jᵀ
     substitute(L, X)
     substitute_back(L, X)
-    JM, Bt, short = X.T.copy(), B.T.copy(), np.empty(3)
+    JM, short = X.T.copy(), np.empty(3)
     for x in range(3):
         for j in range(m):
             mu_map[x, j] = dot(JM[x], Bt[j])

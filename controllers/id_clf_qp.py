@@ -81,7 +81,7 @@ class HardInverseDynamics:
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
         _hard(
-            state.M, state.h, state.v, state.B, state.J, state.Jdot, task.mu_ref, task.yddot,
+            state.M, state.h, state.v, state.B.T, state.J, state.Jdot, task.mu_ref, task.yddot,
             self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
@@ -89,13 +89,13 @@ class HardInverseDynamics:
 
 @compiled
 def _hard(
-    M, h, v, B, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0
+    M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0
 ):  # fmt: skip
     w1, w2, w3, w4, damping = weights[0], weights[1], weights[2], weights[3], weights[4]
-    n, m = B.shape
+    m, n = Bt.shape
     # q̈ = drift + X u; the columns of `right` are X and -drift
     right = np.empty((n, m + 1))
-    right[:, :m], right[:, m] = B, h
+    right[:, :m], right[:, m] = Bt.T, h
     L = cholesky(M)
     substitute(L, right)
     substitute_back(L, right)

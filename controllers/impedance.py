@@ -91,7 +91,7 @@ class ImpedanceLaw:
     def command(self, state: State, reference: Reference | SetPoint, *, project: bool) -> Command:
         """u = clamp(B⁺ τ); `project` removes the torques that no input can give."""
         if state.B is not self._B:
-            self._factors, self._B = factor(state.B), state.B
+            self._factors, self._B = factor(state.B.T), state.B
         task = self._task
         task.update(state, reference)
         u = _law(

@@ -149,15 +149,16 @@ def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
 
 
 @compiled
-def factor(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of B (n, m) of numerical rank r: (range, inverse), ``inverse @ range`` being B⁺.
+def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, inverse).
 
-    `range` (r, n) spans range(B) with orthonormal rows, `inverse` is (m, r).
+    ``inverse @ range`` is B⁺; `range` (r, n) spans range(B) with orthonormal rows, `inverse` is
+    (m, r).
     """
-    span = row_space(B.T.copy())
-    r, m = len(span), B.shape[1]
+    span = row_space(Bt)
+    r, m = len(span), len(Bt)
     basis, triangle, inverse = np.empty((r, m)), np.empty((r, r)), np.eye(r)
-    triangular(span @ B, basis, triangle)
+    triangular(span @ Bt.T, basis, triangle)
     substitute(triangle, inverse)
     return span, basis.T @ inverse
 

@@ -42,7 +42,7 @@ class SoftInverseDynamics:
     def condense(self, state: State, task: Task) -> Condensed:
         """The programme at this state."""
         if state.B is not self._B:
-            self._span, self._span_B = range_of(state.B)
+            self._span, self._span_B = range_of(state.B.T)
             self._B = state.B
         _condense(
             state.M, state.h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
@@ -52,10 +52,10 @@ class SoftInverseDynamics:
 
 
 @compiled
-def range_of(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal rows U (a, n) that span range(B), and U B (a, m)."""
-    span = row_space(B.T.copy())
-    return span, span @ B
+def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
+    span = row_space(Bt)
+    return span, span @ Bt.T
 
 
 @compiled

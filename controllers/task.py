@@ -23,27 +23,30 @@ class Task:
 
     def __init__(self, gains: Gains) -> None:
         clf = make_clf(gains.eps)
-        self._numbers = gains.Kp, gains.Kd, clf.eps, clf.P_eps
+        self._numbers = float(gains.Kp), float(gains.Kd), float(clf.eps), clf.P_eps
         values = np.zeros(10)
         self.mu_ref, self.yddot, self.row = values[:3], values[3:6], values[6:9]
         self.bound = values[9:]
+        self._goal = np.zeros((3, 3))
         self.V = 0.0
 
     def update(self, state: State, reference: Reference | SetPoint) -> None:
         """The error of `state` against `reference`."""
+        goal = self._goal  # the kernel meets one kind of array, whatever a reference holds
+        goal[0], goal[1], goal[2] = reference.y, reference.ydot, reference.yddot
         self.V = _error(
-            state.y, state.ydot, reference.y, reference.ydot, reference.yddot, *self._numbers,
+            state.y, state.ydot, goal, *self._numbers,
             self.mu_ref, self.yddot, self.row, self.bound,
         )  # fmt: skip
 
 
 @compiled
-def _error(y, ydot, y_ref, ydot_ref, yddot_ref, Kp, Kd, eps, P_eps, mu_ref, yddot, row, bound):
+def _error(y, ydot, goal, Kp, Kd, eps, P_eps, mu_ref, yddot, row, bound):
     eta = np.empty(6)
     for x in range(3):
-        eta[x], eta[3 + x] = y[x] - y_ref[x], ydot[x] - ydot_ref[x]
+        eta[x], eta[3 + x] = y[x] - goal[0, x], ydot[x] - goal[1, x]
         mu_ref[x] = -Kd * eta[3 + x] - Kp * eta[x]
-        yddot[x] = yddot_ref[x]
+        yddot[x] = goal[2, x]
     twice_V, drift = 0.0, 0.0
     for i in range(6):
         gradient = 0.0

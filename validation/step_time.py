@@ -21,7 +21,6 @@ import numpy as np
 from softdyn import Reference, SoftModel
 from softdyn import model as engine
 
-LOCAL_WORLD_ALIGNED = engine.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
 STACK_STATES = 12
 WARM_UP = 50  # steps before any is timed
@@ -147,15 +146,12 @@ def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable
     `gravity` and `coriolis` for laws that ask for `State.g` and `State.C`.
     """
     pin, model_ = engine.pin, model.pin_model
-    data, frame = model_.createData(), model_.getFrameId(model.robot.task, pin.FrameType.BODY)
+    data = model_.createData()
 
     def calls(q: np.ndarray, v: np.ndarray) -> None:
-        pin.crba(model_, data, q)
+        pin.crba(model_, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model_, data, q, v)
         pin.computeJointJacobiansTimeVariation(model_, data, q, v)
-        pin.getFrameJacobian(model_, data, frame, LOCAL_WORLD_ALIGNED)
-        pin.getFrameJacobianTimeVariation(model_, data, frame, LOCAL_WORLD_ALIGNED)
-        pin.updateFramePlacement(model_, data, frame)
         if gravity:
             pin.computeGeneralizedGravity(model_, data, q)
         if coriolis:
