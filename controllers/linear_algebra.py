@@ -112,9 +112,10 @@ def triangular(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> Non
 def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
     """Solve triangle @ x = right, lower triangular (k, k), in place of `right` (k, c)."""
     for i in range(len(right)):
-        for c in range(right.shape[1]):
-            for j in range(i):
+        for j in range(i):
+            for c in range(right.shape[1]):
                 right[i, c] -= triangle[i, j] * right[j, c]
+        for c in range(right.shape[1]):
             right[i, c] /= triangle[i, i]
 
 
@@ -124,7 +125,8 @@ def substitute_back(triangle: np.ndarray, right: np.ndarray) -> None:
     for i in range(len(right) - 1, -1, -1):
         for c in range(right.shape[1]):
             right[i, c] /= triangle[i, i]
-            for j in range(i):
+        for j in range(i):
+            for c in range(right.shape[1]):
                 right[j, c] -= triangle[i, j] * right[i, c]
 
 
