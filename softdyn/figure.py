@@ -111,9 +111,7 @@ class Figure:
             "cables": [
                 {
                     "name": cable.name,
-                    "sites": [
-                        [links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites
-                    ],
+                    "sites": [[links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites],
                     "weights": cable.weights.tolist(),
                     "limit": cable.limit,
                     "side": cable.side,
@@ -187,7 +185,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
             yield Cable(tendon.name, path, weights, limit, 0)
             continue
         for side in (1, -1):
-            if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
+            if limit == 0 and side < 0 or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
                 continue  # nothing ever pulls on that side
             for path in fixed_path(robot, tendon, shapes, side):
                 yield Cable(tendon.name, path, weights, limit, side if low < 0 < high else 0)

@@ -163,7 +163,9 @@ def _part(part: Any, scale: float) -> Mesh:
         vertices, faces = _thinned(vertices, faces)
     mesh = trimesh.Trimesh(vertices, faces, process=True)  # merges equal vertices
     shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
-    return Mesh(np.asarray(shaded.vertices, np.float32), np.asarray(shaded.faces, np.uint32), rgba)  # type: ignore[arg-type]
+    return Mesh(
+        np.asarray(shaded.vertices, np.float32), np.asarray(shaded.faces, np.uint32), rgba
+    )  # type: ignore[arg-type]
 
 
 def _thinned(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

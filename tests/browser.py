@@ -19,9 +19,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -169,10 +167,7 @@ class Browser:
             self.requests.append(params["url"])
         elif event["method"] == "Runtime.exceptionThrown":
             self.console.append(json.dumps(params["exceptionDetails"]))
-        elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in (
-            "error",
-            "assert",
-        ):
+        elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
             self.console.append(json.dumps(params["args"]))
         elif event["method"] == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.console.append(params["entry"]["text"])
