@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from controllers.clf_qp import ClfQp
 from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
-from softdyn import InputError
+from softdyn import InputError, SoftdynError
 
 # command-line name → class
 CONTROLLERS: dict[str, Callable[..., Any]] = {
@@ -48,6 +49,24 @@ def own_error(name: str, expected: str, error: Exception) -> InputError:
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(file)]
     line = f" in line {frames[-1].lineno}" if frames else ""
     return InputError(name, expected, f"{type(error).__name__}{line}: {error}")
+
+
+@contextmanager
+def blamed(name: str, expected: str) -> Iterator[None]:
+    """What a user's own controller raises inside becomes one line, see `own_error`."""
+    try:
+        yield
+    except SoftdynError:
+        raise
+    except Exception as error:  # a user's code may raise anything
+        if not is_own(name):
+            raise
+        raise own_error(name, expected, error) from error
+
+
+def is_own(name: str) -> bool:
+    """Whether a controller's name is a user's FILE.py:CLASS."""
+    return ".py:" in name
 
 
 def _load(path: str) -> Any:

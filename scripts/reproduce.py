@@ -101,8 +101,9 @@ def command(arguments: argparse.Namespace) -> int:
 
 def listing(known: dict[str, Any]) -> str:
     """Names and what they mean, in columns."""
-    width = max(map(len, known))
-    return "\n".join(f"{name.ljust(width)}  {what}" for name, what in known.items())
+    from validation.tables import columns
+
+    return columns(list(known.items()))
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -122,18 +123,16 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Aligned columns for a terminal."""
-    lines = [TITLES, *(cells(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(TITLES))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    )
+    from validation.tables import columns
+
+    return columns([TITLES, *(cells(row) for row in rows)])
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table, then every run's figure and the reasons of the failed ones."""
-    lines = [TITLES, ("---",) * len(TITLES), *(cells(row) for row in rows)]
-    parts = ["# Reproduction", "", *("| " + " | ".join(line) + " |" for line in lines), ""]
+    from validation.tables import pipes
+
+    parts = ["# Reproduction", "", *pipes([TITLES, *(cells(row) for row in rows)]), ""]
     for row in rows:
         runs = {f"θ = {k}π": v for k, v in row["set_points_cm"].items()}
         runs |= {f"ω = {k}π": v for k, v in row["trajectories_cm2"].items()}

@@ -34,8 +34,8 @@ Below --out: cases/ with one file a case, sweep.csv with all of them, sweep.md w
 sweep that was interrupted goes on where it stopped; a case is done again when it, its robot, its
 controller, softdyn or an engine has changed.
 
-exit codes: 0 every case has a result, failed loops included; 1 some could not be run; 2 bad input;
-130 interrupted.
+exit codes: 0 every case has a result, failed loops included; 1 some could not be run, or the
+scheduler went away; 2 bad input; 130 interrupted.
 """
 
 

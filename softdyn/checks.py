@@ -39,17 +39,21 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
     InputError
         For text, complex numbers, ragged lists, another shape, NaN and infinities.
     """
-    expected = f"{'finite ' if finite else ''}numbers of shape {shape}"
     try:
         given = np.asarray(value)
     except ValueError:  # ragged
-        raise InputError(name, expected, repr(value)) from None
+        raise _not_an_array(name, finite, shape, repr(value)) from None
     if given.dtype.kind not in "fiu":
-        raise InputError(name, expected, repr(value))
+        raise _not_an_array(name, finite, shape, repr(value))
     if given.shape != shape:
-        raise InputError(name, expected, f"shape {given.shape}")
+        raise _not_an_array(name, finite, shape, f"shape {given.shape}")
     result = np.array(given, dtype=float)
     if finite and not np.isfinite(result).all():
-        raise InputError(name, expected, repr(value))
+        raise _not_an_array(name, finite, shape, repr(value))
     result.flags.writeable = False
     return result
+
+
+def _not_an_array(name: str, finite: bool, shape: tuple[int, ...], got: str) -> InputError:
+    """Made only where it is raised: arrays are checked in every control step."""
+    return InputError(name, f"{'finite ' if finite else ''}numbers of shape {shape}", got)

@@ -2,14 +2,14 @@
 
 import json
 import math
-import subprocess
-import sys
+import warnings
 from dataclasses import replace
-from pathlib import Path
 
+import cli
 import mujoco
 import numpy as np
 import pytest
+import reproduce
 import reproduction
 from reference_laws import AngularTask, make_law, optional
 from reproduction import (
@@ -35,7 +35,6 @@ from validation import Log, StateMap, Twin, metrics, paper
 from validation.benchmark import Case
 from validation.judge import Judge
 
-SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "reproduce.py"
 ROBOTS = ("finger", "helix", "spirob")
 
 
@@ -345,21 +344,31 @@ def test_cells_an_experiment_is_meant_for():
 # -- the command -----------------------------------------------------------------------------------
 
 
-def reproduce(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, str(SCRIPT), *arguments],
-        cwd=cwd, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "one_thread", lambda: None)
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+
+    def call(*arguments):
+        try:
+            code = reproduce.main(list(arguments))
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return call
 
 
-def test_command_writes_the_table_and_reuses_it(tmp_path):
+def test_command_writes_the_table_and_reuses_it(call, tmp_path):
     arguments = [
         "stale+plant-step", "--robots", "finger", "--controllers", "ic", "--thetas", "1",
         "--omegas", "--jobs", "1", "--json", "-",
     ]  # fmt: skip
-    first = reproduce(*arguments, cwd=tmp_path)
-    assert (first.returncode, first.stderr) == (0, "")
-    (row,) = json.loads(first.stdout)["rows"]
+    code, text, errors = call(*arguments)
+    assert (code, errors) == (0, "")
+    (row,) = json.loads(text)["rows"]
     assert (row["experiment"], row["robot"], row["controller"]) == (
         "stale+plant-step", "finger", "ic",
     )  # fmt: skip
@@ -372,7 +381,7 @@ def test_command_writes_the_table_and_reuses_it(tmp_path):
     run = out / "stale+plant-step" / "runs" / "finger" / "ic" / "set_point_1.npz"
     assert Log.load(run).timestep == 0.005
     stamp = run.stat().st_mtime_ns
-    assert reproduce(*arguments, cwd=tmp_path).stdout == first.stdout
+    assert call(*arguments) == (0, text, "")
     assert run.stat().st_mtime_ns == stamp
 
 
@@ -387,17 +396,17 @@ def test_command_writes_the_table_and_reuses_it(tmp_path):
         ("stale", "--json", "nowhere/file.json"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(arguments, tmp_path):
-    done = reproduce(*arguments, cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
+def test_bad_input_is_one_line_and_exit_code_2(call, arguments):
+    code, text, errors = call(*arguments)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: ")
+    assert errors.count("\n") == 1
 
 
-def test_list_names_every_experiment(tmp_path):
-    done = reproduce("--list", cwd=tmp_path)
-    assert done.returncode == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [*CHANGES, "reference"]
+def test_list_names_every_experiment(call, tmp_path):
+    code, text, _ = call("--list")
+    assert code == 0
+    assert [line.split()[0] for line in text.splitlines()] == [*CHANGES, "reference"]
     assert not list(tmp_path.iterdir())
 
 

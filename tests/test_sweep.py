@@ -481,7 +481,7 @@ def test_an_interrupted_sweep_leaves_whole_files(folder, call):
     assert {n: contents(Path("out"))[n] for n in names} == contents(Path("straight"))
 
 
-def wait_for(condition, seconds=60.0):
+def wait_for(condition, seconds=180.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited too long"

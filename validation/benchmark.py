@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from controllers.registry import own_error
-from softdyn import InputError, SoftdynError, SoftModel
+from controllers.registry import blamed
+from softdyn import InputError, SoftModel
 from validation import metrics, paper
 from validation.closed_loop import simulate
 from validation.files import write_json
-from validation.fingerprint import digest, fingerprint, is_own, load_model, make_controller
+from validation.fingerprint import digest, fingerprint, load_model, make_controller
 from validation.log import Log
 from validation.processes import in_processes
 
@@ -132,12 +132,8 @@ def save_case(case: Case, log: Log, folder: Path, print_: str, **changes: float 
 def _simulate(case: Case) -> Log:
     model = load_model(case.robot)
     controller = make_controller(case.controller, model)
-    try:
+    with blamed(case.controller, "a command"):
         return simulate(model, controller, case.experiment(model), name=case.controller)
-    except Exception as error:
-        if isinstance(error, SoftdynError) or not is_own(case.controller):
-            raise
-        raise own_error(case.controller, "a command", error) from error
 
 
 def is_fresh(case: Case, folder: Path, print_: str) -> bool:

@@ -191,7 +191,7 @@ def simulate(
         reason=reason,
         not_solved=counters.since("not_solved"),
         fallbacks=counters.since("fallbacks"),
-        max_bound_violation=max(record.violation, counters.violation()),
+        max_bound_violation=max(record.violation(k), counters.violation()),
         gains=plain(getattr(controller, "gains", None)),
         versions=dict(_versions()),
     )
@@ -255,9 +255,9 @@ class _Record:
         self.v = np.empty((samples, model.nv))
         self.y, self.y_ref, self.error = (np.full((samples, 3), np.nan) for _ in range(3))
         self.u = np.empty((steps, model.nu))
+        self._answers = np.empty((steps, model.nu))  # u before it is clipped
         self.V, self.delta, self.step_us = (np.full(steps, np.nan) for _ in range(3))
         self.u_min, self.u_max = model.u_min, model.u_max
-        self.violation = 0.0
         self._codes = np.zeros(steps, np.int32)
         self._statuses: dict[Any, int] = {}
 
@@ -275,15 +275,18 @@ class _Record:
             return f"the controller failed at t = {self.t[k]:.4g} s: its answer has no u"
         except InputError as error:
             return f"the controller failed at t = {self.t[k]:.4g} s: {error}"
-        inside = np.minimum(np.maximum(u, self.u_min), self.u_max)
-        self.violation = max(self.violation, float(np.abs(u - inside).max(initial=0.0)))
-        self.u[k] = inside
+        self._answers[k] = u
+        np.minimum(np.maximum(u, self.u_min), self.u_max, out=self.u[k])
         self.V[k] = _scalar(getattr(command, "V", None))
         self.delta[k] = _scalar(getattr(command, "delta", None))
         status = getattr(command, "status", "")
         self._codes[k] = self._statuses.setdefault(_text(status), len(self._statuses))
         self.step_us[k] = nanoseconds / 1e3
         return None
+
+    def violation(self, steps: int) -> float:
+        """Largest violation of the bounds by an answer of the first `steps`, before clipping."""
+        return float(np.abs(self._answers[:steps] - self.u[:steps]).max(initial=0.0))
 
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a run that did `steps` control steps."""

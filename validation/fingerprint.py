@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import softdyn
 from controllers import find_controller
-from controllers.registry import own_error
-from softdyn import SoftdynError, SoftModel
+from controllers.registry import blamed, is_own
+from softdyn import SoftModel
 from softdyn.catalogue import find
 from softdyn.compiled import COMPILES
 from validation import paper
@@ -63,17 +63,8 @@ def load_model(robot: str) -> SoftModel:
 def make_controller(name: str, model: SoftModel) -> Any:
     """A controller by name for one run; what a user's own raises becomes an InputError."""
     cls = find_controller(name)
-    try:
+    with blamed(name, "a controller"):
         return cls(model)
-    except Exception as error:
-        if isinstance(error, SoftdynError) or not is_own(name):
-            raise
-        raise own_error(name, "a controller", error) from error
-
-
-def is_own(controller: str) -> bool:
-    """Whether a controller's name is a user's FILE.py:CLASS."""
-    return ".py:" in controller
 
 
 def sources(file: Path) -> list[Path]:

@@ -95,6 +95,8 @@ class StateMap:
         """Model state q (nq,), v (nv,) of a twin state; followers are left out."""
         qpos, qvel = np.asarray(qpos, float), np.asarray(qvel, float)
         coordinates = qpos[self._positions]
+        if self._nq == len(self.dofs):  # one number a coordinate: neither circular nor floating
+            return coordinates, qvel[self.dofs]
         q = np.empty(self._nq)
         q[self._start] = np.where(self._circular, np.cos(coordinates), coordinates)
         q[self._start[self._circular] + 1] = np.sin(coordinates[self._circular])

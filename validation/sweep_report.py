@@ -13,6 +13,7 @@ from typing import Any
 
 from validation.sweep import FIGURES, PLANT, Case, Sweep
 from validation.sweep_run import load, load_any
+from validation.tables import pipes
 
 BEST = 10
 SHOWN_REASONS = 20
@@ -170,26 +171,18 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
     made = settings(found, sweep.figure)
     parts = ["", f"## {_inline(robot)}"]
     if any(len(setting.rows) > 1 for setting in made):
-        heads = ["", *names, f"mean {figure}", "worst", "failed"]
-        parts += ["", f"Best settings by the mean {figure} over their targets.", ""]
-        parts += _table(
-            heads,
-            [
-                [str(i), *_inputs(s.case, names), _value(s.mean), _value(s.worst),
-                 f"{s.failed} of {len(s.rows)}"]
-                for i, s in enumerate(made[:BEST], 1)
-            ],
-        )  # fmt: skip
-    parts += ["", f"Best cases by {figure}.", ""]
-    parts += _table(
-        ["", *names, "target", figure, "outcome", "file"],
-        [
-            [str(i), *_inputs(case, names), _target(case), _value(result.get(sweep.figure)),
-             result["outcome"].replace("_", " "), f"cases/{case.name}.json"]
-            for i, (case, result) in enumerate(ranked(found, sweep.figure), 1)
-        ],
-    )  # fmt: skip
-    return parts
+        lines = [["", *names, f"mean {figure}", "worst", "failed"]]
+        for i, setting in enumerate(made[:BEST], 1):
+            failed = f"{setting.failed} of {len(setting.rows)}"
+            figures = map(_value, (setting.mean, setting.worst))
+            lines.append([str(i), *_inputs(setting.case, names), *figures, failed])
+        parts += ["", f"Best settings by the mean {figure} over their targets.", "", *_table(lines)]
+    lines = [["", *names, "target", figure, "outcome", "file"]]
+    for i, (case, result) in enumerate(ranked(found, sweep.figure), 1):
+        ended = (_value(result.get(sweep.figure)), result["outcome"].replace("_", " "))
+        file = f"cases/{case.name}.json"
+        lines.append([str(i), *_inputs(case, names), _target(case), *ended, file])
+    return [*parts, "", f"Best cases by {figure}.", "", *_table(lines)]
 
 
 def ranked(found: Iterable[Row], figure: str) -> list[Row]:
@@ -254,12 +247,8 @@ def _value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _table(heads: list[str], lines: list[list[str]]) -> list[str]:
-    return [_pipe(heads), _pipe(["---"] * len(heads)), *map(_pipe, lines)]
-
-
-def _pipe(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(_inline(cell).replace("|", r"\|") for cell in cells) + " |"
+def _table(lines: list[list[str]]) -> list[str]:
+    return pipes([[_inline(cell) for cell in line] for line in lines])
 
 
 def _inline(text: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
@@ -48,18 +49,30 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Aligned columns for a terminal."""
-    lines = [TITLES, *(cells(row) for row in rows)]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(TITLES))]
+    return columns([TITLES, *(cells(row) for row in rows)])
+
+
+def columns(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of as many cells each, as columns of text."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     )
 
 
+def pipes(lines: Sequence[Sequence[Any]]) -> list[str]:
+    """The lines of a Markdown table, the first its titles; each cell on one line."""
+    made = [
+        "| " + " | ".join(" ".join(str(cell).split()).replace("|", r"\|") for cell in line) + " |"
+        for line in lines
+    ]
+    return [made[0], "|" + " --- |" * len(lines[0]), *made[1:]]
+
+
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table, every run's figure, what the solver did, and the failed runs' reasons."""
-    parts = ["# Benchmark", "", _pipe(TITLES), _pipe(["---"] * len(TITLES))]
-    parts += [_pipe(cells(row)) for row in rows]
+    parts = ["# Benchmark", "", *pipes([TITLES, *(cells(row) for row in rows)])]
     parts += [
         "",
         "SP: mean ± population standard deviation over the set points of the final error. "
@@ -78,12 +91,13 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         "Fallbacks",
         "Bounds exceeded by",
     ]
-    parts += ["## Every run", "", _pipe(titles), _pipe(["---"] * len(titles))]
+    every = [titles]
     for row in rows:
         found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
         shown = ["-" if value is None else f"{value:.3g}" for value in found]
         shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
-        parts.append(_pipe([*cells(row)[:2], *shown]))
+        every.append([*cells(row)[:2], *shown])
+    parts += ["## Every run", "", *pipes(every)]
     failures = [
         f"- {row['robot']}, {cells(row)[1]}, {KINDS[f['kind']]} = {f['value']:g}π: {f['reason']}"
         for row in rows
@@ -111,10 +125,6 @@ def latex(rows: list[dict[str, Any]]) -> str:
         robot = row["robot"]
         lines.append(" & ".join(shown) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-def _pipe(row: Any) -> str:
-    return "| " + " | ".join(" ".join(str(cell).split()).replace("|", r"\|") for cell in row) + " |"
 
 
 _TEX = str.maketrans({

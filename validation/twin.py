@@ -144,7 +144,8 @@ class Twin:
 
     @property
     def tip(self) -> np.ndarray:
-        """Position (3,) of the task frame in the world (m) at the latest computed kinematics."""
+        """Position (3,) of the task frame in the world (m) in the present state."""
+        mujoco.mj_kinematics(self.model, self.data)
         return self.data.site_xpos[self.task_site].copy()
 
     def reset(self) -> None:
@@ -177,7 +178,8 @@ class Twin:
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
         """Integrate `steps` steps under the held input `u` (nu,), clamped to its bounds by MuJoCo.
 
-        The kinematics in `data` are those of the new state when it returns.
+        What else is in `data` when it returns belongs to the state one step before: MuJoCo computes
+        it at the start of a step.
 
         Raises
         ------
@@ -189,7 +191,6 @@ class Twin:
         self.data.ctrl[:] = array("u", u, (self.model.nu,))
         mujoco.mj_step(self.model, self.data, steps)
         check_warnings(self.data)
-        mujoco.mj_fwdPosition(self.model, self.data)
 
     def _vector(self, name: str, value: np.ndarray, size: int) -> np.ndarray:
         vector = array(name, value, (size,))
@@ -222,10 +223,10 @@ def silence() -> None:
 
 def check_warnings(data: mujoco.MjData) -> None:
     """Raise `SimulationError` when MuJoCo has warned since the data was last reset."""
-    raised = data.warning.number > 0
-    if raised.any():
+    raised = data.warning.number
+    if np.count_nonzero(raised):
         kinds = list(mujoco.mjtWarning.__members__)
-        name = kinds[int(np.argmax(raised))].removeprefix("mjWARN_")
+        name = kinds[int(np.argmax(raised > 0))].removeprefix("mjWARN_")
         raise SimulationError(float(data.time), WARNINGS.get(name, name))
 
 
