@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.statics import Equilibrium, TipSearch
 
+STARTS = 24  # sampled rests that each target is sought from
 NUDGE = 1e-3  # rad, or part of a stroke: what stability is tried with in the twin
 
 EPILOG = """\
@@ -153,7 +154,7 @@ def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
     samples += list(progress(more, arguments.spread, "between them"))
     searches, rows = [], []
     for theta, target in progress(goals, len(goals), "targets"):
-        nearest = sorted(samples, key=lambda one: float(np.linalg.norm(one.y - target)))[:4]
+        nearest = sorted(samples, key=lambda one: float(np.linalg.norm(one.y - target)))[:STARTS]
         one = statics.inputs_for_tip(
             model, target, nearest, guesses=guesses, shapes=arguments.shapes, seed=arguments.seed
         )

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array
 from softdyn.compiled import compiled
+from softdyn.exceptions import InputError
 from softdyn.model import SoftModel
 
 
@@ -50,7 +51,7 @@ def acceleration_derivatives(
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     tau = joint_force_derivatives(model, q, v, u)
     data = model._data
@@ -73,6 +74,7 @@ def joint_force_derivatives(
 
     Parameters and errors: see `acceleration_derivatives`.
     """
+    _check(model)
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
     arms, gain, damping = state.moment_arms, model.tendon_stiffness, model.tendon_damping
@@ -105,8 +107,14 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """∂g/∂q (nv, nv), the Hessian of gravity's energy."""
+    _check(model)
     hessian = pin.computeGeneralizedGravityDerivatives(model.pin_model, model._data, q)
     return np.reshape(np.array(hessian), (model.nv, model.nv))
+
+
+def _check(model: SoftModel) -> None:
+    if model.robot.followers:
+        raise InputError("model", "a robot without mimic joints", model.name)
 
 
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ SAME = 1e-3  # equilibria whose joints are this close are one (rad, m)
 LARGEST_STEP = 0.3  # of a joint in one step along a branch (rad, m)
 STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # of `explore`: the tip's error against the forces
 BARRIERS = (1e-2, 1e-3, 1e-4)  # relative to a joint's force times its range
+EXPLORED = 4  # of the given starts
 STATIONS = 12  # equilibria along a ray of inputs
 
 
@@ -97,7 +98,8 @@ def inputs_for_tip(
     Parameters
     ----------
     target : (3,) in the world (m).
-    starts : equilibria to start from besides rest, e.g. the nearest of `scatter`.
+    starts : equilibria to start from besides rest, e.g. of `scatter`, the nearest first: from
+        each the branch is followed, from the first few shapes are explored too.
     guesses : (q, u) to start from besides: equilibria or not.
     shapes : random shapes to start from besides those.
     seed : of the shapes.
@@ -118,7 +120,8 @@ def inputs_for_tip(
             ends.append(approach(balance(model, u, q), target))
         with suppress(StaticsError):
             ends.append(explore(model, target, q, u))
-    for q, u in (*((one.q, one.u) for one in known), *random_shapes(model, shapes, seed)):
+    explored = [(one.q, one.u) for one in known[: 1 + EXPLORED]]
+    for q, u in (*explored, *random_shapes(model, shapes, seed)):
         with suppress(StaticsError):
             ends.append(explore(model, target, q, u))
     found: list[Equilibrium] = []

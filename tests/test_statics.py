@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
+import statics as command
 from scipy.optimize import brentq
 
 import softdyn
@@ -239,3 +242,56 @@ def test_no_equilibrium_is_an_error_that_says_so(tmp_path):
     model = pendulum(tmp_path, height=0.1)
     with pytest.raises(statics.StaticsError, match=r"no equilibrium.*left unbalanced"):
         statics.balance(model, [0.33], [0.5])
+
+
+def test_spread_rests_are_stable_and_apart(tmp_path):
+    model = pendulum(tmp_path)
+    samples = list(statics.scatter(model, 2))
+    more = list(statics.spread(samples, 5))
+    assert len(samples) == 24
+    assert len(more) == 5
+    assert all(one.stable for one in (*samples, *more))
+    # targets off the circle and beyond its ends: each rest is as close to some point as it gets
+    angles = np.array([one.q[0] for one in (*samples, *more)])
+    assert angles.min() >= -1 - 1e-9
+    assert angles.max() <= 2 + 1e-9
+
+
+def test_the_command_reports_every_target(tmp_path, capsys):
+    pendulum(tmp_path)
+    picture = tmp_path / "map.png"
+    options = "--target 0.05 0 -0.0866 --rays 1 --spread 1 --shapes 1 --hold 0.1 --json -"
+    arguments = options.split()
+    robot = str(tmp_path / "pendulum.urdf")
+    assert command.main([robot, *arguments, "--map", str(picture)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    (line,) = report["targets"]
+    closest = line["closest"]
+    assert np.linalg.norm(np.subtract(closest["y"], line["target"])) == pytest.approx(
+        closest["distance_cm"] / 100
+    )
+    assert closest["stable"] == (closest["smallest_eigenvalue"] > 0)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
+    pendulum(tmp_path)
+    robot = str(tmp_path / "pendulum.urdf")
+    assert command.main([robot, "--inputs", "0.2", "--hold", "0.1", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    angle = report["rest"]["q"][0]
+    assert STIFFNESS * angle + 0.1 * G * np.sin(angle) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["finger", "--inputs", "1"],
+        ["finger", "--inputs", "5", "5"],
+        ["finger", "--map", "map.txt"],
+        ["nothere"],
+    ],
+)
+def test_the_command_refuses_bad_input(arguments, capsys):
+    assert command.main(arguments) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -9,7 +9,8 @@ import numpy as np
 
 from softdyn.checks import number
 from softdyn.statics import Equilibrium
-from validation.twin import SimulationError, StateMap, Twin
+from validation.state_map import StateMap
+from validation.twin import SimulationError, Twin
 
 SAMPLE = 0.01  # s between looks at the tip
 NUDGE_SEED = 0

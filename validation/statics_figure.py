@@ -25,7 +25,8 @@ from validation.plot_style import (
     robot_title,
     style,
 )
-from validation.twin import StateMap, Twin
+from validation.state_map import StateMap
+from validation.twin import Twin
 
 SUFFIXES = (".png", ".pdf")
 
