@@ -39,6 +39,9 @@ def parser() -> cli.Parser:
     which.add_argument("--random", type=cli.count, metavar="N", help="N random robots")
     cli.add_robot_options(found)
     found.add_argument(
+        "--states-only", action="store_true", help="random states, and no trajectories"
+    )
+    found.add_argument(
         "--jobs", type=cli.count, metavar="N", help="processes for many robots (default: all cores)"
     )
     found.add_argument(
@@ -81,6 +84,7 @@ def command(arguments: argparse.Namespace) -> int:
         twin,
         samples=arguments.samples,
         seed=arguments.seed,
+        trajectories=not arguments.states_only,
         progress=say if show else None,
     )
     if show:
@@ -100,11 +104,12 @@ def many(arguments: argparse.Namespace) -> int:
     if arguments.annotations is not None:
         raise InputError("--annotations", "one ROBOT", "many robots")
     common = (arguments.samples, arguments.seed)
+    options = {"floating": arguments.floating, "trajectories": not arguments.states_only}
     if arguments.catalogue:
-        options = {name: getattr(arguments, name) for name in ("floating", "repair_inertia")}
-        jobs = catalogue.catalogue_jobs(*common, **options)
+        repair = arguments.repair_inertia
+        jobs = catalogue.catalogue_jobs(*common, **options, repair_inertia=repair)
     else:
-        jobs = catalogue.random_jobs(arguments.random, *common, floating=arguments.floating)
+        jobs = catalogue.random_jobs(arguments.random, *common, **options)
     rows: list[Row] = []
     with tqdm(total=len(jobs), disable=None, leave=False, unit="robot") as bar:
         for row in catalogue.examine_all(jobs, arguments.jobs or -1):

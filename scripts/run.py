@@ -42,6 +42,7 @@ def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("robot", metavar="ROBOT")
+    cli.add_robot_options(found)
     found.add_argument("controller", metavar="CONTROLLER")
     goal = found.add_mutually_exclusive_group(required=True)
     goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
@@ -87,7 +88,7 @@ def command(arguments: argparse.Namespace) -> int:
     from validation import simulate
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
-    model = softdyn.load(arguments.robot)
+    model = cli.load_robot(arguments)
     experiment = make_experiment(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)
     viewing: dict[str, Any] = {}

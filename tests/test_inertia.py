@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import softdyn
+from softdyn import UrdfError
 from softdyn.inertia import Inertia, rotation_rpy
 from softdyn.robot import moving_bodies
 from softdyn.urdf import parse
 from tests.misuses import INERTIAL, LIMIT
+from validation import Twin, crosscheck
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -140,3 +145,70 @@ def test_fixed_links_are_lumped_and_what_is_fixed_to_the_base_is_not(tmp_path) -
     for joint, link in ((1, "a"), (2, "b")):
         np.testing.assert_allclose(bodies[link].com, model.inertias[joint].lever, atol=1e-14)
         np.testing.assert_allclose(bodies[link].tensor, model.inertias[joint].inertia, atol=1e-16)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_the_nearest_physical_inertia_is_the_projection(seed: int) -> None:
+    """x is the nearest point of a convex set to a iff (a - x)·(y - x) <= 0 for all its points y."""
+    rng = np.random.default_rng(seed)
+    tensor = rng.normal(size=(3, 3))
+    given_ = Inertia(2.0, rng.normal(size=3), tensor + tensor.T)
+    nearest = given_.nearest_physical()
+    assert nearest.defect() is None
+    assert (nearest.mass, nearest.com.tolist()) == (2.0, given_.com.tolist())
+    for _ in range(20):
+        other = of_points(*cloud(rng, int(rng.integers(1, 5)))).tensor * 10 ** rng.uniform(-3, 1)
+        gap = np.sum((given_.tensor - nearest.tensor) * (other - nearest.tensor))
+        assert gap <= 1e-10 * max(1.0, np.abs(other).max())
+    again = nearest.nearest_physical()
+    np.testing.assert_allclose(again.tensor, nearest.tensor, atol=1e-13)
+
+
+def test_what_is_physical_is_its_own_nearest() -> None:
+    body = of_points(*cloud(np.random.default_rng(1)))
+    np.testing.assert_allclose(body.nearest_physical().tensor, body.tensor, atol=1e-15)
+    assert not diagonal(1, 1, 1, mass=0).nearest_physical().tensor.any()
+
+
+def broken(folder: Path, where: str) -> Path:
+    """A body `a` with `a2` welded on; the inertia of one of them breaks the triangle."""
+    links = ""
+    for name in ("base", "a", "a2"):
+        text = INERTIAL
+        if name == where:
+            text = (
+                '<inertial><origin xyz="0.1 0 0" rpy="0.3 0.2 -1"/><mass value="0.1"/>'
+                '<inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.1" iyz="0" izz="0.5"/></inertial>'
+            )
+        links += f'<link name="{name}">{text}</link>'
+    path = folder / "broken.urdf"
+    path.write_text(
+        f'<robot name="broken">{links}<joint name="j" type="revolute"><parent link="base"/>'
+        f'<child link="a"/><axis xyz="0 1 1"/>{LIMIT}</joint><joint name="f" type="fixed">'
+        '<parent link="a"/><child link="a2"/><origin xyz="0 0.1 0"/></joint></robot>'
+    )
+    return path
+
+
+@pytest.mark.parametrize("where", ["a", "a2"])
+def test_a_repair_is_named_and_both_engines_read_it(where: str, tmp_path: Path) -> None:
+    path = broken(tmp_path, where)
+    with pytest.raises(UrdfError, match='<link name="a">: expected a physical inertia') as caught:
+        parse(path)
+    assert ("such as 'a2'" in caught.value.expected) == (where == "a2")
+    before = path.read_bytes()
+    with pytest.warns(UserWarning, match=f'<link name="{where}">: inertia repaired: .* -> '):
+        model = softdyn.load(path, repair_inertia=True)
+    assert path.read_bytes() == before
+    assert all(body.defect() is None for body in moving_bodies(model.robot).values())
+    result = crosscheck(model, samples=2, trajectories=False)
+    assert result.passed, [(check.quantity, check.max_error) for check in result.checks]
+    assert np.linalg.eigvalsh(Twin(model).model.body_inertia[1] * np.eye(3))[0] > 0
+
+
+def test_nothing_sound_is_repaired(tmp_path: Path) -> None:
+    path = broken(tmp_path, "base")  # which does not move
+    with pytest.warns(UserWarning, match='<link name="base">: principal moments'):
+        model = softdyn.load(path, repair_inertia=True)
+    assert model.robot.mended == ""

@@ -31,6 +31,7 @@ class Job:
     samples: int
     floating: bool = False
     repair_inertia: bool = False
+    trajectories: bool = True
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,13 @@ class Row:
         return {**vars(self), "repairs": list(self.repairs)}
 
 
-def catalogue_jobs(samples: int, seed: int, *, floating: bool, repair_inertia: bool) -> list[Job]:
+def catalogue_jobs(
+    samples: int, seed: int, *, floating: bool, repair_inertia: bool, trajectories: bool = True
+) -> list[Job]:
     """Every URDF of example-robot-data as it is; floating and repaired on top where asked for."""
     jobs = []
     for path in example_files():
-        plain = Job(_short(path), path, seed, samples)
+        plain = Job(_short(path), path, seed, samples, trajectories=trajectories)
         jobs.append(plain)
         if repair_inertia:
             jobs.append(replace(plain, repair_inertia=True))
@@ -75,10 +78,14 @@ def catalogue_jobs(samples: int, seed: int, *, floating: bool, repair_inertia: b
     return jobs
 
 
-def random_jobs(count: int, samples: int, seed: int, *, floating: bool = False) -> list[Job]:
+def random_jobs(
+    count: int, samples: int, seed: int, *, floating: bool = False, trajectories: bool = True
+) -> list[Job]:
     """`count` random robots of the seeds from `seed` on."""
-    seeds = range(seed, seed + count)
-    return [Job(f"random_{k}", None, k, samples, floating) for k in seeds]
+    return [
+        Job(f"random_{k}", None, k, samples, floating, trajectories=trajectories)
+        for k in range(seed, seed + count)
+    ]
 
 
 def examine_all(jobs: Sequence[Job], processes: int = -1) -> Iterator[Row]:
@@ -106,7 +113,9 @@ def _examine(job: Job) -> Row | None:
             )
             if variant == REPAIRED and not model.robot.mended:
                 return None
-            result = crosscheck(model, samples=job.samples, seed=job.seed)
+            result = crosscheck(
+                model, samples=job.samples, seed=job.seed, trajectories=job.trajectories
+            )
         except SoftdynError as error:
             if variant == REPAIRED:
                 return None

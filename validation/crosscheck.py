@@ -72,7 +72,8 @@ class CrossCheck:
 
     Attributes
     ----------
-    checks : one verdict a quantity, in the order of `QUANTITIES`.
+    checks : one verdict a quantity, in the order of `QUANTITIES`; without the last one where no
+        trajectories were asked for.
     runs : the trajectories compared.
     ladders : convergence of both schemes under step halving.
     """
@@ -168,6 +169,7 @@ def crosscheck(
     *,
     samples: int = 20,
     seed: int = 0,
+    trajectories: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> CrossCheck:
     """Compare a model with its twin, or with the twin of another file.
@@ -179,6 +181,7 @@ def crosscheck(
         it: no state of the twin changes.
     samples : number of random states.
     seed : of the random states and inputs.
+    trajectories : whether to compare them too, which takes most of the time.
     progress : called with a word on what is being done.
 
     Returns
@@ -214,7 +217,7 @@ def crosscheck(
             _compare_at(
                 tally, model, judge, *random_state(model, rng), rng.uniform(*input_window(model))
             )
-        if "trajectory" not in tally.reasons:
+        if trajectories and "trajectory" not in tally.reasons:
             with tally.guard("trajectory"):
                 runs, ladders = compare_trajectories(model, judge, rng, progress)
                 errors = [run.max_error for run in runs]
@@ -223,7 +226,7 @@ def crosscheck(
     tolerances = _tolerances(model)
     checks = tuple(
         Check(name, tally.errors[name], tolerances[name], SCALES[name], tally.reasons.get(name, ""))
-        for name in QUANTITIES
+        for name in (QUANTITIES if trajectories else QUANTITIES[:-1])
     )
     return CrossCheck(model.name, model.nv, model.nu, samples, seed, checks, runs, ladders)
 

@@ -41,6 +41,8 @@ class Judge:
         self._model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
         self.nv, self.nu = len(states.dofs), self._model.nu
         self._tied = self.nv < self._model.nv
+        paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
+        self._damping_varies = paths and bool(self._model.tendon_damping.any())
         self.mass = float(self._model.body_mass[1:].sum())
 
     # -- at one state --------------------------------------------------------------------------
@@ -156,6 +158,7 @@ class Judge:
         """Prepare to `follow` a trajectory from the model's state with a scheme and a step (s)."""
         self._model.opt.integrator = INTEGRATORS[integrator]
         self._model.opt.timestep = step
+        self._damping: np.ndarray | None = None
         self._step = self._tied_rk4 if integrator == "rk4" else self._tied_implicit
         self.place(q, v)
 
@@ -219,7 +222,9 @@ class Judge:
     def _tied_implicit(self, h: float) -> None:
         qpos, w = self._data.qpos.copy(), self._data.qvel[self.states.dofs]
         M, force = self._tied_forces(qpos, w)
-        w = w + h * np.linalg.solve(M + h * self._tied_damping(), force)
+        if self._damping is None or self._damping_varies:
+            self._damping = self._tied_damping()
+        w = w + h * np.linalg.solve(M + h * self._damping, force)
         self._arrive(self._moved(qpos, w, h), w)
 
     def _tied_damping(self) -> np.ndarray:

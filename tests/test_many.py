@@ -1,0 +1,112 @@
+"""Many robots at once: the catalogue's rows and document, and a hundred random robots."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from softdyn.catalogue import example_files, example_robots
+from validation import catalogue
+from validation.catalogue import FIXED, FLOATING, REPAIRED, Row
+from validation.files import to_json
+
+
+def jobs_of(*stems: str) -> list[catalogue.Job]:
+    jobs = catalogue.catalogue_jobs(1, 0, floating=True, repair_inertia=True, trajectories=False)
+    return [job for job in jobs if job.path is not None and job.path.stem in stems]
+
+
+def test_every_file_of_the_package_is_a_job():
+    files = example_files()
+    assert len(files) == 69 > len(example_robots())
+    jobs = catalogue.catalogue_jobs(3, 5, floating=False, repair_inertia=False)
+    assert [job.path for job in jobs] == list(files)
+    assert len({job.name for job in jobs}) == 69
+    assert all((job.samples, job.seed) == (3, 5) for job in jobs)
+
+
+def test_rows_pass_or_say_why_not():
+    jobs = jobs_of("double_pendulum", "quadrotor_base", "ur3", "romeo_small")
+    rows = {}
+    for job in jobs:
+        row = catalogue.examine(job)
+        if row is not None:
+            rows[Path(row.name).stem, row.variant] = row
+    passed = {key: row.passed for key, row in rows.items()}
+    assert passed == {
+        ("double_pendulum", FIXED): True,
+        ("double_pendulum", FLOATING): True,
+        ("quadrotor_base", FIXED): None,
+        ("quadrotor_base", FLOATING): True,
+        ("romeo_small", FIXED): None,
+        ("romeo_small", REPAIRED): True,
+        ("romeo_small", FLOATING): True,
+        ("ur3", FIXED): None,
+        ("ur3", FLOATING): None,
+    }
+    assert rows["double_pendulum", FLOATING].nv == 8
+    assert "at least one joint that moves" in rows["quadrotor_base", FIXED].reason
+    assert '<link name="RShoulderYawLink">' in rows["romeo_small", FIXED].reason
+    assert len(rows["romeo_small", REPAIRED].repairs) == 2
+    assert json.loads(to_json(rows["ur3", FIXED].to_dict()))["max_error"] is None
+    page = catalogue.markdown(list(rows.values()), "COMMAND")
+    assert "Written by `COMMAND`" in page
+    assert "1 of 4 pass, 0 fail, 3 are not supported" in page
+    assert "&lt;link name" in page
+    assert page.count("inertia repaired: principal moments") == 2
+
+
+def test_a_disagreement_is_a_failed_row():
+    rows = [
+        Row("good", FIXED, True, 2, "M", 1e-15),
+        Row("bad", FIXED, False, 2, "qdd", 1e-3, "qdd: too far"),
+        Row("odd", FIXED, None, reason="no joint"),
+    ]
+    assert catalogue.counts(rows) == {FIXED: {"passed": 1, "failed": 1, "unsupported": 1}}
+    text = catalogue.text(rows, catalogue.counts(rows))
+    assert "FAILED, qdd: too far" in text
+    assert "unsupported: no joint" in text
+    jobs = [catalogue.Job(name, None, 0, 1) for name in ("odd", "bad", "good")]
+    assert [row.name for row in catalogue.in_order(jobs, rows)] == ["odd", "bad", "good"]
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_a_hundred_random_robots(block):
+    for job in catalogue.random_jobs(25, 1, 200 + 25 * block, trajectories=False):
+        row = catalogue.examine(job)
+        assert row is not None
+        assert row.passed is True, row
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "scripts"))
+    import crosscheck as script
+
+    out = tmp_path / "rows.json"
+    arguments = ["--random", "3", "--samples", "1", "--seed", "7", "--jobs", "1"]
+    assert script.main([*arguments, "--states-only", "--json", str(out)]) == 0
+    report = json.loads(out.read_text())
+    assert report["counts"] == {FIXED: {"passed": 3, "failed": 0, "unsupported": 0}}
+    assert [row["name"] for row in report["rows"]] == ["random_7", "random_8", "random_9"]
+    assert "3 passed, 0 failed" in capsys.readouterr().out
+    assert script.main([*arguments, "--annotations", "x.xml"]) == 2
+    assert capsys.readouterr().err.startswith("error: --annotations: expected one ROBOT")
+
+    files = [path for path in example_files() if path.stem in ("TwoDofs", "ur3")]
+    monkeypatch.setattr(catalogue, "example_files", lambda: tuple(files))
+    page = tmp_path / "page.md"
+    common = ["--catalogue", "--samples", "1", "--jobs", "1", "--states-only"]
+    assert script.main([*common, "--markdown", str(page)]) == 0
+    assert "1 of 2 pass, 0 fail, 1 are not supported" in page.read_text()
+    assert "`scripts/crosscheck.py --catalogue`" in page.read_text()
+
+    bad = Row("bad", FIXED, False, 1, "M", 1.0)
+    monkeypatch.setattr(catalogue, "examine_all", lambda *_: iter([bad]))
+    monkeypatch.setattr(
+        catalogue, "random_jobs", lambda *_, **__: [catalogue.Job("bad", None, 0, 1)]
+    )
+    capsys.readouterr()
+    assert script.main(["--random", "1"]) == 1
+    assert "FAILED" in capsys.readouterr().out
