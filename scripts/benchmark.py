@@ -22,8 +22,8 @@ a URDF, and what has no published gains needs a controller that brings its own.
 
 Each case leaves its files below --out. A run that was interrupted goes on where it stopped; a case
 is done again when its robot, its controller, softdyn or an engine has changed. Below --out, for
-the robots and controllers of the last call: table.md, table.tex, results.json and figures/; of all
-calls: runs/ with the log and the figures of every case, and times/.
+the robots and controllers of the last call: index.html with replays/ and thumbnails/, table.md,
+table.tex, results.json and figures/; of all calls: runs/ with the log and the figures of every case, and times/.
 
 exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
 130 interrupted.
@@ -47,9 +47,9 @@ def parser() -> cli.Parser:
     found.add_argument("--out", default="results", metavar="DIR", help="default: results")
     figures = found.add_mutually_exclusive_group()
     figures.add_argument(
-        "--plots", action="store_true", help="run nothing, draw the figures again from the logs"
+        "--plots", action="store_true", help="run nothing, make figures and index.html again from the logs"
     )
-    figures.add_argument("--no-plots", action="store_true", help="leave the figures out")
+    figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
     cli.add_json(found)
     return found
 
@@ -77,7 +77,7 @@ def command(arguments: argparse.Namespace) -> int:
     if not cases:
         raise InputError("--thetas, --omegas", "at least one of one of them", "none")
     if arguments.plots:
-        return draw_again(cases, out, arguments.json)
+        return draw_again(cases, out, arguments.json, arguments.jobs or -1)
     cli.make_folder(out)
     run(cases, out, arguments.jobs or -1)
     rows = benchmark.rows(cases, out)
@@ -86,8 +86,10 @@ def command(arguments: argparse.Namespace) -> int:
     write_text(out / "results.json", to_json({"rows": rows}) + "\n")
     if not arguments.no_plots:
         from validation import plots
+        from validation import report as page
 
         plots.make_all(cases, out)
+        index = page.make(cases, out, arguments.jobs or -1)
     report: dict[str, Any] = {
         "rows": rows,
         "wall_s": perf_counter() - began,
@@ -95,6 +97,8 @@ def command(arguments: argparse.Namespace) -> int:
         "step_us": benchmark.step_times(cases, out),
     }
     where = f"\n\nTable, figures and logs: {out}/\n{report['wall_s']:.0f} s"
+    if not arguments.no_plots:
+        where = f"\n\nThe whole result: {index}{where}"
     cli.write_report(report, arguments.json, tables.text(rows) + where)
     return cli.PASSED
 
@@ -128,10 +132,11 @@ def run(cases: list[Case], out: Path, jobs: int) -> None:
             bar.update(costs[case])
 
 
-def draw_again(cases: list[Case], out: Path, target: str | None) -> int:
-    """The figures alone, from the logs below `out`."""
+def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> int:
+    """Figures and page alone, from the logs below `out`."""
     from softdyn import InputError
     from validation import benchmark, plots
+    from validation import report as page
 
     missing = [case.name for case in cases if not benchmark.log_path(out, case).is_file()]
     if missing:
@@ -139,7 +144,8 @@ def draw_again(cases: list[Case], out: Path, target: str | None) -> int:
         got = f"no log of {', '.join(missing[:3])}{more}"
         raise InputError(str(out), f"the logs of all {len(cases)} runs", got)
     files = [str(file) for file in plots.make_all(cases, out)]
-    cli.write_report({"figures": files}, target, "\n".join(files))
+    index = str(page.make(cases, out, jobs))
+    cli.write_report({"figures": files, "report": index}, target, "\n".join([*files, index]))
     return cli.PASSED
 
 

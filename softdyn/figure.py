@@ -18,6 +18,12 @@ from softdyn.robot import Joint, Robot, levels, poses, root
 from softdyn.tendon_paths import Path, fixed_path
 from softdyn.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
 
+# Colours of a cable over its tension, from full on one side of a signed input over slack to full on
+# the other: dark blue, grey, dark red; lightness tells them apart for every kind of colour vision.
+TENSION = (
+    (-1.0, (8, 48, 107)), (-0.5, (43, 123, 186)), (0.0, (150, 162, 176)), (0.5, (239, 138, 43)),
+    (1.0, (150, 20, 30)),
+)  # fmt: skip
 STICK = (0.45, 0.52, 0.6, 1.0)
 
 
@@ -34,6 +40,13 @@ class Cable:
     weights: np.ndarray
     limit: float
     side: int
+
+    def part(self, u: np.ndarray) -> float:
+        """Tension as a part of full, in [-1, 1], under the input u (nu,)."""
+        force = float(self.weights @ u)
+        if self.side:
+            force = self.side * max(0.0, self.side * force)
+        return force / self.limit if self.limit > 0 else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +77,29 @@ class Figure:
         """A length (m) that the robot fits in: from the base to the tip, or to its farthest link."""
         farthest = max(float(np.linalg.norm(t)) for _, t in poses(self.model.robot).values())
         return max(self.model.robot.length, farthest) or 0.1
+
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link at the configuration q (nq,)."""
+        robot, model = self.model.robot, self.model
+        values = dict(zip(model.joint_names, model.coordinates(q), strict=True))
+        base = np.eye(4)
+        if robot.floating:
+            place = list(values.values())[:6]
+            base[:3, 3], base[:3, :3] = place[:3], _rotation(np.array(place[3:]))
+        placed = {root(robot): base}
+        depth = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
+        for joint in sorted(robot.joints, key=lambda joint: depth[joint.child]):
+            move = np.eye(4)
+            if joint.moves:
+                follows = joint.mimic
+                x = values[joint.name] if follows is None else (
+                    follows.multiplier * values[follows.leader] + follows.offset)  # fmt: skip
+                if joint.kind == "prismatic":
+                    move[:3, 3] = x * joint.axis
+                else:
+                    move[:3, :3] = _rotation(x * joint.axis)
+            placed[joint.child] = placed[joint.parent] @ _matrix(joint) @ move
+        return placed
 
     @property
     def data(self) -> dict[str, Any]:
@@ -121,6 +157,13 @@ class Figure:
         }
 
 
+def tension_colour(part: float) -> tuple[float, ...]:
+    """RGB in 0 … 1 of a tension as a part of full; the cube root, as most are a few per cent."""
+    at = float(np.cbrt(np.clip(part, -1, 1)))
+    stops = [stop for stop, _ in TENSION]
+    return tuple(float(np.interp(at, stops, [rgb[k] / 255 for _, rgb in TENSION])) for k in range(3))
+
+
 def _levels(robot: Robot) -> Iterator[list[str]]:
     return levels(root(robot), robot.joints)
 
@@ -137,6 +180,16 @@ def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
         return {"index": order.get(joint.name, -1), "gain": 1, "offset": 0}
     follows = joint.mimic
     return {"index": order[follows.leader], "gain": follows.multiplier, "offset": follows.offset}
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) of a rotation vector (3,), by Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def _columns(matrix: np.ndarray) -> list[float]:

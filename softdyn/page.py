@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.exceptions import InputError
-from softdyn.figure import Figure
+from softdyn.figure import TENSION, Figure
 from softdyn.model import SoftModel
 
 
@@ -120,6 +120,7 @@ class Page:
             script = f'<script src="{html.escape(library)}"></script>'
         scene = {
             "title": self.title,
+            "tension": [[stop, *rgb] for stop, rgb in TENSION],
             "figures": [figure.data for figure in self.figures],
             "runs": [run.data for run in self.runs],
             "live": self.live,

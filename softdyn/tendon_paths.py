@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softdyn.robot import Joint, Robot, Tendon, children, poses
-from softdyn.visuals import Box, Cylinder, Mesh, Sphere, Visual
+from softdyn.visuals import Visual, triangles
 
 Path = list[tuple[str, np.ndarray]]
 CLEARANCE = 1.12
@@ -121,29 +121,9 @@ def _distance(
             (points @ rotation.T + translation - origin) @ normal
             for shape in shapes
             if shape.link == link
-            for points in [corners(shape)]
+            for points in [triangles(shape).reshape(-1, 3)]
         ]
         if reach:
             return max(CLEARANCE * float(np.concatenate(reach).max()), 0.01 * robot.length)
         front += [other.child for other in below.get(link, ())]
     return 0.03 * max(robot.length, 1e-3)
-
-
-def corners(visual: Visual) -> np.ndarray:
-    """Points (n, 3) of a shape in its link's frame, enough to know its extent."""
-    shape = visual.shape
-    if isinstance(shape, Mesh):
-        points = np.asarray(shape.vertices, float)
-    elif isinstance(shape, Box):
-        points = _SIGNS * np.array(shape.size) / 2
-    elif isinstance(shape, Cylinder):
-        points = np.concatenate([_RIM * shape.radius + z * np.array([0, 0, shape.length / 2])
-                                 for z in (-1, 1)])  # fmt: skip
-    else:
-        assert isinstance(shape, Sphere)
-        points = np.concatenate([np.eye(3), -np.eye(3)]) * shape.radius
-    return points @ visual.pose[:3, :3].T + visual.pose[:3, 3]
-
-
-_SIGNS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
-_RIM = np.array([[np.cos(a), np.sin(a), 0] for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)])

@@ -77,6 +77,22 @@ def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     return tuple(found), tuple(dict.fromkeys(problems))
 
 
+def triangles(visual: Visual) -> np.ndarray:
+    """Triangles (n, 3, 3) of a shape in its link's frame; round ones are faceted."""
+    import trimesh.creation
+
+    shape = visual.shape
+    if isinstance(shape, Mesh):
+        found = np.asarray(shape.vertices, float)[shape.faces]
+    elif isinstance(shape, Box):
+        found = trimesh.creation.box(shape.size).triangles
+    elif isinstance(shape, Cylinder):
+        found = trimesh.creation.cylinder(shape.radius, shape.length, sections=24).triangles
+    else:
+        found = trimesh.creation.icosphere(2, shape.radius).triangles
+    return np.asarray(found) @ visual.pose[:3, :3].T + visual.pose[:3, 3]
+
+
 def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -> list[Visual]:
     pose = np.eye(4)
     origin = element.child("origin")

@@ -4,9 +4,7 @@
 // frames are (t, q, u, y, y_ref) here and everything else follows from them.
 
 const T = MeshCat.THREE;
-// slack to full tension grey to dark red, pushing grey to dark blue: light to dark for every eye
-const STOPS = [[-1, 8, 48, 107], [-0.5, 43, 123, 186], [0, 150, 162, 176], [0.5, 239, 138, 43],
-  [1, 150, 20, 30]];
+let STOPS = [];  // colours of tension, from the page
 const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e;
 
 function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
@@ -255,6 +253,7 @@ class Track {
 class Player {
   constructor(scene) {
     this.scene = scene;
+    STOPS = scene.tension;
     this.viewer = new MeshCat.Viewer(document.getElementById("pane"));
     const set = (path, name, value) => this.viewer.set_property(path, name, value);
     set(["Background"], "top_color", [0.985, 0.99, 1]);
