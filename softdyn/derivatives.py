@@ -75,14 +75,14 @@ def joint_force_derivatives(
     Parameters and errors: see `acceleration_derivatives`.
     """
     state = model.state(q, v)
-    force = pull(model, array("u", u, (model.nu,)))
+    u = array("u", u, (model.nu,))
+    force = pull(model, u)
     arms, gain, damping = state.moment_arms, model.tendon_stiffness, model.tendon_damping
     force -= gain * (state.lengths - model.tendon_rest)
     force -= damping * (arms @ state.v)
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
     by_q = curvature - np.diag(model.stiffness)
     by_q -= arms.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
-    u = np.asarray(u, float)
     return Derivatives(state.B @ u - state.D @ state.v - state.K, by_q, -state.D, state.B)
 
 
@@ -120,7 +120,8 @@ def _check(model: SoftModel) -> None:
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
     _check(model)
-    return np.bincount(model._actuated, model._gear * u, len(model.tendons.names))
+    forces = np.bincount(model._actuated, model._gear * u, len(model.tendons.names))
+    return forces.astype(float)  # whole numbers where there is no actuator
 
 
 def tendon_curvature(
