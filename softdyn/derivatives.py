@@ -74,11 +74,11 @@ def joint_force_derivatives(
 
     Parameters and errors: see `acceleration_derivatives`.
     """
-    _check(model)
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
+    force = pull(model, u)
     arms, gain, damping = state.moment_arms, model.tendon_stiffness, model.tendon_damping
-    force = pull(model, u) - gain * (state.lengths - model.tendon_rest)
+    force -= gain * (state.lengths - model.tendon_rest)
     force -= damping * (arms @ state.v)
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
     by_q = curvature - np.diag(model.stiffness)
@@ -119,7 +119,9 @@ def _check(model: SoftModel) -> None:
 
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
-    return np.bincount(model._actuated, model._gear * u, len(model.tendons.names))
+    _check(model)
+    forces = np.bincount(model._actuated, model._gear * u, len(model.tendons.names))
+    return forces.astype(float)  # whole numbers where there is no actuator
 
 
 def tendon_curvature(
