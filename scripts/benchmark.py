@@ -23,7 +23,8 @@ a URDF, and what has no published gains needs a controller that brings its own.
 Each case leaves its files below --out. A run that was interrupted goes on where it stopped; a case
 is done again when its robot, its controller, softdyn or an engine has changed. Below --out, for
 the robots and controllers of the last call: index.html with replays/ and thumbnails/, table.md,
-table.tex, results.json and figures/; of all calls: runs/ with the log and the figures of every case, and times/.
+table.tex, results.json and figures/; of all calls: runs/ with the log and the
+figures of every case, and times/.
 
 exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
 130 interrupted.
@@ -47,7 +48,9 @@ def parser() -> cli.Parser:
     found.add_argument("--out", default="results", metavar="DIR", help="default: results")
     figures = found.add_mutually_exclusive_group()
     figures.add_argument(
-        "--plots", action="store_true", help="run nothing, make figures and index.html again from the logs"
+        "--plots",
+        action="store_true",
+        help="run nothing, make figures and index.html again from the logs",
     )
     figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
     cli.add_json(found)

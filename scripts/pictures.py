@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import BinaryIO
 
 import cli
 
@@ -78,7 +79,7 @@ def screenshot(browser: str, page: Path, state: str) -> Path:
     return target
 
 
-def side_by_side(files, stream) -> None:
+def side_by_side(files: list[Path], stream: BinaryIO) -> None:
     """One PNG of pictures of equal height."""
     from PIL import Image
 

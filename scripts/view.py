@@ -5,14 +5,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 import cli
 import live
-
-if TYPE_CHECKING:
-    from softdyn import SoftModel
-    from softdyn.page import Page
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
@@ -46,10 +41,11 @@ def command(arguments: argparse.Namespace) -> int:
     import threading
 
     with live.ends_cleanly():
+        from softdyn.rest_sweep import rest_page
         from validation.files import write_text
 
         cli.check_outputs(arguments.html)
-        page = at_rest(cli.load_robot(arguments))
+        page = rest_page(cli.load_robot(arguments))
         if arguments.html is not None:
             write_text(arguments.html, page.html())
             print(arguments.html)
@@ -62,31 +58,6 @@ def command(arguments: argparse.Namespace) -> int:
                 viewer.open()
             threading.Event().wait()
     return cli.PASSED
-
-
-def at_rest(model: SoftModel) -> Page:
-    """A page with a robot's rest and the response to each of its inputs."""
-    import warnings
-
-    import numpy as np
-
-    from softdyn.figure import Figure
-    from softdyn.page import Page, Run, Track, frames
-    from softdyn.rest_sweep import rest_sweep
-
-    figure = Figure.of(model)
-    for problem in figure.problems:
-        warnings.warn(problem, stacklevel=2)
-    sweep = rest_sweep(model)
-    track = Track(
-        0,
-        frames(model, sweep.t, sweep.q, sweep.u, sweep.y, sweep.y),
-        "one input after the other" if sweep.u.any() else "one joint after the other",
-        aims=False,
-        full=np.abs(sweep.u).max(axis=0) if sweep.u.any() else None,
-    )
-    run = Run("", (track,), loop=True, notes=sweep.notes)
-    return Page(model.name, (figure,), (run,))
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ class Figure:
 
     @property
     def size(self) -> float:
-        """A length (m) that the robot fits in: from the base to the tip, or to its farthest link."""
+        """A length (m) it fits in: from the base to the tip, or to the farthest link at q = 0."""
         farthest = max(float(np.linalg.norm(t)) for _, t in poses(self.model.robot).values())
         return max(self.model.robot.length, farthest) or 0.1
 
@@ -147,7 +147,9 @@ class Figure:
             "cables": [
                 {
                     "name": cable.name,
-                    "sites": [[links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites],
+                    "sites": [
+                        [links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites
+                    ],
                     "weights": cable.weights.tolist(),
                     "limit": cable.limit,
                     "side": cable.side,
@@ -161,7 +163,9 @@ def tension_colour(part: float) -> tuple[float, ...]:
     """RGB in 0 … 1 of a tension as a part of full; the cube root, as most are a few per cent."""
     at = float(np.cbrt(np.clip(part, -1, 1)))
     stops = [stop for stop, _ in TENSION]
-    return tuple(float(np.interp(at, stops, [rgb[k] / 255 for _, rgb in TENSION])) for k in range(3))
+    return tuple(
+        float(np.interp(at, stops, [rgb[k] / 255 for _, rgb in TENSION])) for k in range(3)
+    )
 
 
 def _levels(robot: Robot) -> Iterator[list[str]]:
@@ -238,7 +242,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
             yield Cable(tendon.name, path, weights, limit, 0)
             continue
         for side in (1, -1):
-            if limit == 0 and side < 0 or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
+            if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
                 continue  # nothing ever pulls on that side
             for path in fixed_path(robot, tendon, shapes, side):
                 yield Cable(tendon.name, path, weights, limit, side if low < 0 < high else 0)

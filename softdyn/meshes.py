@@ -1,4 +1,4 @@
-"""Mesh files of a robot's visuals: found inside its own folder only, read, made small enough to show.
+"""Mesh files of a robot's visuals: found in its own folder only, read, made small enough to show.
 
 Nothing outside the robot's package is ever opened: a path that leads out of it (absolute, ``../``,
 ``file://``, a link) is refused. Textures are not read.
@@ -102,9 +102,7 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
     if kind == "dae" and re.search(rb"<!(DOCTYPE|ENTITY)", content):
         raise MeshError(f"expected a mesh without a document type, got one in {path}")
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=kind, resolver=_Materials(path.parent)
-        )
+        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=_materials(path))
         scale = _unit(scene)
         parts = [_part(part, scale) for part in scene.dump() if len(getattr(part, "faces", ()))]
     except MeshError:
@@ -116,27 +114,12 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
     return tuple(parts)
 
 
-class _Materials:
-    """Gives a mesh reader the material libraries beside the mesh, and nothing else."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def get(self, name: str) -> bytes:
-        """The content of an .mtl file."""
-        path = (self._folder / name).resolve()
-        if path.parent != self._folder or path.suffix.lower() != ".mtl":
-            raise FileNotFoundError(name)
-        return path.read_bytes()
-
-    __getitem__ = get
-
-    def __contains__(self, name: object) -> bool:
-        return str(name).lower().endswith(".mtl")
-
-    def namespaced(self, _namespace: str) -> _Materials:
-        """The same resolver."""
-        return self
+def _materials(mesh: Path) -> dict[str, bytes]:
+    """The material libraries beside a Wavefront mesh, by name: all that its reader gets to see."""
+    if mesh.suffix.lower() != ".obj":
+        return {}
+    found = (path for path in mesh.parent.glob("*.mtl") if path.resolve().parent == mesh.parent)
+    return {path.name: path.read_bytes() for path in found}
 
 
 def _unit(scene: Any) -> float:
@@ -163,9 +146,7 @@ def _part(part: Any, scale: float) -> Mesh:
         vertices, faces = _thinned(vertices, faces)
     mesh = trimesh.Trimesh(vertices, faces, process=True)  # merges equal vertices
     shaded = trimesh.graph.smooth_shade(mesh, angle=CREASE)
-    return Mesh(
-        np.asarray(shaded.vertices, np.float32), np.asarray(shaded.faces, np.uint32), rgba
-    )  # type: ignore[arg-type]
+    return Mesh(np.asarray(shaded.vertices, np.float32), np.asarray(shaded.faces, np.uint32), rgba)
 
 
 def _thinned(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

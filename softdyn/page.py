@@ -157,7 +157,7 @@ def frames(
     """
     coordinates = np.array([model.coordinates(row) for row in q]).reshape(len(q), model.nv)
     columns = (np.reshape(t, (-1, 1)), coordinates, u, y, y_ref)
-    return np.concatenate([np.reshape(c, (len(q), -1)) for c in columns], 1).astype(np.float32)
+    return np.concatenate(columns, axis=1, dtype=np.float32)
 
 
 @cache

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
+from softdyn.figure import Figure
 from softdyn.model import SoftModel
+from softdyn.page import Page, Run, Track, frames
 
 STEP = 0.005  # s
 SETTLE = 8.0  # s, the longest wait for rest
@@ -25,6 +28,27 @@ class Sweep:
     u: np.ndarray
     y: np.ndarray
     notes: tuple[tuple[float, str], ...]
+
+
+def rest_page(model: SoftModel) -> Page:
+    """The robot at rest and its response to one input after the other, as a page.
+
+    Warns of shapes that cannot be shown.
+    """
+    figure = Figure.of(model)
+    for problem in figure.problems:
+        warnings.warn(problem, stacklevel=2)
+    sweep = rest_sweep(model)
+    moved = bool(sweep.u.any())
+    track = Track(
+        0,
+        frames(model, sweep.t, sweep.q, sweep.u, sweep.y, sweep.y),
+        f"one {'input' if moved else 'joint'} after the other",
+        aims=False,
+        full=np.abs(sweep.u).max(axis=0) if moved else None,
+    )
+    run = Run("", (track,), loop=True, notes=sweep.notes)
+    return Page(model.bundled or model.name, (figure,), (run,))
 
 
 def rest_sweep(model: SoftModel) -> Sweep:

@@ -68,12 +68,13 @@ def _along(
             normal = normal / norm if norm > 1e-6 else _diagonal(along)
         beside.append((joint, along, length, normal))
     distance = max(_distance(robot, joint, n, shapes, placed) for joint, _, _, n in beside)
+    before = beside[0][2]
     for joint, along, length, normal in beside:
+        # straight from one link to the next, so that it shortens as the joint gives way to it
         point = placed[joint.child][1] + normal * distance
-        if not path:
-            add(joint.parent, point - 0.3 * length * along)
-        add(joint.parent, point)
-        add(joint.child, point)
+        add(joint.parent, point - 0.3 * before * along)
+        add(joint.child, point + 0.3 * length * along)
+        before = length
     add(chain[-1].child, point + 0.6 * length * along)
     return path
 

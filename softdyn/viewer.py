@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import tornado.web
+import tornado.websocket
 import umsgpack
 from meshcat.servers.zmqserver import (
     VIEWER_ROOT,

@@ -118,7 +118,9 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
         x, y, z = box.vector("size").tolist()
         shape = Box((x, y, z))
     elif (cylinder := geometry.child("cylinder")) is not None:
-        shape = Cylinder(cylinder.non_negative("radius", None), cylinder.non_negative("length", None))
+        shape = Cylinder(
+            cylinder.non_negative("radius", None), cylinder.non_negative("length", None)
+        )
     elif (sphere := geometry.child("sphere")) is not None:
         shape = Sphere(sphere.non_negative("radius", None))
     else:

@@ -19,11 +19,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--disable-default-apps", "--disable-extensions", "--no-first-run", "--no-default-browser-check",
+    "--disable-default-apps", "--disable-extensions", "--no-first-run",
+    "--no-default-browser-check",
     "--disable-dev-shm-usage", "--remote-debugging-pipe", "--window-size=640,480",
 )  # fmt: skip
 
@@ -47,7 +50,8 @@ class Browser:
         # Chromium reads commands from descriptor 3 and answers on 4; dash knows single digits only
         command = f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}'
         self._process = subprocess.Popen(
-            ["bash", "-c", command, "bash", CHROMIUM, *FLAGS, f"--user-data-dir={self._profile.name}"],
+            ["bash", "-c", command, "bash", str(CHROMIUM), *FLAGS,
+             f"--user-data-dir={self._profile.name}"],
             pass_fds=(theirs_in, theirs_out), stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
@@ -92,8 +96,8 @@ class Browser:
         self._session = attached["sessionId"]
         for domain in ("Runtime", "Log", "Network", "Page"):
             self._call(f"{domain}.enable", {})
-        self._call("Emulation.setDeviceMetricsOverride",
-                   {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})  # fmt: skip
+        screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self._call("Emulation.setDeviceMetricsOverride", screen)
         self._call("Page.navigate", {"url": url})
         self.until("document.readyState === 'complete'")
         self.settle()
@@ -167,7 +171,10 @@ class Browser:
             self.requests.append(params["url"])
         elif event["method"] == "Runtime.exceptionThrown":
             self.console.append(json.dumps(params["exceptionDetails"]))
-        elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in ("error", "assert"):
+        elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in (
+            "error",
+            "assert",
+        ):
             self.console.append(json.dumps(params["args"]))
         elif event["method"] == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.console.append(params["entry"]["text"])

@@ -98,7 +98,9 @@ def test_the_page_s_kinematics_and_cables_are_the_model_s(browser, logs, tmp_pat
         )
         np.testing.assert_allclose(lengths, model.tendon_lengths(q), atol=5e-6)
         k = int(np.searchsorted(log.t, frame[0] - 1e-6))
-        np.testing.assert_allclose(frame[1 + model.nv : 4 + model.nv], log.u[min(k, 299)], atol=1e-4)
+        np.testing.assert_allclose(
+            frame[1 + model.nv : 4 + model.nv], log.u[min(k, 299)], atol=1e-4
+        )
 
 
 def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):

@@ -65,7 +65,7 @@ def test_view_listens_on_loopback_only_and_ends_cleanly(number):
         page = urllib.request.urlopen(url).read().decode()
         assert "<title>finger</title>" in page
         process.send_signal(number)
-        out, err = process.communicate(timeout=10)
+        _, err = process.communicate(timeout=10)
     finally:
         process.kill()
     assert process.returncode == 0
@@ -80,7 +80,7 @@ def test_a_taken_port_is_one_line():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         process, _ = started("finger", "--port", str(taken.getsockname()[1]))
-        out, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=20)
     assert process.returncode == 2
     assert err.startswith("error: --port: expected a free port, got ")
     assert err.count("\n") == 1

@@ -22,10 +22,8 @@ WAIT = 10.0  # s that a loop waits for a browser before it starts
 def live_page(model: SoftModel, name: str, experiment: Experiment) -> Page:
     """An empty page for a loop that is about to run."""
     width = 1 + model.nv + model.nu + 6
-    if (experiment.theta, experiment.omega) != (None, None):
-        path = ellipse(model)
-    else:
-        path = None
+    paper_s = (experiment.theta, experiment.omega) != (None, None)
+    path = ellipse(model) if paper_s else None
     empty = Track(0, np.zeros((0, width)), controller_title(name), path=path)
     run = Run("live", (empty,), duration=experiment.duration)
     return Page(model.bundled or model.name, (Figure.of(model),), (run,), live=True)

@@ -53,7 +53,8 @@ h3 { font-size: 15px; margin: 20px 0 6px; }
 a { color: var(--link); } p, li { max-width: 75ch; } .quiet { color: var(--quiet); }
 .wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; }
 table { border-collapse: collapse; width: 100%; font-size: 14px; }
-th, td { padding: 5px 10px; text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+th, td { padding: 5px 10px; text-align: right; white-space: nowrap;
+  font-variant-numeric: tabular-nums; }
 th { font-weight: 600; color: var(--quiet); background: var(--card); }
 td { border-top: 1px solid var(--line); } tr.first td { border-top: 2px solid var(--line); }
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
@@ -65,9 +66,11 @@ td.bad { color: var(--bad); }
 .grid img { width: 100%; height: auto; display: block; border-radius: 4px;
   background: linear-gradient(#fbfdff, #dfe6ef); }
 .grid b { display: block; margin-top: 6px; font-weight: 600; }
-.grid span { display: block; font-size: 13px; color: var(--quiet); } .grid .bad { color: var(--bad); }
+.grid span { display: block; font-size: 13px; color: var(--quiet); }
+.grid .bad { color: var(--bad); }
 figure { margin: 12px 0; padding: 8px; background: #fff; border: 1px solid var(--line);
-  border-radius: 8px; } figure img { width: 100%; height: auto; display: block; }
+  border-radius: 8px; } figure img { max-width: min(100%, 920px); height: auto; display: block;
+  margin: auto; }
 figcaption { color: #444; font-size: 13px; }
 code { background: var(--card); padding: 1px 4px; border-radius: 4px; overflow-wrap: anywhere; }
 """
@@ -106,7 +109,7 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
 
 
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
-    """Replay and thumbnail of a robot with a controller; returns the versions that made the runs."""
+    """Replay and thumbnail of a robot with a controller; returns the runs' versions."""
     from softdyn.figure import Figure
     from validation.replay import controller_title, replays
     from validation.thumbnail import thumbnail
@@ -202,10 +205,10 @@ def _gallery(
     rows: Sequence[dict[str, Any]], groups: dict[tuple[str, str], list[Case]]
 ) -> list[str]:
     parts: list[str] = []
-    robot = None
+    robot = ""
     for row in rows:
         if row["robot"] != robot:
-            parts.append("</div>" if robot is not None else "")
+            parts.append("</div>" if robot else "")
             robot = row["robot"]
             parts.append(f'<h3>{escape(robot_title(robot))}</h3><div class="grid">')
         cases = groups[row["robot"], row["controller"]]

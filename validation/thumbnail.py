@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure as Canvas
@@ -57,7 +58,7 @@ def thumbnail(log: Log, figure: Figure, path: Path) -> None:
         canvas.savefig(stream, format="png", transparent=True)
 
 
-def _draw_robot(axes, log: Log, figure: Figure, k: int) -> np.ndarray:
+def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> np.ndarray:
     """Add shapes and cables at sample `k`; returns points (n, 3) of them."""
     placed = figure.link_poses(log.q[k])
     corners, colours = [], []
@@ -74,7 +75,7 @@ def _draw_robot(axes, log: Log, figure: Figure, k: int) -> np.ndarray:
     order = np.argsort(triangle.mean(axis=1) @ _view)
     flat = np.stack(_flat(triangle[order]), axis=-1)
     axes.add_collection(PolyCollection(
-        flat, facecolors=colour[order], edgecolors=colour[order], linewidths=0.15, zorder=3
+        list(flat), facecolors=colour[order], edgecolors=colour[order], linewidths=0.15, zorder=3
     ))  # fmt: skip
     u = log.u[min(k, log.steps - 1)] if log.steps else np.zeros(figure.model.nu)
     for cable in figure.cables:

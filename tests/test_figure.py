@@ -1,0 +1,147 @@
+"""A robot as the viewer draws it: poses, cables on the right side, and its response at rest."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import softdyn
+from softdyn.figure import Figure, tension_colour
+from softdyn.rest_sweep import TRAVEL, rest_sweep
+
+STICKS = """<robot name="sticks">
+  <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>
+  <joint name="j" type="continuous"><parent link="base"/><child link="a"/>
+    <axis xyz="0 1 0"/></joint>
+  <joint name="k" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.2 0 0"/>
+    <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>{mimic}</joint>
+  <joint name="end" type="fixed"><parent link="b"/><child link="tip"/>
+    <origin xyz="0.1 0 0"/></joint>
+</robot>"""
+INERTIAL = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return softdyn.load("finger")
+
+
+def polyline(figure: Figure, cable, q: np.ndarray) -> float:
+    placed = figure.link_poses(q)
+    points = [placed[link][:3, :3] @ xyz + placed[link][:3, 3] for link, xyz in cable.sites]
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("name", ["spirob", "helix"])
+def test_link_poses_are_pinocchio_s(name):
+    model = softdyn.load(name)
+    q = np.random.default_rng(1).normal(scale=0.3, size=model.nq)
+    placed = Figure.of(model).link_poses(q)
+    data = model.pin_model.createData()
+    pin.framesForwardKinematics(model.pin_model, data, q)
+    for link in model.robot.links[1:]:
+        frame = data.oMf[model.pin_model.getFrameId(link.name, pin.FrameType.BODY)]
+        np.testing.assert_allclose(placed[link.name], frame.homogeneous, atol=1e-12)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("mimic", ["", '<mimic joint="j" multiplier="0.1" offset="0.05"/>'])
+def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
+    if mimic:  # a continuous joint leads nobody
+        text = STICKS.replace(
+            'type="continuous"><parent link="base"/><child link="a"/>',
+            'type="revolute"><parent link="base"/><child link="a"/>'
+            '<limit lower="-1" upper="1" effort="1" velocity="1"/>',
+        )
+    else:
+        text = STICKS
+    body = text.format(i=INERTIAL, mimic=mimic)
+    if floating:
+        body = body.replace('<link name="base"/>', f'<link name="base">{INERTIAL}</link>')
+    (tmp_path / "r.urdf").write_text(body)
+    model = softdyn.load(tmp_path / "r.urdf", floating=floating)
+    figure = Figure.of(model)
+    assert figure.shapes  # sticks
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        q = model.configuration(rng.uniform(-0.9, 0.9, model.nv))
+        tip = figure.link_poses(q)[model.robot.task][:3, 3]
+        np.testing.assert_allclose(tip, model.state(q, np.zeros(model.nv)).y, atol=1e-12)
+    json.dumps(figure.data, allow_nan=False)
+
+
+def test_spatial_cables_have_the_model_s_lengths():
+    model = softdyn.load("spirob")
+    figure = Figure.of(model)
+    q = np.random.default_rng(2).normal(scale=0.3, size=model.nq)
+    lengths = [polyline(figure, cable, q) for cable in figure.cables]
+    np.testing.assert_allclose(lengths, model.tendon_lengths(q), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["finger", "helix"])
+def test_a_fixed_tendon_is_drawn_on_the_side_where_it_would_pull(name):
+    """The joints turn under tension such that the drawn cable becomes shorter."""
+    model = softdyn.load(name)
+    figure = Figure.of(model)
+    B = model.state(model.q0, np.zeros(model.nv)).B
+    checked = 0
+    for cable in figure.cables:
+        if cable.side == 0:
+            continue
+        u = cable.side * np.sign(cable.weights)
+        assert cable.part(u) * cable.side > 0
+        assert cable.part(-u) == 0
+        step = 1e-5 * B @ u / np.abs(B @ u).max()
+        assert polyline(figure, cable, step) < polyline(figure, cable, -step)
+        checked += 1
+    assert checked == {"finger": 4, "helix": 12}[name]
+
+
+def test_cables_clear_the_robot(finger):
+    figure = Figure.of(finger)
+    radius = 0.0088  # of a phalanx
+    for cable in figure.cables:
+        points = np.array([xyz for _, xyz in cable.sites])
+        assert (np.abs(points[:, 2]) > radius).all()
+
+
+def test_colours_of_tension_are_told_apart_by_lightness():
+    parts = np.linspace(0, 1, 50) ** 3
+    for sign in (1, -1):
+        colours = np.array([tension_colour(sign * part) for part in parts])
+        luminance = colours**2.2 @ [0.2126, 0.7152, 0.0722]
+        assert luminance[0] - luminance[-1] > 0.15
+    assert tension_colour(2.0) == tension_colour(1.0)
+
+
+def test_the_sweep_starts_at_rest_and_moves_the_tip():
+    model = softdyn.load("spirob")
+    sweep = rest_sweep(model)
+    state = model.state(sweep.q[0], np.zeros(model.nv))
+    assert np.abs(state.h).max() < 1e-3 * np.abs(state.g).max() + 1e-6
+    assert [text.split()[0] for _, text in sweep.notes] == ["rest", "u1", "u2", "u3"]
+    assert (sweep.u >= model.u_min).all()
+    assert (sweep.u <= model.u_max).all()
+    travel = np.linalg.norm(sweep.y - sweep.y[0], axis=1).max()
+    assert 0.3 * TRAVEL < travel / 0.5 < 2 * TRAVEL
+    assert np.diff(sweep.t).max() < 0.04
+
+
+def test_the_helix_rests_on_its_stops():
+    sweep = rest_sweep(model := softdyn.load("helix"))
+    beyond = np.maximum(model.lower - sweep.q[0], sweep.q[0] - model.upper).max()
+    assert 0 < beyond < 2e-4  # the weight hangs on the lower stops, which give a little
+    assert len(sweep.notes) == 1 + 6 * 2 + 3
+
+
+def test_a_robot_without_inputs_moves_joint_by_joint():
+    model = softdyn.load("ur5")
+    sweep = rest_sweep(model)
+    assert [text for _, text in sweep.notes] == list(model.joint_names)
+    assert (np.ptp(sweep.q, axis=0) > 0.1).all()

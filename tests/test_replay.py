@@ -1,0 +1,194 @@
+"""Logs as pages: what is kept of them, how several are told apart, and the commands."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from validation import Log, paper, simulate
+from validation.replay import comparison, replay, replays, track
+
+
+class Idle:
+    """A controller that does nothing."""
+
+    def __init__(self, model):
+        self.u = np.zeros(model.nu)
+
+    def __call__(self, state, reference):
+        return self
+
+
+@pytest.fixture(scope="module")
+def model():
+    return softdyn.load("finger")
+
+
+@pytest.fixture(scope="module")
+def log(model):
+    goal = paper.set_point("finger", 0.5)
+    return simulate(model, Idle(model), goal, duration=2.0, name="idle")
+
+
+def scene(page):
+    return json.loads(re.search(r'id="scene">(.*?)</script>', page.html("x.js"))[1])
+
+
+def test_frames_are_samples_of_the_log_with_the_input_held_from_them(model, log):
+    rows = track(log, model).frames
+    k = np.searchsorted(log.t, rows[:, 0] - 1e-6)
+    assert (k[0], k[-1]) == (0, log.steps)
+    u = log.u[np.minimum(k, log.steps - 1)]
+    expected = np.column_stack((log.t[k], log.q[k], u, log.y[k], log.y_ref[k]))
+    np.testing.assert_allclose(rows, expected, atol=1e-6)
+    assert np.diff(rows[:, 0]).max() <= 1 / 30 + log.period
+    assert len(rows) >= 60
+    slow = track(log, model, rate=1.0).frames
+    way = np.linalg.norm(np.diff(slow[:, 7:10], axis=0), axis=1)
+    assert 3 < len(slow) < len(rows)
+    assert way.max() < 0.02 * log.length + np.linalg.norm(np.diff(log.y, axis=0), axis=1).max()
+
+
+def test_a_diverged_run_ends_where_it_was_finite_and_says_why(model, log):
+    q, error = log.q.copy(), log.error.copy()
+    q[200:], error[200:] = np.nan, np.inf
+    bad = replace(log, q=q, error=error, complete=False, failed=True, reason="it <exploded>")
+    page = replay(bad, model)
+    (found,) = scene(page)["runs"][0]["tracks"]
+    assert found["note"] == "failed: it <exploded>"
+    assert found["failed"]
+    assert track(bad, model).frames[-1, 0] == pytest.approx(log.t[199])
+    assert "<exploded>" not in page.html("x.js")
+
+
+def test_a_run_without_a_step_is_a_page_too(model, log):
+    none = replace(
+        log, t=log.t[:1], q=log.q[:1], v=log.v[:1], y=log.y[:1], y_ref=log.y_ref[:1],
+        error=log.error[:1], u=log.u[:0], V=log.V[:0], delta=log.delta[:0],
+        status=log.status[:0], step_us=log.step_us[:0], complete=False, failed=True, reason="x",
+    )  # fmt: skip
+    assert track(none, model).frames.shape == (1, 13)
+    q = log.q[:1] * np.nan
+    assert track(replace(none, q=q), model).frames.shape == (0, 13)
+    replay(replace(none, q=q), model).html("x.js")
+
+
+def test_a_long_run_has_a_bounded_number_of_frames(model, log):
+    n = 100_000
+    grown = {
+        name: np.resize(getattr(log, name), (n + 1, *getattr(log, name).shape[1:]))
+        for name in ("q", "v", "y", "y_ref", "error")
+    }
+    u = np.zeros((n, 2))
+    rest = dict.fromkeys(("V", "delta", "step_us"), np.zeros(n)) | {"status": np.array([""] * n)}
+    long = replace(log, t=np.arange(n + 1) * 0.005, u=u, **grown, **rest)
+    assert len(track(long, model).frames) <= 6001
+
+
+def test_a_log_of_another_robot_is_refused(log):
+    with pytest.raises(InputError, match="log: expected one of 'spirob', got "):
+        replay(log, softdyn.load("spirob"))
+
+
+def test_runs_are_told_apart_by_what_differs(model, log):
+    other = replace(log, controller="ic")
+    faster = replace(log, theta=1.0)
+    labels = [[t.label for t in comparison(logs, [model] * 2).runs[0].tracks]
+              for logs in ((log, other), (log, faster), (log, log))]  # fmt: skip
+    assert labels == [["idle", "IC"], ["set point θ = 0.5π", "set point θ = π"], ["idle", "idle"]]
+
+
+def test_side_by_side_robots_do_not_overlap(model, log):
+    page = comparison([log, log, log], [model] * 3, side_by_side=True)
+    x = [t.offset[0] for t in page.runs[0].tracks]
+    assert np.diff(x).min() > log.length
+    assert len(page.figures) == 1
+    assert all(t.path is not None for t in page.runs[0].tracks)
+    together = comparison([log, log], [model] * 2).runs[0].tracks
+    assert [t.offset[0] for t in together] == [0.0, 0.0]
+    assert len({t.colour for t in together}) == 2
+
+
+def test_several_runs_are_chosen_from_a_list(model, log):
+    found = scene(replays([log, replace(log, failed=True, reason="r")], model, "name"))
+    assert [run["title"] for run in found["runs"]] == [
+        "set point θ = 0.5π", "set point θ = 0.5π (failed)",
+    ]  # fmt: skip
+
+
+def test_the_page_names_no_host(model, log):
+    page = replay(log, model).html()
+    own = page.replace(softdyn.page.library_file().read_text(encoding="utf-8"), "")
+    assert not re.findall(r"(?:https?:)?//[a-z0-9.]+\.[a-z]{2,}", own)
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    import importlib
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(name, *arguments):
+        code = importlib.import_module(name).main([str(a) for a in arguments])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def test_replay_compares_saved_runs(call, log, tmp_path):
+    log.save("a.npz")
+    code, out, err = call("replay", "a.npz", "a.npz", "--labels", "x", "y", "--html", "p.html")
+    assert (code, out, err) == (0, "p.html\n", "")
+    text = (tmp_path / "p.html").read_text()
+    assert '"label":"x"' in text
+    assert '"label":"y"' in text
+
+
+@pytest.mark.parametrize("arguments", [
+    ("missing.npz", "--html", "p.html"), ("a.npz", "--html", "no/folder/p.html"),
+    ("a.npz", "--labels", "x", "y", "--html", "p.html"),
+    ("a.npz", "--robot", "spirob", "--html", "p.html"),
+])  # fmt: skip
+def test_replay_s_bad_input_is_one_line(call, log, tmp_path, arguments):
+    log.save("a.npz")
+    code, out, err = call("replay", *arguments)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"error: .* expected .*, got .*\n", err)
+    assert not (tmp_path / "p.html").exists()
+
+
+def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
+    """Live without a browser: the loop waits for none, keeps its pace, and reports its frames."""
+    monkeypatch.setattr("validation.live.WAIT", 0.0)
+    common = ("finger", "ic", "--theta", "0.5", "--duration", "0.5", "--json", "-")
+    code, plain, _ = call("run", *common, "--html", "run.html")
+    assert code in (0, 1)
+    assert (tmp_path / "run.html").stat().st_size > 8e5
+    code, out, err = call("run", *common, "--view", "--no-open", "--speed", "5")
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\n", err)
+    shown, plain = json.loads(out), json.loads(plain)
+    viewer = shown.pop("viewer")
+    assert 2 <= viewer["frames"] <= 4  # 30 a second of the clock
+    assert viewer["pace"] < 5.5
+    assert viewer["frame_us_median"] > 0
+    del shown["step_us"], plain["step_us"]
+    assert shown == plain
+
+
+def test_view_writes_a_page(call, tmp_path):
+    assert call("view", "finger", "--html", "rest.html") == (0, "rest.html\n", "")
+    assert '"loop":true' in (tmp_path / "rest.html").read_text()
+    code, _, err = call("view", "nobody")
+    assert code == 2
+    assert err.count("\n") == 1
+
+
+def test_a_log_saved_and_loaded_is_the_same_page(model, log, tmp_path):
+    log.save(tmp_path / "a.npz")
+    assert replay(Log.load(tmp_path / "a.npz"), model).html("x") == replay(log, model).html("x")

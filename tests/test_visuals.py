@@ -1,0 +1,140 @@
+"""What a robot looks like: shapes, colours, scales, and meshes that stay inside its folder."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+import softdyn
+from softdyn.catalogue import find
+from softdyn.meshes import MAX_FACES, MeshError, locate
+from softdyn.visuals import Box, Cylinder, Mesh, Sphere, triangles, visuals
+
+INERTIAL = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
+
+
+def robot(folder, body: str, head: str = "", name: str = "robot.urdf"):
+    path = folder / name
+    path.write_text(
+        f'<robot name="r">{head}<link name="base"/><link name="a">{INERTIAL}{body}</link>'
+        '<joint name="j" type="revolute"><parent link="base"/><child link="a"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    return softdyn.parse(path)
+
+
+def test_primitives_poses_and_colours(tmp_path):
+    found, problems = visuals(robot(
+        tmp_path,
+        '<visual><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'
+        '<geometry><box size="1 2 3"/></geometry><material name="red"/></visual>'
+        '<visual><geometry><cylinder radius="0.1" length="0.4"/></geometry>'
+        '<material name="own"><color rgba="0 1 0 0.5"/></material></visual>'
+        '<visual><geometry><sphere radius="0.2"/></geometry></visual>'
+        '<collision><geometry><sphere radius="9"/></geometry></collision>',
+        '<material name="red"><color rgba="1 0 0 1"/></material>',
+    ))  # fmt: skip
+    assert problems == ()
+    box, cylinder, sphere = found
+    assert (box.shape, cylinder.shape, sphere.shape) == (
+        Box((1.0, 2.0, 3.0)), Cylinder(0.1, 0.4), Sphere(0.2),
+    )  # fmt: skip
+    assert (box.rgba, cylinder.rgba) == ((1, 0, 0, 1), (0, 1, 0, 0.5))
+    np.testing.assert_allclose(box.pose[:3, 0], [0, 1, 0], atol=1e-12)
+    corners = triangles(box).reshape(-1, 3)
+    np.testing.assert_allclose(corners.min(axis=0), [0, 1.5, 1.5], atol=1e-9)
+    np.testing.assert_allclose(corners.max(axis=0), [2, 2.5, 4.5], atol=1e-9)
+
+
+def test_collision_shapes_stand_in_for_missing_visuals(tmp_path):
+    found, _ = visuals(
+        robot(tmp_path, '<collision><geometry><sphere radius="0.3"/></geometry></collision>')
+    )
+    assert [shape.shape for shape in found] == [Sphere(0.3)]
+
+
+@pytest.mark.parametrize("reference", [
+    "/etc/passwd", "../secret.stl", "file:///etc/passwd", "package://../secret.stl",
+    "package://robot/../secret.stl", "package://robot/link.stl", "link.stl", "http://x/y.stl",
+    "package:///etc/passwd", "a\0b.stl", "package://etc/passwd",
+])  # fmt: skip
+def test_a_mesh_outside_the_robot_s_folder_is_never_opened(tmp_path, reference):
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    trimesh.creation.box().export(tmp_path / "secret.stl")
+    os.symlink(tmp_path / "secret.stl", folder / "link.stl")
+    with pytest.raises(MeshError, match="expected "):
+        locate(folder / "robot.urdf", reference)
+
+
+def test_meshes_of_a_package_are_found_beside_its_urdf_folder(tmp_path):
+    package = tmp_path / "my_robot"
+    (package / "urdf").mkdir(parents=True)
+    (package / "package.xml").touch()
+    trimesh.creation.box((1, 2, 3)).export(package / "box.stl")
+    urdf = package / "urdf" / "r.urdf"
+    for reference in ("../box.stl", "package://my_robot/box.stl"):
+        assert locate(urdf, reference) == package / "box.stl"
+
+
+def test_a_mesh_that_cannot_be_shown_is_a_line_and_no_error(tmp_path):
+    (tmp_path / "broken.stl").write_bytes(b"solid nothing")
+    (tmp_path / "bomb.dae").write_text('<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>')
+    for name in ("missing.stl", "../x.stl", "broken.stl", "bomb.dae", "strange.xyz"):
+        body = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+        found, problems = visuals(robot(tmp_path, body))
+        assert found == ()
+        assert len(problems) == 1
+        assert '<link name="a">' in problems[0]
+        assert "\n" not in problems[0]
+
+
+def test_a_large_mesh_is_thinned_and_keeps_its_extent(tmp_path):
+    ball = trimesh.creation.icosphere(6, 0.1)
+    assert len(ball.faces) > 4 * MAX_FACES
+    ball.export(tmp_path / "ball.stl")
+    body = '<visual><geometry><mesh filename="ball.stl" scale="1 1 -2"/></geometry></visual>'
+    ((visual,), _) = visuals(robot(tmp_path, body))
+    assert isinstance(visual.shape, Mesh)
+    assert len(visual.shape.faces) <= MAX_FACES
+    extent = np.ptp(triangles(visual).reshape(-1, 3), axis=0)
+    np.testing.assert_allclose(extent, [0.2, 0.2, 0.4], rtol=0.02)
+
+
+@pytest.mark.parametrize("name", ["helix", "ur5", "double_pendulum"])
+def test_meshes_lie_where_pinocchio_s_reader_puts_them(name):
+    """STL and COLLADA, units, scales and nested transforms, against Assimp."""
+    path = find(name)
+    found, problems = visuals(softdyn.parse(path))
+    assert problems == ()
+    ours: dict[str, list] = {}
+    for visual in found:
+        if isinstance(visual.shape, Mesh):
+            ours.setdefault(visual.link, []).append(triangles(visual).reshape(-1, 3))
+    model = pin.buildModelFromUrdf(str(path))
+    folders = [str(folder) for folder in path.parents if folder.name == "share"]
+    geometry = pin.buildGeomFromUrdf(
+        model, str(path), pin.GeometryType.VISUAL, package_dirs=[*folders, str(path.parent)]
+    )
+    theirs: dict[str, list] = {}
+    for shape in geometry.geometryObjects:
+        if not shape.meshPath.lower().endswith((".stl", ".dae")):
+            continue
+        frame = model.frames[shape.parentFrame]
+        pose = frame.placement.inverse() * shape.placement
+        points = np.asarray(shape.geometry.vertices())
+        theirs.setdefault(frame.name, []).append(points @ pose.rotation.T + pose.translation)
+    assert ours.keys() == theirs.keys()
+    for link, parts in theirs.items():
+        a, b = np.concatenate(ours[link]), np.concatenate(parts)
+        size = np.ptp(b, axis=0).max()
+        # thinning may cut a corner by a part of a cell
+        np.testing.assert_allclose(a.min(axis=0), b.min(axis=0), atol=0.01 * size)
+        np.testing.assert_allclose(a.max(axis=0), b.max(axis=0), atol=0.01 * size)
