@@ -26,7 +26,9 @@ from softdyn.checks import array, number
 RATE = 20.0  # α (1/s)
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met
 NEGLIGIBLE = 1e-6  # of these
-TIE = 1e-9  # weight that chooses among inputs that meet all rows
+ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
+ROUNDS = 6  # at most, in which rows join
+TIE = 1e-6  # weight that chooses among inputs that meet all rows
 _METRE = np.array([MILLIMETRE])
 
 
@@ -166,10 +168,10 @@ class Rows(NamedTuple):
 
 
 class BarrierRows:
-    """The rows of all barriers, those that some admissible input could break.
+    """The rows of all barriers, hard where some admissible input meets them.
 
-    Where no admissible input meets all of them, they are relaxed by the least squares that makes
-    them meet: the input bounds stay hard, and so does what can be kept.
+    Where none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
+    the input bounds stay hard, and the programme feasible.
 
     Parameters
     ----------
@@ -212,56 +214,56 @@ class BarrierRows:
         return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
 
     def enforce(self, problem: Problem, solution: Solution | None, state: State) -> Solution | None:
-        """`solution` where it meets every row, else that of `problem` with the rows it may break.
+        """`solution` where it meets every row, else that of `problem` with the rows it breaks.
 
-        `problem` has u as its first unknowns.
+        Rows join as answers break them, for few ever matter: `ROUNDS` times at most. `problem`
+        has u as its first unknowns.
         """
         rows = self.at(state)
-        if solution is None or not solution.solved:
-            return solution
-        m = rows.matrix.shape[1]
-        if (rows.matrix @ solution.x[:m] <= rows.upper).all():
-            return solution
-        rows = self._feasible(self._breakable(rows))
-        p, size = len(rows.upper), len(problem.g)
-        restricted = Problem(
-            problem.H,
-            problem.g,
-            np.vstack((problem.A, np.hstack((rows.matrix, np.zeros((p, size - m)))))),
-            np.concatenate((problem.lower, np.full(p, -np.inf))),
-            np.concatenate((problem.upper, rows.upper)),
-        )
-        return self._solver(size, len(restricted.lower)).solve(restricted)
+        m, size = rows.matrix.shape[1], len(problem.g)
+        upper, chosen = rows.upper.copy(), np.zeros(len(rows.upper), bool)
+        sunk = 0.0
+        for _ in range(ROUNDS):
+            if solution is None or not solution.solved:
+                break
+            broken = rows.matrix @ solution.x[:m] > upper + NEGLIGIBLE * rows.unit
+            if not (broken & ~chosen).any():
+                break
+            chosen |= broken
+            some = Rows(*(part[chosen] for part in rows))
+            excess = self._excess(some)
+            sunk = float(excess.max())
+            upper[chosen] = some.upper + some.unit * np.where(excess > ROOM, excess + ROOM, ROOM)
+            p = len(excess)
+            restricted = Problem(
+                problem.H,
+                problem.g,
+                np.vstack((problem.A, np.hstack((some.matrix, np.zeros((p, size - m)))))),
+                np.concatenate((problem.lower, np.full(p, -np.inf))),
+                np.concatenate((problem.upper, upper[chosen])),
+            )
+            solution = self._solver(size, len(restricted.lower)).solve(restricted)
+        self.relaxed += sunk > ROOM
+        self.relaxation = max(self.relaxation, sunk)
+        return solution
 
-    def _breakable(self, rows: Rows) -> Rows:
-        """The rows that the worst admissible input breaks."""
-        worst = np.where(rows.matrix > 0, self._u_max, self._u_min)
-        matters = ~((rows.matrix * worst).sum(axis=1) <= rows.upper)
-        return Rows(*(part[matters] for part in rows))
+    def _excess(self, rows: Rows) -> np.ndarray:
+        """By how many units the best admissible input breaks each row (p,): zero where none must.
 
-    def _feasible(self, rows: Rows) -> Rows:
-        """The rows, relaxed by the s of min ‖s / unit‖² over matrix u - s ≤ upper, u in bounds.
-
-        s ≥ 0 needs no row: a negative one only costs.
+        The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row.
         """
         p, m = rows.matrix.shape
-        H, g = np.eye(m + p), np.zeros(m + p)
-        H[:m, :m] *= TIE / self._range**2
+        H = np.diag(np.concatenate((TIE / self._range**2, np.ones(p))))
         A = np.zeros((m + p, m + p))
         A[:m, :m] = np.eye(m)
         A[m:, :m], A[m:, m:] = rows.matrix, -np.diag(rows.unit)
         lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
-        solution = self._solver(m + p, m + p).solve(
-            Problem(H, g, A, lower, np.concatenate((self._u_max, rows.upper)))
-        )
-        if solution is None or not solution.solved:
-            return rows
+        upper = np.concatenate((self._u_max, rows.upper))
+        solution = self._solver(m + p, m + p).solve(Problem(H, np.zeros(m + p), A, lower, upper))
+        if solution is None:
+            return np.zeros(p)
         u = np.clip(solution.x[:m], self._u_min, self._u_max)
-        excess = np.maximum(rows.matrix @ u - rows.upper, 0.0)
-        if (excess > NEGLIGIBLE * rows.unit).any():
-            self.relaxed += 1
-            self.relaxation = max(self.relaxation, float((excess / rows.unit).max()))
-        return rows._replace(upper=rows.upper + excess * (1 + NEGLIGIBLE))
+        return np.maximum(rows.matrix @ u - rows.upper, 0.0) / rows.unit
 
     def _solver(self, variables: int, rows: int) -> DenseQp:
         key = variables, rows

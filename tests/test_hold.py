@@ -1,4 +1,4 @@
-"""The dynamics over a hold: the published law at τ = 0, backward Euler's otherwise, solved exactly."""
+"""The dynamics over a hold: published at τ = 0, else backward Euler's; solved exactly."""
 
 from __future__ import annotations
 
