@@ -1,16 +1,21 @@
-"""Soft ID-CLF-QP, the paper's controller exactly as published, and its hard ancestor."""
+"""Soft ID-CLF-QP, by default exactly as published, and its hard ancestor."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from controllers.barriers import Barrier, BarrierRows
 from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
+from controllers.hold import over_hold
 from controllers.linear_algebra import cholesky, dot, row_space, substitute, substitute_back
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.checks import number
 from softdyn.compiled import compiled
 
 
@@ -21,26 +26,43 @@ class SoftIdClfQp:
     ----------
     model : the robot.
     gains : the paper's for a bundled robot by default; required for any other.
+    hold : horizon τ (s) of the dynamics, `controllers.hold`; 0 is the published law.
+    barriers : what not to run into, `controllers.barriers`; `barrier_rows` says what came of it.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        No gains for this robot, a robot without inputs, or a negative horizon.
     """
 
     name = "soft-id-clf-qp"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        hold: float = 0.0,
+        barriers: Sequence[Barrier] = (),
+    ) -> None:
         self.gains = resolve(model, self.name, gains)
+        self.hold = number("hold", hold, lower=0.0)
+        self.barrier_rows = BarrierRows(model, barriers, self.hold) if barriers else None
         self._qp = TaskQp(
-            model, self.gains, SoftInverseDynamics(self.gains, model.nu), decrease=True
+            model,
+            self.gains,
+            SoftInverseDynamics(self.gains, model.nu),
+            decrease=True,
+            barriers=self.barrier_rows,
         )
+        if self.barrier_rows is not None:
+            self.barrier_rows.reset()  # of the rehearsal
         self.guard = self._qp.guard
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
-        return self._qp.command(state, reference)
+        return self._qp.command(over_hold(state, self.hold), reference)
 
 
 class IdClfQp:

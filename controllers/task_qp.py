@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from controllers.barriers import BarrierRows
 from controllers.controller import Command, InputGuard, Status, rehearse
 from controllers.gains import Gains
 from controllers.qp import DenseQp, Problem
@@ -56,14 +57,21 @@ class TaskQp:
     Parameters
     ----------
     decrease : whether the decrease condition is a constraint; V is reported either way.
+    barriers : further rows on u.
     """
 
     def __init__(
-        self, model: SoftModel, gains: Gains, objective: Objective, *, decrease: bool
+        self,
+        model: SoftModel,
+        gains: Gains,
+        objective: Objective,
+        *,
+        decrease: bool,
+        barriers: BarrierRows | None = None,
     ) -> None:
         self.guard = InputGuard(model.u_min, model.u_max)
         self._objective, self._task = objective, Task(gains)
-        self._rho, self._decrease = float(gains.rho), decrease
+        self._rho, self._decrease, self._barriers = float(gains.rho), decrease, barriers
         size, m = objective.size, model.nu
         self._nu, self._size = m, size
         self._qp = DenseQp(size + decrease, m + decrease)
@@ -86,6 +94,8 @@ class TaskQp:
         condensed = self._objective.condense(state, task)
         _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
         solution = self._qp.solve(problem)
+        if self._barriers is not None:
+            solution = self._barriers.enforce(problem, solution, state)
         if solution is None:
             return self.guard.fall_back(Status.NON_FINITE, task.V, np.nan)
         delta = float(solution.x[self._size]) if self._decrease else np.nan

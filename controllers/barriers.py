@@ -1,0 +1,272 @@
+"""Exponential control barrier functions: joint limits, half-spaces and spheres as rows of the QP.
+
+A barrier is a function b(q) that must stay non-negative, of relative degree two. With a double
+pole at -α (Nguyen and Sreenath 2016) and, over a hold τ, evaluated at its end by backward Euler as
+the dynamics are (`controllers.hold`),
+
+    b̈ + 2 α (ḃ + τ b̈) + α² (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
+
+r what b̈ has of velocities alone. q̈ is *not* the programme's own, which is fictitious along
+unactuated directions, but that of the whole dynamics: q̈ = M⁻¹(B u - h). So every barrier is one
+inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c: -c the acceleration that b can still afford.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from controllers.qp import DenseQp, Problem, Solution
+from softdyn import InputError, SoftModel, State
+from softdyn.checks import array, number
+
+RATE = 20.0  # α (1/s)
+MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met
+NEGLIGIBLE = 1e-6  # of these
+ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
+ROUNDS = 6  # at most, in which rows join
+TIE = 1e-6  # weight that chooses among inputs that meet all rows
+_METRE = np.array([MILLIMETRE])
+
+
+class Values(NamedTuple):
+    """Barriers of one kind at a state.
+
+    Attributes
+    ----------
+    b : (p,) values (m, rad), negative where violated.
+    gradient : (p, n) G = ∂b/∂q.
+    drift : (p,) r = b̈ - G q̈.
+    unit : (p,) the size of a violation that matters: `MILLIMETRE` or `CENTIRADIAN`.
+    """
+
+    b: np.ndarray
+    gradient: np.ndarray
+    drift: np.ndarray
+    unit: np.ndarray
+
+
+class Barrier(Protocol):
+    """Something not to run into."""
+
+    rate: float
+
+    def __call__(self, state: State) -> Values:
+        """Its barriers at this state."""
+        ...
+
+
+class JointLimits:
+    """Every finite limit of the file's joints.
+
+    Parameters
+    ----------
+    model : the robot.
+    margin : distance to keep from every limit, as a share of the joint's range.
+    rate : α (1/s), the rate at which a limit may be approached.
+    """
+
+    def __init__(self, model: SoftModel, margin: float = 0.0, rate: float = RATE) -> None:
+        margin = number("margin", margin, lower=0.0)
+        self.rate = number("rate", rate, above=0.0)
+        limited = np.isfinite(model.lower) & np.isfinite(model.upper)
+        inset = np.where(limited, margin * (model.upper - model.lower), 0.0)
+        eye = np.eye(model.nv)
+        below, above = np.isfinite(model.lower), np.isfinite(model.upper)
+        self._gradient = np.vstack((eye[below], -eye[above]))
+        self._offset = np.concatenate((-(model.lower + inset)[below], (model.upper - inset)[above]))
+        self._drift = np.zeros(len(self._offset))
+        sliding = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
+        unit = [MILLIMETRE if name in sliding else CENTIRADIAN for name in model.joint_names]
+        self._unit = np.concatenate((np.array(unit)[below], np.array(unit)[above]))
+
+    def __call__(self, state: State) -> Values:
+        """q - lower and upper - q, joint by joint."""
+        coordinates = state.model.coordinates(state.q)
+        b = self._gradient @ coordinates + self._offset
+        return Values(b, self._gradient, self._drift, self._unit)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """The tip stays where normal · y ≥ offset.
+
+    Attributes
+    ----------
+    normal : (3,) into the allowed side; made a unit vector.
+    offset : of the plane along the unit normal (m).
+    rate : α (1/s).
+    """
+
+    normal: np.ndarray
+    offset: float
+    rate: float = RATE
+
+    def __post_init__(self) -> None:
+        normal = array("normal", self.normal, (3,))
+        length = float(np.linalg.norm(normal))
+        if length == 0:
+            raise InputError("normal", "a direction", normal)
+        object.__setattr__(self, "normal", normal / length)
+        object.__setattr__(self, "offset", number("offset", self.offset))
+        object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
+
+    def __call__(self, state: State) -> Values:
+        """The tip's distance from the plane."""
+        n = self.normal
+        return Values(
+            np.array([n @ state.y - self.offset]),
+            (n @ state.J)[None],
+            np.array([n @ (state.Jdot @ state.v)]),
+            _METRE,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """The tip stays out of a ball.
+
+    Attributes
+    ----------
+    centre : (3,) (m).
+    radius : (m).
+    rate : α (1/s).
+    """
+
+    centre: np.ndarray
+    radius: float
+    rate: float = RATE
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", array("centre", self.centre, (3,)))
+        object.__setattr__(self, "radius", number("radius", self.radius, above=0.0))
+        object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
+
+    def __call__(self, state: State) -> Values:
+        """The tip's distance from the ball: n̂ the unit vector to it, b̈ = n̂·ÿ + |ẏ across|²/d."""
+        span = state.y - self.centre
+        distance = max(float(np.linalg.norm(span)), np.finfo(float).tiny)
+        n = span / distance
+        across = state.ydot - (n @ state.ydot) * n
+        return Values(
+            np.array([distance - self.radius]),
+            (n @ state.J)[None],
+            np.array([n @ (state.Jdot @ state.v) + across @ across / distance]),
+            _METRE,
+        )
+
+
+class Rows(NamedTuple):
+    """matrix @ u ≤ upper; `unit` (p,) the excess that lets b sink by one of its units."""
+
+    matrix: np.ndarray
+    upper: np.ndarray
+    unit: np.ndarray
+
+
+class BarrierRows:
+    """The rows of all barriers, hard where some admissible input meets them.
+
+    Where none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
+    the input bounds stay hard, and the programme feasible.
+
+    Parameters
+    ----------
+    model : the robot.
+    barriers : what not to run into.
+    tau : horizon τ (s) that M and h of the states stand for.
+
+    Attributes
+    ----------
+    lowest : smallest b seen at any state (m, rad): what was violated, if negative.
+    relaxed : steps at which rows had to give way.
+    relaxation : the most by which one did, as the mm or 0.01 rad that b may sink for it.
+    """
+
+    def __init__(self, model: SoftModel, barriers: Sequence[Barrier], tau: float) -> None:
+        self._barriers, self._tau = tuple(barriers), tau
+        self._u_min, self._u_max = model.u_min, model.u_max
+        self._range = np.where(model.u_max > model.u_min, model.u_max - model.u_min, 1.0)
+        self._solvers: dict[tuple[int, int], DenseQp] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self.lowest, self.relaxed, self.relaxation = np.inf, 0, 0.0
+
+    def at(self, state: State) -> Rows:
+        """Every barrier's row at a state whose M and h stand for the horizon."""
+        inverse = np.linalg.solve(state.M, np.column_stack((state.B, state.h)))
+        matrices, uppers, units = [], [], []
+        for barrier in self._barriers:
+            b, G, r, unit = barrier(state)
+            alpha, tau = barrier.rate, self._tau
+            share = 1 / (1 + alpha * tau) ** 2
+            affordable = share * (alpha * (2 + alpha * tau) * (G @ state.v) + alpha**2 * b)
+            response = G @ inverse
+            matrices.append(-response[:, :-1])
+            uppers.append(affordable + r - response[:, -1])
+            units.append(share * alpha**2 * unit)
+            self.lowest = min(self.lowest, float(b.min(initial=np.inf)))
+        return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
+
+    def enforce(self, problem: Problem, solution: Solution | None, state: State) -> Solution | None:
+        """`solution` where it meets every row, else that of `problem` with the rows it breaks.
+
+        Rows join as answers break them, for few ever matter: `ROUNDS` times at most. `problem`
+        has u as its first unknowns.
+        """
+        rows = self.at(state)
+        m, size = rows.matrix.shape[1], len(problem.g)
+        upper, chosen = rows.upper.copy(), np.zeros(len(rows.upper), bool)
+        sunk = 0.0
+        for _ in range(ROUNDS):
+            if solution is None or not solution.solved:
+                break
+            broken = rows.matrix @ solution.x[:m] > upper + NEGLIGIBLE * rows.unit
+            if not (broken & ~chosen).any():
+                break
+            chosen |= broken
+            some = Rows(*(part[chosen] for part in rows))
+            excess = self._excess(some)
+            sunk = float(excess.max())
+            upper[chosen] = some.upper + some.unit * np.where(excess > ROOM, excess + ROOM, ROOM)
+            p = len(excess)
+            restricted = Problem(
+                problem.H,
+                problem.g,
+                np.vstack((problem.A, np.hstack((some.matrix, np.zeros((p, size - m)))))),
+                np.concatenate((problem.lower, np.full(p, -np.inf))),
+                np.concatenate((problem.upper, upper[chosen])),
+            )
+            solution = self._solver(size, len(restricted.lower)).solve(restricted)
+        self.relaxed += sunk > ROOM
+        self.relaxation = max(self.relaxation, sunk)
+        return solution
+
+    def _excess(self, rows: Rows) -> np.ndarray:
+        """By how many units the best admissible input breaks each row (p,): zero where none must.
+
+        The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row.
+        """
+        p, m = rows.matrix.shape
+        H = np.diag(np.concatenate((TIE / self._range**2, np.ones(p))))
+        A = np.zeros((m + p, m + p))
+        A[:m, :m] = np.eye(m)
+        A[m:, :m], A[m:, m:] = rows.matrix, -np.diag(rows.unit)
+        lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
+        upper = np.concatenate((self._u_max, rows.upper))
+        solution = self._solver(m + p, m + p).solve(Problem(H, np.zeros(m + p), A, lower, upper))
+        if solution is None:
+            return np.zeros(p)
+        u = np.clip(solution.x[:m], self._u_min, self._u_max)
+        return np.maximum(rows.matrix @ u - rows.upper, 0.0) / rows.unit
+
+    def _solver(self, variables: int, rows: int) -> DenseQp:
+        key = variables, rows
+        if key not in self._solvers:
+            self._solvers[key] = DenseQp(variables, rows)
+        return self._solvers[key]
