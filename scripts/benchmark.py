@@ -136,7 +136,7 @@ def run(cases: list[Case], out: Path, jobs: int) -> None:
 
 
 def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> int:
-    """Figures and page alone, from the logs below `out`."""
+    """Figures and page alone, from the files below `out`."""
     from softdyn import InputError
     from validation import benchmark, plots
     from validation import report as page
@@ -147,8 +147,12 @@ def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> i
         got = f"no log of {', '.join(missing[:3])}{more}"
         raise InputError(str(out), f"the logs of all {len(cases)} runs", got)
     files = [str(file) for file in plots.make_all(cases, out)]
-    index = str(page.make(cases, out, jobs))
-    cli.write_report({"figures": files, "report": index}, target, "\n".join([*files, index]))
+    report: dict[str, Any] = {"figures": files}
+    # the page shows the figures of merit too, which stand beside the logs
+    if all(benchmark.load_result(case, out) is not None for case in cases):
+        report["report"] = str(page.make(cases, out, jobs))
+        files = [*files, report["report"]]
+    cli.write_report(report, target, "\n".join(files))
     return cli.PASSED
 
 
