@@ -118,8 +118,8 @@ def command(arguments: argparse.Namespace) -> int:
     text = summary(log)
     if viewing:
         text += (
-            f"\nviewer         {viewing['frames']} frames of {viewing['frame_us_median']:.0f} us, "
-            f"none of it in the step time; {viewing['pace']:.2f} x real time"
+            f"\nviewer         {viewing['frames']} frames of {viewing['frame_us'] or 0:.0f} us, "
+            f"none of it in the step time; {viewing['pace'] or 0:.2f} x real time"
         )
     cli.write_report(report(log) | ({"viewer": viewing} if viewing else {}), arguments.json, text)
     return cli.FAILED if log.failed else cli.PASSED
@@ -147,7 +147,7 @@ def shown(
         viewer.wait(WAIT)
         show = Show(viewer, model, experiment.reference, arguments.speed)
         yield show
-        viewing.update(show.report())
+        viewing.update(show.finish())
         viewer.say("done: the page keeps the run")
 
 

@@ -175,8 +175,7 @@ def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
     shown, plain = json.loads(out), json.loads(plain)
     viewer = shown.pop("viewer")
     assert 2 <= viewer["frames"] <= 4  # 30 a second of the clock
-    assert viewer["pace"] < 5.5
-    assert viewer["frame_us_median"] > 0
+    assert viewer["frame_us"] > 0
     del shown["step_us"], plain["step_us"]
     assert shown == plain
 

@@ -321,8 +321,9 @@ class Player {
   }
   advance(seconds) {
     if (this.following) {
-      const end = Math.max(...this.tracks.map(t => t.end));
-      if (end != this.time) this.seek(end);
+      // frames come in batches: follow them with a steady lag instead of in jumps
+      const lag = Math.max(...this.tracks.map(t => t.end)) - this.time;
+      if (lag > 0) this.seek(this.time + (lag < 2e-3 ? lag : lag * Math.min(1, seconds / 0.15)));
     } else if (this.playing) {
       let t = this.time + seconds * this.speed;
       if (t >= this.duration) {
@@ -557,9 +558,7 @@ class Player {
     }});
     Object.defineProperty(node, "state", {set: text => { this.stateNote.textContent = text; }});
     this.viewer.connect();
-    this.viewer.connection.addEventListener("close", () => {
-      this.following = false;  // what came can still be played
-      this.drawCurves();
-    });
+    // when the server ends, what came can still be played
+    this.viewer.connection.addEventListener("close", () => this.drawCurves());
   }
 }
