@@ -16,7 +16,7 @@ from validation.paper import Experiment
 from validation.replay import controller_title, ellipse
 
 RATE = 30.0  # frames a second of a clock
-BATCH = 4  # frames sent at once; the page plays them on a clock of its own
+BATCH = 5  # frames sent at once; the page plays them on a clock of its own
 WAIT = 10.0  # s that a loop waits for a browser before it starts
 
 
@@ -33,8 +33,9 @@ def live_page(model: SoftModel, name: str, experiment: Experiment) -> Page:
 class Show:
     """Called at every control step (`on_step` of `simulate`): shows frames and keeps the pace.
 
-    Frames go out, and the clock is looked at, once every `BATCH` frames: after each wait the caches
-    are cold, and the fewer waits there are, the more steps take what they take without a viewer.
+    Frames are made and sent, and the clock is looked at, once every `BATCH` frames: after each wait
+    the caches are cold, and the fewer there are, the more steps take what they take without a
+    viewer.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ class Show:
     ) -> None:
         self._viewer, self._model, self._reference = viewer, model, reference
         self._speed = speed
-        self._rows: list[np.ndarray] = []
+        self._kept: list[tuple[float, State, np.ndarray]] = []
         self._next = self._t = self._spent = 0.0
         self._frames = 0
         self._began = perf_counter()
@@ -63,13 +64,9 @@ class Show:
         if not self._frames:
             self._began = began
         self._next, self._t = t + self._speed / RATE - 1e-9, t
-        model = self._model
-        u = np.minimum(np.maximum(np.asarray(answer.u, float), model.u_min), model.u_max)
-        y_ref = self._reference(t).y
-        row = frames(model, [t], state.q[None], u[None], state.y[None], y_ref[None])
-        self._rows.append(row)
+        self._kept.append((t, state, np.array(answer.u, float)))
         self._frames += 1
-        if len(self._rows) < BATCH:
+        if len(self._kept) < BATCH:
             self._spent += perf_counter() - began
             return
         self._send()
@@ -92,6 +89,12 @@ class Show:
         }
 
     def _send(self) -> None:
-        if self._rows:
-            self._viewer.push(np.concatenate(self._rows))
-        self._rows.clear()
+        if not self._kept:
+            return
+        model = self._model
+        t, states, u = zip(*self._kept, strict=True)
+        self._kept.clear()
+        q, y = (np.array([getattr(state, name) for state in states]) for name in ("q", "y"))
+        y_ref = np.array([self._reference(moment).y for moment in t])
+        inputs = np.minimum(np.maximum(np.array(u), model.u_min), model.u_max)
+        self._viewer.push(frames(model, t, q, inputs, y, y_ref))
