@@ -149,7 +149,7 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
     def row(t, angle):
         q = np.full((1, 4), angle)
         state = model.state(q[0], np.zeros(4))
-        return frames(model, [t], q, np.zeros((1, 2)), state.y, np.array([0.15, 0, -0.15]))
+        return frames(model, [t], q, np.zeros((1, 2)), state.y[None], np.array([[0.15, 0, -0.15]]))
 
     with Viewer(page) as viewer:
         viewer.push(row(0.0, 0.0))
@@ -165,7 +165,9 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
         assert hosts == {viewer.url.split("/")[2]}
     browser.settle()
     assert browser.console == []
-    browser.run("(softdyn.seek(0), 1)")  # the page keeps the run when the server is gone
+    browser.run(
+        "(softdyn.following = false, softdyn.seek(0), 1)"
+    )  # the page keeps the run when the server is gone
     assert changed(before, browser.pixels("canvas")) < 500
 
 

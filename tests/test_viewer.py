@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import signal
@@ -75,15 +76,16 @@ def test_view_listens_on_loopback_only_and_ends_cleanly(number):
         urllib.request.urlopen(url)
 
 
-def test_a_taken_port_is_one_line():
+def test_a_taken_port_is_one_line(monkeypatch, capsys):
+    view = importlib.import_module("view")
+    monkeypatch.setattr("softdyn.rest_sweep.rest_page", blank)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        process, _ = started("finger", "--port", str(taken.getsockname()[1]))
-        _, err = process.communicate(timeout=20)
-    assert process.returncode == 2
-    assert err.startswith("error: --port: expected a free port, got ")
-    assert err.count("\n") == 1
+        assert view.main(["finger", "--no-open", "--port", str(taken.getsockname()[1])]) == 2
+    assert re.fullmatch(
+        r"error: --port: expected a free port, got \d+: .+\n", capsys.readouterr().err
+    )
 
 
 def test_two_viewers_find_different_ports(model):

@@ -310,7 +310,7 @@ class Player {
   // -- time ----------------------------------------------------------------------------------
 
   play() {
-    if (this.time >= this.duration) this.time = 0;
+    if (this.time >= Math.max(...this.tracks.map(t => t.end)) - 1e-3) this.time = 0;
     this.playing = true;
     this.find("play").textContent = "❚❚";
   }
