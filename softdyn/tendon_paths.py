@@ -16,7 +16,7 @@ from softdyn.robot import Joint, Robot, Tendon, children, poses
 from softdyn.visuals import Visual, triangles
 
 Path = list[tuple[str, np.ndarray]]
-CLEARANCE = 1.12
+CLEARANCE = 1.2
 
 
 def fixed_path(robot: Robot, tendon: Tendon, shapes: Sequence[Visual], side: int) -> list[Path]:
@@ -72,8 +72,8 @@ def _along(
     for joint, along, length, normal in beside:
         # straight from one link to the next, so that it shortens as the joint gives way to it
         point = placed[joint.child][1] + normal * distance
-        add(joint.parent, point - 0.3 * before * along)
-        add(joint.child, point + 0.3 * length * along)
+        add(joint.parent, point - min(distance, 0.4 * before) * along)
+        add(joint.child, point + min(distance, 0.4 * length) * along)
         before = length
     add(chain[-1].child, point + 0.6 * length * along)
     return path

@@ -30,7 +30,7 @@ class Nan:
 class Links(HTMLParser):
     """Everything that a page refers to, and which tags it leaves open."""
 
-    VOID = {"meta", "link", "img", "br", "input"}
+    VOID = frozenset({"meta", "link", "img", "br", "input"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
