@@ -29,6 +29,7 @@ def parser() -> cli.Parser:
     found.add_argument(
         "--robot", metavar="ROBOT", help="the logs' robot, where it is no bundled one"
     )
+    cli.add_robot_options(found)
     return found
 
 
@@ -50,7 +51,10 @@ def command(arguments: argparse.Namespace) -> int:
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)
         )
     logs = [Log.load(path) for path in arguments.logs]
-    robots = {log.robot: softdyn.load(arguments.robot or log.robot) for log in logs}
+    if arguments.robot is None:
+        robots = {log.robot: softdyn.load(log.robot) for log in logs}
+    else:
+        robots = dict.fromkeys((log.robot for log in logs), cli.load_robot(arguments))
     if len(logs) == 1 and arguments.labels is None:
         page = replay(logs[0], robots[logs[0].robot])
     else:

@@ -38,6 +38,7 @@ def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("robot", metavar="ROBOT")
+    cli.add_robot_options(found)
     goal = found.add_mutually_exclusive_group()
     goal.add_argument("--theta", type=cli.finite, metavar="T", help="the set point at T pi")
     goal.add_argument(
@@ -100,7 +101,6 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Search, judge, report."""
-    import softdyn
     from softdyn.statics import StaticsError
     from validation.files import check_writable
     from validation.statics_figure import check_path
@@ -109,7 +109,7 @@ def command(arguments: argparse.Namespace) -> int:
         check_writable(check_path(arguments.map))
     if arguments.json not in (None, "-"):
         check_writable(arguments.json)
-    model = softdyn.load(arguments.robot)
+    model = cli.load_robot(arguments)
     try:
         report = lead(model, arguments) if arguments.inputs else search(model, arguments)
     except StaticsError as error:

@@ -17,9 +17,11 @@ robot without mimic joints would pay for.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
+from softdyn.exceptions import InputError
 from softdyn.model import SoftModel
 from softdyn.robot import Robot
 from softdyn.state import State
@@ -182,6 +184,12 @@ class MimicModel(SoftModel):
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""
         return self.tree.integrate(self.expand(q), self.S @ dv)[self._slots]
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Only called for what is not there: what asks for the engine itself cannot be answered."""
+        if name in ("pin_model", "_data", "_gear", "_actuated"):
+            raise InputError("robot", "one without mimic joints for this", self.robot.path)
+        raise AttributeError(name)
 
     @staticmethod
     def _frozen(values: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ def test_rows_pass_or_say_why_not():
 def test_a_disagreement_is_a_failed_row():
     rows = [
         Row("good", FIXED, True, 2, "M", 1e-15),
-        Row("bad", FIXED, False, 2, "qdd", 1e-3, "qdd: too far"),
+        Row("bad", FIXED, False, 2, "qdd", 1e-3, 1e9, "qdd: too far"),
         Row("odd", FIXED, None, reason="no joint"),
     ]
     assert catalogue.counts(rows) == {FIXED: {"passed": 1, "failed": 1, "unsupported": 1}}

@@ -44,6 +44,7 @@ class Row:
     passed : None of a robot that is not supported, with the reason why.
     nv : degrees of freedom; None of a robot that was not built.
     quantity, max_error : the one that comes closest to its tolerance, or exceeds it most.
+    condition : the largest condition number of M met.
     repairs : what was mended.
     seconds : wall clock, the building of both models included.
     """
@@ -54,6 +55,7 @@ class Row:
     nv: int | None = None
     quantity: str = ""
     max_error: float | None = None
+    condition: float | None = None
     reason: str = ""
     repairs: tuple[str, ...] = ()
     seconds: float = 0.0
@@ -139,6 +141,7 @@ def _row(
         result.nv,
         worst.quantity,
         finite(worst.max_error),
+        finite(result.condition),
         "; ".join(f"{check.quantity}: {check.reason}" for check in result.checks if check.reason),
         repairs,
         seconds,
@@ -178,12 +181,13 @@ def verdict(row: Row) -> str:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Robot, nv, worst error, the quantity it is of, seconds, verdict."""
+    """Robot, nv, worst error, the quantity it is of, cond(M), seconds, verdict."""
     return (
         row.name,
         "-" if row.nv is None else str(row.nv),
         "-" if row.max_error is None else f"{row.max_error:.1e}",
         row.quantity or "-",
+        "-" if row.condition is None else f"{row.condition:.0e}",
         f"{row.seconds:.1f}",
         verdict(row) or "ok",
     )
@@ -192,10 +196,10 @@ def cells(row: Row) -> tuple[str, ...]:
 def text(rows: Sequence[Row], tally: dict[str, dict[str, int]]) -> str:
     """Aligned columns for a terminal, one line a robot and one a variant."""
     lines = [(*cells(row), row.variant) for row in rows]
-    widths = [max((len(line[i]) for line in lines), default=0) for i in range(5)]
+    widths = [max((len(line[i]) for line in lines), default=0) for i in range(6)]
     shown = [
-        "  ".join(cell.ljust(width) for cell, width in zip(line[:5], widths, strict=True))
-        + f"  {line[6]}: {line[5]}"
+        "  ".join(cell.ljust(width) for cell, width in zip(line[:6], widths, strict=True))
+        + f"  {line[7]}: {line[6]}"
         for line in lines
     ]
     for variant, count in tally.items():
@@ -208,10 +212,13 @@ def markdown(rows: Sequence[Row], command: str) -> str:
     lines = [
         "# The catalogue: every URDF of example-robot-data through the cross-check",
         "",
-        f"Written by `{command}`. Each robot is built in Pinocchio and in MuJoCo from its file, by",
-        "two parsers; the error is the largest of all quantities relative to its tolerance, and a",
-        "robot passes when every one is within 1e-10 (1e-11 along trajectories). Times are wall",
-        "clock of one process, both models' building included.",
+        f"Written by `{command}`.",
+        "Each robot is built in Pinocchio and in MuJoCo from its file, by two parsers",
+        "([conventions.md](conventions.md)). It passes when every quantity is within 1e-10 (1e-11",
+        "along trajectories); shown is the one that comes closest to its tolerance. cond(M) is the",
+        "largest condition number of the mass matrix met: engines that agree on M to rounding ε",
+        "can differ by ε cond(M) in q̈, which solves with M. Times are wall clock of one process,",
+        "the building of both models included.",
     ]
     for variant, group in groupby(sorted(rows, key=lambda row: row.variant), lambda r: r.variant):
         members = list(group)
@@ -223,8 +230,8 @@ def markdown(rows: Sequence[Row], command: str) -> str:
             f"{tally['passed']} of {len(members)} pass, {tally['failed']} fail, "
             f"{tally['unsupported']} are not supported.",
             "",
-            "| robot | nv | worst error | of | s | |",
-            "|---|---|---|---|---|---|",
+            "| robot | nv | worst error | of | cond(M) | s | |",
+            "|---|---|---|---|---|---|---|",
         ]
         lines += [
             "| " + " | ".join(_escaped(cell) for cell in cells(row)) + " |" for row in members

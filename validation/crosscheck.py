@@ -74,6 +74,8 @@ class CrossCheck:
     ----------
     checks : one verdict a quantity, in the order of `QUANTITIES`; without the last one where no
         trajectories were asked for.
+    condition : the largest condition number of M met. Where two engines agree on M to rounding ε,
+        the best they can do on q̈ is about ε times that.
     runs : the trajectories compared.
     ladders : convergence of both schemes under step halving.
     """
@@ -84,6 +86,7 @@ class CrossCheck:
     samples: int
     seed: int
     checks: tuple[Check, ...]
+    condition: float
     runs: tuple[Run, ...]
     ladders: tuple[Ladder, ...]
 
@@ -104,6 +107,7 @@ class CrossCheck:
             "nv": self.nv,
             "nu": self.nu,
             "passed": self.passed,
+            "condition": finite(self.condition),
             "samples": self.samples,
             "seed": self.seed,
             "checks": [
@@ -128,6 +132,7 @@ class Tally:
 
     errors: dict[str, float] = field(default_factory=lambda: dict.fromkeys(QUANTITIES, 0.0))
     reasons: dict[str, str] = field(default_factory=dict)
+    condition: float = 1.0
 
     def fail(self, reason: str, *quantities: str) -> None:
         """Give up on quantities, with the reason."""
@@ -228,7 +233,9 @@ def crosscheck(
         Check(name, tally.errors[name], tolerances[name], SCALES[name], tally.reasons.get(name, ""))
         for name in (QUANTITIES if trajectories else QUANTITIES[:-1])
     )
-    return CrossCheck(model.name, model.nv, model.nu, samples, seed, checks, runs, ladders)
+    return CrossCheck(
+        model.name, model.nv, model.nu, samples, seed, checks, tally.condition, runs, ladders
+    )
 
 
 def _tolerances(model: SoftModel) -> dict[str, float]:
@@ -276,6 +283,7 @@ def _compare_at(
         weight = 9.81 * judge.mass * length
         state = model.state(q, v)
         speed = float(np.abs(v).max())
+        tally.condition = max(tally.condition, float(np.linalg.cond(state.M)))
         energy = model.kinetic_energy(q, v) + model.gravity_energy(q) + model.elastic_energy(q)
         pairs: dict[str, tuple[Any, Callable[[], Any], float]] = {
             "tip": (state.y, judge.tip, length),
