@@ -354,7 +354,7 @@ class SoftModel:
 
     def _check_mass_matrix(self) -> None:
         M = self.state(self.q0, np.zeros(self.nv)).M
-        scale = np.sqrt(np.diag(M))
+        scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # a moment may be zero but for rounding
         if (scale > 0).all():
             values, modes = np.linalg.eigh(M / np.outer(scale, scale))
             if values[0] >= 1e-14:
