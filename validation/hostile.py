@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def forged(state: State) -> Iterator[tuple[str, State]]:
 
 def forge(state: State, changes: dict[str, tuple[float, bool]]) -> State:
     """`state` with `changes`: by field, the value and whether all of its entries take it."""
-    fields = {}
+    fields: dict[str, Any] = {}
     for name, (value, everywhere) in changes.items():
         fields[name] = np.array(getattr(state, name))
         if everywhere:
