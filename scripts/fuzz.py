@@ -9,9 +9,12 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cli
+
+if TYPE_CHECKING:
+    from fuzz_inputs import Base
 
 CORPUS = Path(__file__).resolve().parents[1] / "tests" / "corpus"
 CPU_LIMIT, WALL_LIMIT = 5, 60.0  # s an input; the processor's time counts, whatever else it does
@@ -48,17 +51,13 @@ def parser() -> cli.Parser:
         "--corpus", type=Path, default=CORPUS, metavar="DIR", help="where base files are"
     )
     found.add_argument("--out", type=Path, metavar="DIR", help="folder for inputs with a finding")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the counts as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -107,8 +106,10 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.FAILED if findings else cli.PASSED
 
 
-def base_files(corpus: Path) -> list[bytes]:
+def base_files(corpus: Path) -> list[Base]:
     """The bundled robots and the corpus's own, in the order of their names."""
+    from fuzz_inputs import Base
+
     from softdyn import InputError
     from softdyn.catalogue import BUNDLED
 
@@ -116,14 +117,20 @@ def base_files(corpus: Path) -> list[bytes]:
     if not own:
         raise InputError("--corpus", "a folder with base/*.urdf", corpus)
     bundled = [BUNDLED / f"{name}.urdf" for name in ("finger", "spirob")]
-    return [path.read_bytes() for path in (*bundled, *own, *own)]  # small ones twice as often
+    urdfs = [
+        Base(path.read_bytes()) for path in (*bundled, *own, *own)
+    ]  # small ones twice as often
+    overlays = sorted(corpus.glob("base/*.xml"))  # each of the URDF named first in its name
+    of = [corpus / "base" / f"{path.stem.partition('-')[0]}.urdf" for path in overlays]
+    pairs = zip(overlays, of, strict=True)
+    return urdfs + [Base(path.read_bytes(), urdf.read_bytes()) for path, urdf in pairs]
 
 
 Outcome = tuple[int, tuple[str, str, bool], float]
 
 
 def in_a_process(
-    bases: list[bytes], seed: int, numbers: range, worker: Callable[..., None] | None = None
+    bases: list[Base], seed: int, numbers: range, worker: Callable[..., None] | None = None
 ) -> Iterator[Outcome]:
     """(number, verdict, seconds) of each input, by a process that is replaced when it dies."""
     import multiprocessing
@@ -162,7 +169,7 @@ def dead(code: int | None) -> tuple[str, str, bool]:
     return "crash", f"exit code {code}", False
 
 
-def work(pipe: Any, bases: list[bytes], seed: int) -> None:
+def work(pipe: Any, bases: list[Base], seed: int) -> None:
     """Judge inputs by their numbers until the pipe closes."""
     import os
     import resource
@@ -178,18 +185,17 @@ def work(pipe: Any, bases: list[bytes], seed: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
-        warm = bases[0]
-        judge(warm, path, True)
+        judge(bases[0].data, path, True)
         pipe.send("ready")
         while True:
             try:
                 index = pipe.recv()
             except EOFError:
                 return
-            data = mutant(bases, seed, index)
+            base = mutant(bases, seed, index)
             began = process_time()
             resource.setrlimit(resource.RLIMIT_CPU, (int(began) + CPU_LIMIT + 2, ceiling))
-            verdict = judge(data, path, index % DEEP == 0)
+            verdict = judge(base.data, path, index % DEEP == 0, base.of)
             seconds = process_time() - began
             if seconds > CPU_LIMIT:
                 pipe.send((("hang", f"{seconds:.1f} s", False), seconds))
@@ -197,14 +203,15 @@ def work(pipe: Any, bases: list[bytes], seed: int) -> None:
                 pipe.send(((verdict.kind, verdict.detail, verdict.deep), seconds))
 
 
-def keep(folder: Path, bases: list[bytes], seed: int, index: int) -> None:
+def keep(folder: Path, bases: list[Base], seed: int, index: int) -> None:
     """Write an input to `folder`."""
     from fuzz_inputs import mutant
 
     from validation.files import atomic
 
-    with atomic(folder / f"{seed}-{index}.urdf") as file:
-        file.write(mutant(bases, seed, index))
+    base = mutant(bases, seed, index)
+    with atomic(folder / f"{seed}-{index}.{'urdf' if base.of is None else 'xml'}") as file:
+        file.write(base.data)
 
 
 def summary(report: dict[str, Any]) -> str:

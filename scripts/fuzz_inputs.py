@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from lxml import etree
 
@@ -48,14 +49,23 @@ CHUNKS = (
 Change = Callable[[random.Random, bytes], bytes]
 
 
-def mutant(bases: Sequence[bytes], seed: int, index: int) -> bytes:
+@dataclass(frozen=True)
+class Base:
+    """A file to damage: a URDF, or the annotations of the URDF `of`."""
+
+    data: bytes
+    of: bytes | None = None
+
+
+def mutant(bases: Sequence[Base], seed: int, index: int) -> Base:
     """The input number `index` of a seed; independent of all others."""
     rng = random.Random(f"{seed}:{index}")
-    data = rng.choice(bases)
+    base = rng.choice(bases)
+    data = base.data
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 4))):
         change = rng.choices((_bytes, _tokens, _number, _tree), (1, 1, 3, 7))[0]
         data = change(rng, data)
-    return data
+    return Base(data, base.of)
 
 
 def _bytes(rng: random.Random, data: bytes) -> bytes:

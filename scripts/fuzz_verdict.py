@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from second_reading import differences
 
-from softdyn import SoftdynError, SoftModel, parse
+from softdyn import SoftdynError, SoftModel, build, parse
 from softdyn.exceptions import UrdfError
-from validation import Twin
+from softdyn.robot import Robot
+from validation import StateMap, Twin
 from validation.judge import Judge
-from validation.twin import StateMap
 
 REFUSED, ACCEPTED = "refused", "accepted"
 LOST, EXCEPTION, ENGINES, MESSAGE = "lost content", "exception", "engines differ", "message"
@@ -36,30 +36,37 @@ class Verdict:
     deep: bool = False
 
 
-def judge(data: bytes, path: Path, deep: bool) -> Verdict:
+def judge(data: bytes, path: Path, deep: bool, of: bytes | None = None) -> Verdict:
     """Write an input to `path`, load it as a user would, and look for what went wrong.
 
     Parameters
     ----------
+    data : a URDF, or the annotations of the URDF `of`.
     deep : whether an accepted robot is also built in MuJoCo and compared term by term.
     """
     path.write_bytes(data)
+    urdf = path
+    if of is not None:
+        urdf = path.with_suffix(".base")
+        urdf.write_bytes(of)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             warnings.simplefilter("error", RuntimeWarning)
-            return _judge(data, path, deep)
+            robot = parse(urdf, annotations=None if of is None else path)
+            lost = differences(robot, data) if of is None else differences(robot, of, data)
+            return Verdict(LOST, "; ".join(lost)[:1000]) if lost else _judge(robot, deep)
     except SoftdynError as error:
-        return _refusal(error, path)
+        return _refusal(error, (path, urdf))
     except Exception as error:
         return Verdict(EXCEPTION, f"{type(error).__name__}: {error}"[:500])
 
 
-def _refusal(error: SoftdynError, path: Path) -> Verdict:
+def _refusal(error: SoftdynError, paths: tuple[Path, ...]) -> Verdict:
     text = str(error)
     if len(text.splitlines()) != 1 or len(text) > LONGEST_MESSAGE:
         return Verdict(MESSAGE, text[:500])
-    if not (isinstance(error, UrdfError) and text.startswith(str(path))):
+    if not (isinstance(error, UrdfError) and text.startswith(tuple(map(str, paths)))):
         return Verdict(MESSAGE, f"names no file: {text[:500]}")
     return Verdict(REFUSED, template(error))
 
@@ -70,12 +77,8 @@ def template(error: UrdfError) -> str:
     return re.sub(r"'[^']*'|\d+", "…", f"{tags} expected {error.expected}")[:150]
 
 
-def _judge(data: bytes, path: Path, deep: bool) -> Verdict:
-    robot = parse(path)
-    lost = differences(robot, data)
-    if lost:
-        return Verdict(LOST, "; ".join(lost)[:1000])
-    model = SoftModel(robot)
+def _judge(robot: Robot, deep: bool) -> Verdict:
+    model = build(robot)
     state = model.state(model.q0, np.zeros(model.nv))
     terms = {name: getattr(state, name) for name in ("M", "h", "B", "J", "D", "y")}
     broken = [name for name, value in terms.items() if not np.isfinite(value).all()]

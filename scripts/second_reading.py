@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softdyn import Robot
+from softdyn.robot import Joint
 
 # Elements whose children are ours to read; all others belong to other tools.
 OURS = {
@@ -25,10 +26,17 @@ OURS = {
 COUNTED = ("link", "joint", "tendon", "actuator", "site", "softdyn", "inertial")
 
 
-def differences(robot: Robot, data: bytes) -> list[str]:
-    """What the parse and the second reading do not agree on; empty when nothing was lost."""
+def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> list[str]:
+    """What the parse and the second reading do not agree on; empty when nothing was lost.
+
+    Parameters
+    ----------
+    data, annotations : the URDF, and the block in a file of its own where it has one.
+    """
     try:
         root = ElementTree.fromstring(data)
+        if annotations is not None:
+            _lay_over(root, ElementTree.fromstring(annotations))
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         return [f"the second parser refuses the file: {error}"]
     found = [
@@ -38,6 +46,23 @@ def differences(robot: Robot, data: bytes) -> list[str]:
         *_springs(robot, root),
     ]
     return found + list(_block(robot, root.find("softdyn")))
+
+
+def _lay_over(root: ElementTree.Element, block: ElementTree.Element) -> None:
+    """Write the block into the URDF, springs and dampers of its joints where a URDF has them."""
+    root.append(block)
+    joints = {element.get("name"): element for element in root.findall("joint")}
+    for element in block.findall("joint"):
+        name = element.get("name", "")
+        if (damping := element.get("damping")) is not None:
+            dynamics = joints[name].find("dynamics")
+            if dynamics is None:
+                dynamics = ElementTree.SubElement(joints[name], "dynamics")
+            dynamics.set("damping", damping)
+        for key, tag in (("stiffness", "springStiffness"), ("rest", "springReference")):
+            if (value := element.get(key)) is not None:
+                spring = ElementTree.SubElement(root, "gazebo", {"reference": name})
+                ElementTree.SubElement(spring, tag).text = value
 
 
 def _counts(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
@@ -104,6 +129,7 @@ def _joints(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         yield from _close(f"rotation of {where}", joint.rotation, rotation)
         if joint.kind == "fixed":
             continue
+        yield from _mimic(joint, element)
         axis = element.find("axis")
         vector = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis, "xyz")
         yield from _close(f"axis of {where}", joint.axis, vector / np.linalg.norm(vector))
@@ -116,6 +142,16 @@ def _joints(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         yield from _same(f"damping of {where}", [joint.damping, joint.friction], losses)
         armature = _float(armatures.get(joint.name), "armature")
         yield from _same(f"armature of {where}", joint.armature, armature)
+
+
+def _mimic(joint: Joint, element: ElementTree.Element) -> Iterator[str]:
+    mimic = element.find("mimic")
+    said = None
+    if mimic is not None:
+        multiplier = 1.0 if mimic.get("multiplier") is None else _float(mimic, "multiplier")
+        said = (mimic.get("joint"), multiplier, _float(mimic, "offset"))
+    mine = joint.mimic and (joint.mimic.leader, joint.mimic.multiplier, joint.mimic.offset)
+    yield from _same(f"mimic of joint {joint.name[:30]!r}", mine, said)
 
 
 def _springs(robot: Robot, root: ElementTree.Element) -> Iterator[str]:

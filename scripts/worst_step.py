@@ -28,17 +28,13 @@ def parser() -> cli.Parser:
     found.add_argument("--robots", nargs="+", metavar="ROBOT", help="(default: all bundled)")
     found.add_argument("--controllers", nargs="+", metavar="NAME", help="(default: all)")
     found.add_argument("--repeats", type=cli.count, default=5, metavar="N", help="(default: 5)")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    cli.add_json(found)
     return found
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    cli.one_thread()
-    return cli.run(command, arguments)
+    return cli.start(parser(), command, argv)
 
 
 def command(arguments: argparse.Namespace) -> int:
@@ -47,16 +43,15 @@ def command(arguments: argparse.Namespace) -> int:
     from controllers import CONTROLLERS, find_controller
     from softdyn import bundled_names
 
-    rows = []
+    rows: list[dict[str, Any]] = []
     for robot in arguments.robots or bundled_names():
         model = softdyn.load(robot)
         for name in arguments.controllers or CONTROLLERS:
             controller = find_controller(name)(model)
             if sys.stderr.isatty():
                 print(f"\r\x1b[K{robot} {name}", end="", file=sys.stderr, flush=True)
-            rows.append(
-                {"robot": robot, "controller": name} | measure(model, controller, arguments)
-            )
+            row = measure(model, controller, arguments)
+            rows.append({"robot": robot, "controller": name, **row})
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
     worst = max(row["worst_us"] for row in rows)

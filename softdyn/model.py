@@ -168,7 +168,7 @@ class SoftModel:
             if self._damped:
                 D = self._damping_matrix(arms)
                 D.flags.writeable = False
-        return State(
+        return State.trusted(
             self, q, v, rows[:n], rows[n + 6], rows[n + 7], D, B, rows[n + 8],
             rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6], few[6:], arms,
         )  # fmt: skip

@@ -63,6 +63,9 @@ class State:
         # or stop to be compiled anew.
         for name, shape in _shapes(self.model).items():
             value = array(name, getattr(self, name), shape, finite=False)
+            if name == "B" and self.model.tendons.spatial:
+                value = np.asfortranarray(value)  # as the model hands it out
+                value.flags.writeable = False
             object.__setattr__(self, name, value)
 
     @staticmethod

@@ -7,7 +7,7 @@ import signal
 from typing import Any
 
 
-def fragile(pipe: Any, bases: list[bytes], seed: int) -> None:
+def fragile(pipe: Any, bases: list[Any], seed: int) -> None:
     """Answer every number but two."""
     pipe.send("ready")
     while True:

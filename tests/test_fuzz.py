@@ -52,11 +52,22 @@ def test_what_was_found_once_is_found_no_more(path: Path, tmp_path: Path) -> Non
 
 
 def test_inputs_depend_on_seed_and_number_alone() -> None:
-    bases = [path.read_bytes() for path in BASES]
+    bases = fuzz.base_files(fuzz.CORPUS)
     drawn = [mutant(bases, 3, k) for k in range(50)]
     assert [mutant(bases, 3, k) for k in reversed(range(50))] == drawn[::-1]
     assert len(set(drawn)) > 45
     assert mutant(bases, 4, 7) != drawn[7]
+
+
+@pytest.mark.parametrize("path", sorted(fuzz.CORPUS.glob("base/*.xml")), ids=lambda p: p.stem)
+def test_annotations_of_their_own_are_read_twice(path: Path, tmp_path: Path) -> None:
+    urdf = path.with_name(f"{path.stem.partition('-')[0]}.urdf").read_bytes()
+    robot = parse(path.with_name(f"{path.stem.partition('-')[0]}.urdf"), annotations=path)
+    assert differences(robot, urdf, path.read_bytes()) == []
+    for old, new in ((b'damping="0.2"', b""), (b'rest="0.1"', b'rest="0.2"'), (b"40", b"41")):
+        assert differences(robot, urdf, path.read_bytes().replace(old, new)), old
+    verdict = judge(path.read_bytes(), tmp_path / "soft.xml", True, urdf)
+    assert (verdict.kind, verdict.deep) == (ACCEPTED, True), verdict
 
 
 # -- the second reading ------------------------------------------------------------------------
@@ -146,12 +157,12 @@ def test_verdicts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("fuzz_verdict.parse", robot)
 
     robot = parse(_written(path, ARM))
-    parsed(lambda path: replace(robot, actuators=()))
+    parsed(lambda path, **_: replace(robot, actuators=()))
     assert judge(ARM.encode(), path, False).kind == LOST
-    parsed(lambda path: 1 / 0)
+    parsed(lambda path, **_: 1 / 0)
     assert judge(ARM.encode(), path, False).kind == EXCEPTION
 
-    def two_lines(path: Path) -> None:
+    def two_lines(path: Path, **_: object) -> None:
         raise SoftdynError(f"{path}: one\ntwo")
 
     parsed(two_lines)
@@ -164,7 +175,7 @@ def _written(path: Path, text: str) -> Path:
 
 
 def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
-    outcomes = list(fuzz.in_a_process([b""], 0, range(8), fragile))
+    outcomes = list(fuzz.in_a_process([], 0, range(8), fragile))
     assert [index for index, _, _ in outcomes] == list(range(8))
     kinds = [kind for _, (kind, _, _), _ in outcomes]
     assert kinds == [ACCEPTED, ACCEPTED, "crash", ACCEPTED, ACCEPTED, "hang", ACCEPTED, ACCEPTED]
@@ -176,7 +187,7 @@ def test_inputs_behind_findings_are_kept(tmp_path: Path, monkeypatch, capsys) ->
     assert fuzz.main(["--count", "2", "--out", str(tmp_path / "kept")]) == 1
     assert "1: crash: exit code -11" in capsys.readouterr().out
     kept = tmp_path / "kept" / "0-1.urdf"
-    assert kept.read_bytes() == mutant(fuzz.base_files(fuzz.CORPUS), 0, 1)
+    assert kept.read_bytes() == mutant(fuzz.base_files(fuzz.CORPUS), 0, 1).data
 
 
 def test_bad_arguments(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

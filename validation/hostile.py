@@ -25,7 +25,9 @@ def references() -> dict[str, Reference]:
         parts = {part: np.zeros(3) for part in ("y", "ydot", "yddot")}
         parts[name] = np.full(3, value)
         found[f"reference {name} = {value:g}"] = Reference(**parts)
-    found["reference, huge and tiny"] = Reference([HUGE, TINY, 0], [0, -HUGE, 1], [TINY, 0, HUGE])
+    found["reference, huge and tiny"] = Reference(
+        *np.array([[HUGE, TINY, 0], [0, -HUGE, 1], [TINY, 0, HUGE]])
+    )
     found["a fast and large ellipse"] = Ellipse(a=1e3, b=1e3, c=1e3, omega=1e6)(0.3)
     return found
 
