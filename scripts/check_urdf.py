@@ -175,7 +175,7 @@ def _joints(report: dict[str, Any]) -> list[str]:
     if len(joints) <= 12:
         for j in joints:
             lines.append(
-                f"  {j['name']:<16}{j['kind']:<11}[{j['lower']:.4g}, {j['upper']:.4g}]  "
+                f"  {j['name']:<22} {j['kind']:<11}[{j['lower']:.4g}, {j['upper']:.4g}]  "
                 f"stiffness {j['stiffness']:g} at {j['rest']:g}, damping {j['damping']:g}"
             )
     return lines
@@ -221,7 +221,9 @@ def _stability(report: dict[str, Any]) -> list[str]:
     if report["unactuated"] == 0 and not report["rank_drops_at"]:
         return [*lines, "  every direction has an input"]
     verdict = "dominates" if report["dominates_at_rest"] else "does NOT dominate"
-    share = ", ".join(f"{value:+.2f} {name}" for name, value in report["softest_unactuated"].items())
+    share = ", ".join(
+        f"{value:+.2f} {name}" for name, value in report["softest_unactuated"].items()
+    )
     lines += [
         f"  at q = 0 stiffness {verdict}: least {report['stiffness_at_rest']:.3g} in all, "
         f"gravity takes up to {report['gravity_at_rest']:.3g}",

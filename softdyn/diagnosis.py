@@ -111,7 +111,7 @@ class Tilt:
 
 
 def ceases(model: SoftModel, weak: Pose, resolution: float = 1e-3) -> Tilt | None:
-    """The nearest point on the straight way from q = 0 to `weak` where stiffness ceases to dominate.
+    """A point on the straight way from q = 0 to `weak` where stiffness ceases to dominate.
 
     None where it dominates at both ends, or at neither.
     """
@@ -186,8 +186,8 @@ def _bodies(robot: Robot) -> Iterator[str]:
         volume = 4 / 3 * math.pi * float(np.prod(axes))
         if volume > 0 and not LIGHT < body.mass / volume < DENSE:
             yield (
-                f"link {name!r}: as a solid ellipsoid it would have {body.mass / volume:.2g} kg/m³: "
-                f"mass and inertia do not fit each other"
+                f"link {name!r}: as a solid ellipsoid it would weigh "
+                f"{body.mass / volume:.2g} kg/m³: mass and inertia do not fit each other"
             )
         com = float(np.linalg.norm(body.com))
         if com > BULKY * max(size, 0.01):

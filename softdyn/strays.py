@@ -37,8 +37,8 @@ KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }  # fmt: skip
 # Where these stand, somebody meant them to be read.
 MEANT = {
-    "link", "joint", "inertial", "mass", "inertia", "origin", "parent", "child", "axis", "limit",
-    "dynamics", "mimic", "gazebo", "softdyn", "springStiffness", "springReference",
+    "robot", "link", "joint", "inertial", "mass", "inertia", "origin", "parent", "child", "axis",
+    "limit", "dynamics", "mimic", "gazebo", "softdyn", "springStiffness", "springReference",
     "tendon", "actuator", "task", "site",
 }  # fmt: skip
 FREE = ("gazebo",)  # a container of other tools' elements, which may have any of these names
