@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
+from softdyn import InputError
+
 F = np.block([[np.zeros((3, 3)), np.eye(3)], [np.zeros((3, 6))]])
 G = np.vstack([np.zeros((3, 3)), np.eye(3)])
 
@@ -48,5 +50,9 @@ def make_clf(eps: float, Q: np.ndarray | None = None, R: np.ndarray | None = Non
     Q, R : (6, 6), (3, 3) design weights, identity by default (the reference's choice).
     """
     P = solve_continuous_are(F, G, np.eye(6) if Q is None else Q, np.eye(3) if R is None else R)
-    scale = np.diag([1 / eps] * 3 + [1.0] * 3)
-    return Clf(eps, scale @ P @ scale)
+    scale = np.array([1 / eps] * 3 + [1.0] * 3)
+    with np.errstate(over="ignore"):
+        P_eps = scale[:, None] * P * scale
+    if not np.isfinite(P_eps).all():
+        raise InputError("gains.eps", "a number whose inverse square is finite", eps)
+    return Clf(eps, P_eps)

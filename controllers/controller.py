@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
@@ -10,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
 
 
@@ -59,7 +60,10 @@ Law = Callable[[Self, State, Any], Command]
 
 
 def guarded(law: Law[Self]) -> Law[Self]:
-    """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback."""
+    """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback.
+
+    What is no State of this robot or no Reference is an `InputError`, found when the law trips.
+    """
 
     @wraps(law)
     def call(self: Self, state: State, reference: Any) -> Command:
@@ -68,8 +72,22 @@ def guarded(law: Law[Self]) -> Law[Self]:
                 return law(self, state, reference)
             except np.linalg.LinAlgError:
                 return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+            except Exception:
+                check_arguments(state, reference, self.guard.u_min.size)
+                raise
 
     return call
+
+
+def check_arguments(state: Any, reference: Any, nu: int) -> None:
+    """Refuse what no controller of a robot with `nu` inputs can use."""
+    if not isinstance(state, State):
+        raise InputError("state", "a State, from model.state(q, v)", repr(state))
+    if state.model.nu != nu:
+        got = f"one of {state.model.name!r} with {state.model.nu}"
+        raise InputError("state", f"a State of the controller's own robot, with {nu} inputs", got)
+    if not isinstance(reference, Reference):
+        raise InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
 
 
 class InputGuard:
@@ -119,7 +137,7 @@ def rehearse(
 ) -> None:
     """Call a law once at rest, so that its kernels are compiled before it controls anything."""
     state = model.state(model.q0, np.zeros(model.nv))
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # gains beyond all bounds
         law(state, Reference(state.y))
     guard.reset()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from softdyn import InputError, SoftModel
 
 
@@ -85,10 +87,13 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     Raises
     ------
     InputError
-        A robot without inputs, or no gains for one that has no published ones.
+        A robot without inputs or with crossed bounds, or one without published gains given none.
     """
     if model.nu == 0:
         raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
+    if not (np.isfinite(model.u_max - model.u_min) & (model.u_min <= model.u_max)).all():
+        bounds = f"u_min {model.u_min}, u_max {model.u_max}"
+        raise InputError("model", "finite input bounds, lower <= upper", bounds)
     if gains is None:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:

@@ -21,7 +21,9 @@ from softdyn.compiled import compiled
 COARSE, FINE = 1e-3, 1e-9
 MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
-MAX_ITERATIONS, MAX_INNER = 200, 100
+# Ordinary problems take up to 32 iterations, one or two inner ones each; what takes more is not
+# going to be solved, and must end within milliseconds.
+MAX_ITERATIONS, MAX_INNER = 60, 5
 POLISH_STEPS = 8
 NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
 WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT

@@ -126,11 +126,25 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     from validation.files import to_json, write_json
 
     if target == "-":
-        print(to_json(report))
+        say(to_json(report))
         return
     if target is not None:
         write_json(target, report)
-    print(summary)
+    say(summary)
+
+
+def say(text: str) -> None:
+    """Print `text` at once, or say why not: a full disk must not pass for a success."""
+    from softdyn import InputError
+
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        # what is left in the buffer would fail again, with a traceback, at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise InputError("stdout", "a stream to write to", error.strerror or error) from None
 
 
 def check_outputs(*targets: str | None) -> None:

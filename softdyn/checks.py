@@ -47,7 +47,7 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
         raise _not_an_array(name, finite, shape, repr(value))
     if given.shape != shape:
         raise _not_an_array(name, finite, shape, f"shape {given.shape}")
-    result = np.array(given, dtype=float)
+    result = np.array(given, dtype=float, order="C")
     if finite and not np.isfinite(result).all():
         raise _not_an_array(name, finite, shape, repr(value))
     result.flags.writeable = False

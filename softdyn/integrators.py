@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from softdyn.checks import array, number
 from softdyn.model import SoftModel
 
 Step = tuple[np.ndarray, np.ndarray]
@@ -15,8 +16,14 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
     Parameters
     ----------
     q, v, u : (nq,), (nv,), (nu,) configuration, velocity, input.
-    h : step (s).
+    h : step (s), may be negative.
+
+    Raises
+    ------
+    InputError
+        For an argument of the wrong shape or not finite, and when the state overflows on the way.
     """
+    h = number("h", h)
     a1 = model.forward_dynamics(q, v, u)
     v2 = v + h / 2 * a1
     a2 = model.forward_dynamics(model.integrate(q, h / 2 * v), v2, u)
@@ -35,7 +42,10 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
 
     Unconditionally stable in the damping, which is what is stiff in soft robots
     (λmax(M⁻¹D) of 1e4 and more). The scheme of MuJoCo's ``implicitfast``.
+
+    Parameters and errors as for `step_rk4`.
     """
+    h, u = number("h", h), array("u", u, (model.nu,))
     state = model.state(q, v)
-    v = v + h * np.linalg.solve(state.M + h * state.D, state.B @ u - state.h)
+    v = state.v + h * np.linalg.solve(state.M + h * state.D, state.B @ u - state.h)
     return model.integrate(q, h * v), v

@@ -168,7 +168,7 @@ class SoftModel:
             if self._damped:
                 D = self._damping_matrix(arms)
                 D.flags.writeable = False
-        return State(
+        return State.trusted(
             self, q, v, rows[:n], rows[n + 6], rows[n + 7], D, B, rows[n + 8],
             rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6], few[6:], arms,
         )  # fmt: skip
@@ -194,15 +194,17 @@ class SoftModel:
         arrays = (q, v, live.M.copy(), bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
         for array in arrays:
             array.flags.writeable = False
-        return State(self, *arrays)
+        return State.trusted(self, *arrays)
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
+        q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
         C = pin.computeCoriolisMatrix(self.pin_model, self._data, q, v)
         return _read_only(np.reshape(C, (self.nv, self.nv)))
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
+        q = self._vector("q", q, self.nq)
         return _read_only(pin.computeGeneralizedGravity(self.pin_model, self._data, q))
 
     # -- dynamics ------------------------------------------------------------------------------
@@ -297,6 +299,7 @@ class SoftModel:
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""
+        q, dv = self._vector("q", q, self.nq), self._vector("dv", dv, self.nv)
         return np.array(pin.integrate(self.pin_model, q, dv))
 
     # -- inside --------------------------------------------------------------------------------
@@ -304,13 +307,17 @@ class SoftModel:
     def _vector(self, name: str, value: np.ndarray, size: int) -> np.ndarray:
         """A fresh finite (size,) copy of an argument."""
         try:
+            if not isinstance(value, np.ndarray):
+                value = np.asarray(value)
+            if value.dtype.kind not in "fiub":  # text and dates would become numbers
+                raise TypeError
             array = np.array(value, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(name, f"{size} numbers", value) from None
         if array.shape != (size,):
             raise InputError(name, f"shape ({size},)", f"shape {array.shape}")
         # one dot product instead of a temporary: it overflows only where the slow test decides
-        if not math.isfinite(array @ array) and not np.isfinite(array).all():
+        if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
             raise InputError(name, "finite numbers", array)
         return array
 
@@ -354,7 +361,7 @@ class SoftModel:
 
     def _check_mass_matrix(self) -> None:
         M = self.state(self.q0, np.zeros(self.nv)).M
-        scale = np.sqrt(np.diag(M))
+        scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # a moment may be zero but for rounding
         if (scale > 0).all():
             values, modes = np.linalg.eigh(M / np.outer(scale, scale))
             if values[0] >= 1e-14:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from softdyn.checks import array
 
 if TYPE_CHECKING:
     from softdyn.model import SoftModel
@@ -30,6 +32,14 @@ class State:
     y, ydot : (3,) tip position and velocity in the world (m, m/s).
     lengths : (tendons,) tendon lengths.
     moment_arms : (tendons, n) ∂ℓ/∂q.
+
+    `SoftModel.state` makes them. Made by hand, or by `dataclasses.replace`, the arrays become
+    read-only copies of the shapes above; they need not be finite.
+
+    Raises
+    ------
+    InputError
+        For arrays of other shapes, text, complex numbers and the like.
     """
 
     model: SoftModel
@@ -48,6 +58,23 @@ class State:
     lengths: np.ndarray
     moment_arms: np.ndarray
 
+    def __post_init__(self) -> None:
+        # Compiled kernels trust shapes and layouts: with others they would read beyond an array,
+        # or stop to be compiled anew.
+        for name, shape in _shapes(self.model).items():
+            value = array(name, getattr(self, name), shape, finite=False)
+            if name == "B" and self.model.tendons.spatial:
+                value = np.asfortranarray(value)  # as the model hands it out
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @staticmethod
+    def trusted(model: SoftModel, *arrays: np.ndarray) -> State:
+        """A State of read-only arrays in the order of the fields, which are right as they are."""
+        state = object.__new__(State)
+        state.__dict__.update(zip(_FIELDS, (model, *arrays), strict=True))
+        return state
+
     @cached_property
     def C(self) -> np.ndarray:
         """(n, n) Coriolis matrix with Ṁ - 2C skew, computed on first use."""
@@ -57,3 +84,16 @@ class State:
     def g(self) -> np.ndarray:
         """(n,) gravity force, computed on first use."""
         return self.model.gravity(self.q)
+
+
+_FIELDS = tuple(field.name for field in fields(State))
+
+
+def _shapes(model: SoftModel) -> dict[str, tuple[int, ...]]:
+    n, m, tendons = model.nv, model.nu, len(model.robot.tendons)
+    vectors = dict.fromkeys(("v", "bias", "K", "h"), (n,))
+    return {
+        "q": (model.nq,), **vectors, "M": (n, n), "D": (n, n), "B": (n, m),
+        "J": (3, n), "Jdot": (3, n), "y": (3,), "ydot": (3,),
+        "lengths": (tendons,), "moment_arms": (tendons, n),
+    }  # fmt: skip

@@ -32,6 +32,7 @@ from softdyn.robot import (
     moving_bodies,
 )
 from softdyn.robot import root as root_of
+from softdyn.strays import check_strays
 from softdyn.xml import Element, read
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
@@ -83,6 +84,7 @@ def parse(
     root = read(path)
     if root.tag != "robot":
         raise root.error("the root element <robot>", f"<{root.tag}>")
+    check_strays(root)
     name = root.text("name")
     links = root.unique("link", _link)
     if not 0 < len(links) <= MAX_LINKS:

@@ -481,8 +481,31 @@ INPUTS = [
     Misuse("second task", inside('<task frame="pad"/>'), "<softdyn><task>", "one <task>",
            "2 of them"),
 ]  # fmt: skip
+STRAYS = [
+    Misuse("misspelt element", ('<dynamics damping="0.02"', '<dynamic damping="0.02"'),
+           '<joint name="bend"><dynamic>', "<dynamics>", "<dynamic> (misspelt?)"),
+    Misuse("misspelt attribute", ('lower="-1.5"', 'lowr="-1.5"'), '<joint name="bend"><limit>',
+           'attribute lower="…"', "lowr (misspelt?)"),
+    Misuse("misspelt spring", (
+           "<springStiffness>0.5</springStiffness>", "<springstiffness>0.5</springstiffness>"),
+           '<gazebo reference="bend"><springstiffness>', "<springStiffness>",
+           "<springstiffness> (misspelt?)", row=False),
+    Misuse("two letters swapped", (FINGER, FINGER.replace("inertial>", "inertail>")),
+           '<link name="finger"><inertail>', "<inertial>", "<inertail> (misspelt?)", row=False),
+    Misuse("element in the wrong place", ('<link name="base"/>',
+           '<link name="base"><mass value="1"/></link>'),
+           '<link name="base"><mass>', "another place", "<mass> right inside <link>"),
+    Misuse("actuator outside the block", beside('<actuator name="u3" tendon="cable"/>'),
+           '<actuator name="u3">', "another place", "<actuator> right inside <robot>"),
+    Misuse("joint inside a joint", ('<axis xyz="0 0 2"/>', '<joint name="x"/><axis xyz="0 0 2"/>'),
+           '<joint name="slide"><joint name="x">', "another place",
+           "<joint> right inside <joint>", row=False),
+    Misuse("block in the wrong place", beside('<gazebo><softdyn version="1"/></gazebo>'),
+           "<softdyn>", "<softdyn> right inside <robot>", "inside <gazebo>"),
+]  # fmt: skip
 GROUPS = {
     "File": FILE,
+    "Misspelt and misplaced": STRAYS,
     "Tree": TREE,
     "Numbers": NUMBERS,
     "Inertia": INERTIA,

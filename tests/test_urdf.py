@@ -516,7 +516,7 @@ def vandalised(draw: st.DrawFn) -> bytes:
 
 
 @settings(
-    max_examples=350,
+    max_examples=100,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

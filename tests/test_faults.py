@@ -1,0 +1,252 @@
+"""What a machine does to a program: nothing is lost or half-written, and the reason is said.
+
+Elsewhere: killed workers and interrupted grids (test_benchmark.py, test_sweep.py), interrupted
+writes and two writers of one file (test_files.py), kernels without a writable cache
+(test_compiled.py). docs/robustness.md lists them all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from softdyn import InputError
+from validation import Log
+from validation.files import atomic, write_json
+
+ROOT = Path(__file__).resolve().parent.parent
+RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
+NOWHERE = "/proc/nowhere"  # where not even root can create a folder
+
+
+def start(arguments: list[str], **options) -> subprocess.Popen:
+    """A command of its own process."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
+    return subprocess.Popen(
+        [sys.executable, str(ROOT / arguments[0]), *arguments[1:]], env=environment, text=True,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},
+    )  # fmt: skip
+
+
+def finish(process: subprocess.Popen) -> tuple[int, str, str]:
+    out, err = process.communicate(timeout=120)
+    return process.returncode, out, err
+
+
+def small_files() -> None:
+    """Let no file grow beyond 4 KiB: writes fail as on a full disk, after some have gone well."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+# -- a full disk ---------------------------------------------------------------------------------
+
+
+def test_a_full_disk_ends_in_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    old = tmp_path / "run.npz"
+    old.write_bytes(b"before")
+    command = [*RUN, "--log", str(old), "--json", str(tmp_path / "run.json")]
+    code, out, err = finish(start(command, preexec_fn=small_files))
+    assert (code, out) == (2, "")
+    assert err == f"error: {old}: expected a writable file, got File too large\n"
+    assert old.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [old]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a Linux device")
+def test_a_full_disk_behind_stdout_is_no_success() -> None:
+    with open("/dev/full", "w") as full:
+        code, _, err = finish(start([*RUN, "--json", "-"], stdout=full))
+    assert (code, err) == (
+        2, "error: stdout: expected a stream to write to, got No space left on device\n",
+    )  # fmt: skip
+
+
+LENGTHS = """
+import resource, sys
+from softdyn import InputError
+from validation.files import write_text
+for kept in (0, 1, 4095, 4096):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (kept, resource.RLIM_INFINITY))
+    try:
+        write_text(sys.argv[1], "x" * 4097)
+    except InputError as error:
+        print(error.got)
+"""
+
+
+def test_every_length_at_which_a_write_may_stop(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    command = [sys.executable, "-c", LENGTHS, str(path)]
+    assert subprocess.check_output(command, cwd=ROOT, text=True) == "File too large\n" * 4
+    assert path.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_disk_that_fills_at_the_last_moment(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "file.json"
+    write_json(path, {"a": 1})
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    for call in ("fsync", "replace"):  # delayed allocation reports what write() did not
+        with monkeypatch.context() as patch:
+            patch.setattr(os, call, full)
+            with pytest.raises(InputError, match="No space left"):
+                write_json(path, {"a": 2})
+    assert json.loads(path.read_text()) == {"a": 1}
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# -- killed in the middle ------------------------------------------------------------------------
+
+
+def test_killed_while_writing(tmp_path: Path) -> None:
+    """SIGKILL between two writes: the old file is whole, and a later run is not in the way."""
+    path = tmp_path / "file"
+    path.write_bytes(b"before")
+    code = (
+        "import sys, time\nfrom validation.files import atomic\n"
+        f"with atomic({str(path)!r}) as file:\n"
+        "    file.write(b'half')\n    file.flush()\n    print('now', flush=True)\n"
+        "    time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "now\n"
+    process.kill()
+    process.communicate()
+    assert path.read_bytes() == b"before"
+    with atomic(path) as file:
+        file.write(b"after")
+    assert path.read_bytes() == b"after"
+
+
+SLOW = """
+from pathlib import Path
+from time import sleep
+import numpy as np
+from controllers import Command
+
+class Slow:
+    def __init__(self, model):
+        self.u = np.zeros(model.nu)
+
+    def __call__(self, state, reference):
+        Path(__file__).with_name("began").touch()
+        sleep(0.01)
+        return Command(self.u)
+"""
+
+
+def interruptible() -> None:
+    """A shell's background jobs ignore Ctrl-C, and so would their children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_stopped_leaves_no_file(how: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    target = tmp_path / "run.npz"
+    command = ["scripts/run.py", "finger", f"{tmp_path}/slow.py:Slow", "--theta", "0.5"]
+    process = start([*command, "--log", str(target)], preexec_fn=interruptible)
+    for _ in range(600):
+        if (tmp_path / "began").exists():
+            break
+        time.sleep(0.1)
+    process.send_signal(how)
+    code, out, err = finish(process)
+    assert (code, out) == (130 if how == signal.SIGINT else -how, "")
+    assert err == ("error: interrupted\n" if how == signal.SIGINT else "")
+    left = sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__")
+    assert left == ["began", "slow.py"]
+
+
+def test_two_runs_into_one_file(tmp_path: Path) -> None:
+    """The last one stays, whole."""
+    path = tmp_path / "run.npz"
+    processes = [start([*RUN, "--log", str(path)]) for _ in range(2)]
+    for process in processes:
+        code, _, err = finish(process)
+        assert (code in (0, 1), err) == (True, "")
+    assert Log.load(path).steps == 100
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# -- an unfriendly environment -------------------------------------------------------------------
+
+
+def test_no_home_and_no_display(tmp_path: Path) -> None:
+    """A home that cannot be written, no display, and a plot library told to use one."""
+    bare = dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "MPLCONFIGDIR"), "")
+    homeless = {"HOME": NOWHERE, "XDG_CACHE_HOME": NOWHERE, "XDG_CONFIG_HOME": NOWHERE}
+    folder = tmp_path / "out"
+    grid = ["scripts/benchmark.py", "--robots", "finger", "--controllers", "ic", "--thetas", "0.5",
+            "--omegas", "--jobs", "1", "--out", str(folder)]  # fmt: skip
+    code, _, err = finish(start(grid, env={**bare, **homeless, "MPLBACKEND": "TkAgg"}))
+    assert code == 0, err
+    assert "Traceback" not in err
+    assert list((folder / "figures").iterdir())
+
+
+@pytest.fixture(scope="module")
+def comma(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment whose locale writes 0,5."""
+    folder = tmp_path_factory.mktemp("locales")
+    tool = shutil.which("localedef")
+    target = str(folder / "de_DE.UTF-8")
+    if tool is None or subprocess.run(
+        [tool, "-i", "de_DE", "-f", "UTF-8", target], capture_output=True, check=False
+    ).returncode not in (0, 1):
+        pytest.skip("no locale with decimal commas can be made here")
+    return {"LOCPATH": str(folder), "LC_ALL": "de_DE.UTF-8"}
+
+
+COMMA = """
+import locale, sys
+import numpy as np, softdyn
+from validation import Twin
+from validation.files import to_json
+def numbers():
+    model = softdyn.load("spirob")
+    state = model.state(np.full(model.nv, 0.1), np.full(model.nv, 0.2))
+    twin = Twin(model)
+    masses = twin.model.body_mass, twin.model.dof_damping, twin.model.jnt_stiffness
+    return [state.M, state.h, state.B, state.J, *masses]
+before = numbers()
+locale.setlocale(locale.LC_ALL, "")
+assert locale.localeconv()["decimal_point"] == ",", locale.localeconv()
+assert f"{0.5:n}" == "0,5"
+for a, b in zip(before, numbers(), strict=True):
+    np.testing.assert_array_equal(a, b)
+print(to_json({"half": 0.5}))
+"""
+
+
+def test_a_locale_with_decimal_commas(comma: dict[str, str]) -> None:
+    """Libraries that read numbers by the locale would see 0.274 kg as 0 kg."""
+    done = subprocess.run(
+        [sys.executable, "-c", COMMA], cwd=ROOT, env={**os.environ, **comma},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == {"half": 0.5}
+
+
+def test_a_command_in_that_locale(comma: dict[str, str]) -> None:
+    code, out, err = finish(start(RUN, env=comma))
+    assert (code in (0, 1), err) == (True, "")
+    assert "0.5 s of 0.5 s" in out
+    assert "mean |e|^2" in out
