@@ -139,7 +139,7 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
     report = controller.barrier_rows
     assert report.relaxed == 1
     assert report.relaxation == pytest.approx(50.0, rel=0.2)  # millimetres
-    assert report.lowest == pytest.approx(-0.05)
+    assert report.violation == pytest.approx(50.0)
 
 
 def test_a_barrier_out_of_the_way_changes_nothing() -> None:
