@@ -23,7 +23,7 @@ from controllers.qp import DenseQp, Problem, Solution
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, number
 
-RATE = 20.0  # α (1/s)
+RATE = 10.0  # α (1/s)
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met
 NEGLIGIBLE = 1e-6  # of these
 ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
@@ -181,7 +181,7 @@ class BarrierRows:
 
     Attributes
     ----------
-    lowest : smallest b seen at any state (m, rad): what was violated, if negative.
+    violation : the worst -b seen at any state, in mm or 0.01 rad; negative where all was well.
     relaxed : steps at which rows had to give way.
     relaxation : the most by which one did, as the mm or 0.01 rad that b may sink for it.
     """
@@ -195,7 +195,7 @@ class BarrierRows:
 
     def reset(self) -> None:
         """Forget what was seen."""
-        self.lowest, self.relaxed, self.relaxation = np.inf, 0, 0.0
+        self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
 
     def at(self, state: State) -> Rows:
         """Every barrier's row at a state whose M and h stand for the horizon."""
@@ -210,7 +210,7 @@ class BarrierRows:
             matrices.append(-response[:, :-1])
             uppers.append(affordable + r - response[:, -1])
             units.append(share * alpha**2 * unit)
-            self.lowest = min(self.lowest, float(b.min(initial=np.inf)))
+            self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
         return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
 
     def enforce(self, problem: Problem, solution: Solution | None, state: State) -> Solution | None:

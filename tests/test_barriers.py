@@ -10,7 +10,7 @@ from control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from textbook import Programme, solve_quadprog, textbook
 
 from controllers import SoftIdClfQp, Status
-from controllers.barriers import BarrierRows, HalfSpace, JointLimits, Sphere
+from controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimits, Sphere
 from controllers.hold import over_hold
 from controllers.task_qp import BACKOFF
 from softdyn import InputError, SetPoint, SoftModel, State
@@ -98,7 +98,7 @@ def with_rows(programme: Programme, matrix: np.ndarray, upper: np.ndarray, n: in
     )
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
 def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
     model, active = robot(name), 0
     spread = float((model.u_max - model.u_min).max())
@@ -111,12 +111,12 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         rows = BarrierRows(model, barriers, TAU).at(held)
         if controller.barrier_rows.relaxed:
             continue
-        excess = (rows.matrix @ command.u - rows.upper) / np.maximum(1.0, np.abs(rows.upper))
-        assert excess.max() < 1e-6
+        upper = rows.upper + ROOM * rows.unit
+        assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
         free = SoftIdClfQp(model, gains(name), hold=TAU)(state, reference).u
         active += np.abs(free - command.u).max() > 1e-6 * spread
         programme = textbook(held, reference, controller.gains, margin=BACKOFF)
-        exact = solve_quadprog(with_rows(programme, rows.matrix, rows.upper, model.nv))
+        exact = solve_quadprog(with_rows(programme, rows.matrix, upper, model.nv))
         if exact.residual < 1e-9:
             u = exact.x[model.nv : model.nv + model.nu]
             np.testing.assert_allclose(command.u, u, rtol=0, atol=1e-5 * spread)
@@ -139,7 +139,7 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
     report = controller.barrier_rows
     assert report.relaxed == 1
     assert report.relaxation == pytest.approx(50.0, rel=0.2)  # millimetres
-    assert report.lowest == pytest.approx(-0.05)
+    assert report.violation == pytest.approx(50.0)
 
 
 def test_a_barrier_out_of_the_way_changes_nothing() -> None:
