@@ -55,7 +55,7 @@ def locate(urdf: Path, reference: str) -> Path:
     folder = urdf.resolve().parent
     scheme, _, path = reference.rpartition("://")
     if scheme == "package":
-        name, _, path = path.partition("/")
+        name, _, path = path.lstrip("/").partition("/")  # some write three slashes
         base = root = next((f for f in (folder, *folder.parents) if name and f.name == name), None)
         if base is None or root is None:
             raise MeshError(f"expected a folder {name!r} above {folder}, got none")
