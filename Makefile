@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 .PHONY: run test lint clean help
 
 help:
-	@echo "make run    the paper's table and figures: three robots, six controllers, nine runs each"
+	@echo "make run    the paper's table, figures and replays: open results/index.html"
 	@echo "make test   run the test suite"
 	@echo "make lint   ruff and mypy"
 	@echo "make clean  remove the virtual environment and build leftovers"

@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -35,9 +36,10 @@ def required() -> pytest.MarkDecorator:
     """Skips where there is no browser, but never in CI: there its absence is a failure."""
     if CHROMIUM is None and os.environ.get("CI"):
         raise RuntimeError("CI needs Chromium: apt-get install chromium")
-    return pytest.mark.skipif(
-        CHROMIUM is None, reason="NO CHROMIUM: THE VIEWER IS NOT TESTED (apt-get install chromium)"
-    )
+    reason = "NO CHROMIUM: THE VIEWER IS NOT TESTED (apt-get install chromium)"
+    if CHROMIUM is None:
+        warnings.warn(reason, stacklevel=2)  # a skip alone is one letter in a long row
+    return pytest.mark.skipif(CHROMIUM is None, reason=reason)
 
 
 class Browser:
