@@ -7,6 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
+from tests.micro import FLOATING, GRIPPER, write
 from tests.oracles import gradient, rate, relative
 from tests.random_robots import write_robot
 
@@ -15,9 +16,19 @@ RANDOM = tuple(range(12))
 BAR = 1e-7
 
 
-@pytest.fixture(params=[*BUNDLED, *RANDOM], ids=str)
+MICRO = {
+    "mimic": (GRIPPER, False),
+    "floating": (FLOATING, True),
+    "mimic, floating": (GRIPPER, True),
+}
+
+
+@pytest.fixture(params=[*BUNDLED, *RANDOM, *MICRO], ids=str)
 def model(request, tmp_path) -> SoftModel:
     source = request.param
+    if source in MICRO:
+        text, floating = MICRO[source]
+        return softdyn.load(write(tmp_path, text), floating=floating)
     return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
 
 
