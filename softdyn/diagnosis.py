@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
+from softdyn.derivatives import gravity_stiffness
 from softdyn.model import SoftModel
 from softdyn.robot import Robot, moving_bodies
 
@@ -64,21 +64,13 @@ def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
     left, values, _ = np.linalg.svd(state.B, full_matrices=True)
     rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
     U = left[:, rank:].T
-    falling = gravity_gradient(model, q)
+    falling = gravity_stiffness(model, q)
     total, directions = np.linalg.eigh(U @ (model.tangent_stiffness(q) + falling) @ U.T)
     softest = directions[:, 0] @ U if len(total) else np.zeros(model.nv)
     if softest[np.abs(softest).argmax()] < 0:
         softest = -softest
     gravity = np.linalg.eigvalsh(-U @ falling @ U.T)[::-1]
     return Pose(name, np.array(coordinates, float), rank, U, total, gravity, softest)
-
-
-def gravity_gradient(model: SoftModel, q: np.ndarray) -> np.ndarray:
-    """∂g/∂q (nv, nv), symmetric: g is the gradient of the potential energy."""
-    data = model.pin_model.createData()
-    found = pin.computeGeneralizedGravityDerivatives(model.pin_model, data, np.asarray(q, float))
-    gradient = np.reshape(found, (model.nv, model.nv))
-    return (gradient + gradient.T) / 2
 
 
 def reach(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:

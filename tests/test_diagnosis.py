@@ -10,7 +10,6 @@ import check_urdf
 import numpy as np
 import pytest
 from control_cases import robot
-from oracles import gradient
 
 import softdyn
 from softdyn import SoftModel, diagnosis, parse
@@ -76,18 +75,6 @@ def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
     full = diagnosis.examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
     assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
-
-
-@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
-def test_the_gravity_gradient_by_differences(name: str) -> None:
-    model, rng = robot(name), np.random.default_rng(4)
-    for _ in range(3):
-        q = model.configuration(rng.uniform(-0.6, 0.6, model.nv))
-        expected = gradient(model, model.gravity, q)
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(
-            diagnosis.gravity_gradient(model, q), expected, atol=1e-6 * scale
-        )
 
 
 def test_where_it_ceases(tmp_path: Path) -> None:
