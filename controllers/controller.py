@@ -62,32 +62,35 @@ Law = Callable[[Self, State, Any], Command]
 def guarded(law: Law[Self]) -> Law[Self]:
     """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback.
 
-    What is no State of this robot or no Reference is an `InputError`, found when the law trips.
+    What is no State of this robot or no Reference is an `InputError`: compiled kernels would write
+    beyond their arrays.
     """
 
     @wraps(law)
     def call(self: Self, state: State, reference: Any) -> Command:
+        if not (
+            isinstance(state, State)
+            and state.model.nu == self.guard.nu
+            and isinstance(reference, Reference)
+        ):
+            raise no_arguments(state, reference, self.guard.nu)
         with np.errstate(all="ignore"):
             try:
                 return law(self, state, reference)
             except np.linalg.LinAlgError:
                 return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
-            except Exception:
-                check_arguments(state, reference, self.guard.u_min.size)
-                raise
 
     return call
 
 
-def check_arguments(state: Any, reference: Any, nu: int) -> None:
-    """Refuse what no controller of a robot with `nu` inputs can use."""
+def no_arguments(state: Any, reference: Any, nu: int) -> InputError:
+    """What makes these no arguments for a controller of a robot with `nu` inputs."""
     if not isinstance(state, State):
-        raise InputError("state", "a State, from model.state(q, v)", repr(state))
+        return InputError("state", "a State, from model.state(q, v)", repr(state))
     if state.model.nu != nu:
         got = f"one of {state.model.name!r} with {state.model.nu}"
-        raise InputError("state", f"a State of the controller's own robot, with {nu} inputs", got)
-    if not isinstance(reference, Reference):
-        raise InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
+        return InputError("state", f"a State of the controller's own robot, with {nu} inputs", got)
+    return InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
 
 
 class InputGuard:
@@ -103,7 +106,7 @@ class InputGuard:
     """
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
-        self.u_min, self.u_max = u_min, u_max
+        self.u_min, self.u_max, self.nu = u_min, u_max, len(u_min)
         self.reset()
 
     def reset(self) -> None:

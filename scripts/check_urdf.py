@@ -71,6 +71,7 @@ def examine(model: SoftModel, samples: int) -> dict[str, Any]:
     weak = min(seen, key=lambda pose: pose.least)
     fails = [pose for pose in seen if not pose.dominates]
     limit = diagnosis.ceases(model, weak)
+    outsize, unreadable = diagnosis.shape_doubts(robot)
     return {
         "robot": model.name,
         "file": str(robot.path),
@@ -126,8 +127,8 @@ def examine(model: SoftModel, samples: int) -> dict[str, Any]:
             "share": limit.share,
             "coordinates": dict(zip(model.joint_names, limit.coordinates.tolist(), strict=True)),
         },
-        "warnings": list(robot.warnings),
-        "doubts": list(diagnosis.doubts(robot)),
+        "warnings": [*robot.warnings, *unreadable],
+        "doubts": [*diagnosis.doubts(robot), *outsize],
     }
 
 

@@ -13,10 +13,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
+from softdyn.derivatives import gravity_stiffness
+from softdyn.meshes import Mesh
 from softdyn.model import SoftModel
 from softdyn.robot import Robot, moving_bodies
+from softdyn.visuals import triangles, visuals
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
 UNLIMITED = math.pi  # how far joints without limits are tried
@@ -64,21 +66,13 @@ def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
     left, values, _ = np.linalg.svd(state.B, full_matrices=True)
     rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
     U = left[:, rank:].T
-    falling = gravity_gradient(model, q)
+    falling = gravity_stiffness(model, q)
     total, directions = np.linalg.eigh(U @ (model.tangent_stiffness(q) + falling) @ U.T)
     softest = directions[:, 0] @ U if len(total) else np.zeros(model.nv)
     if softest[np.abs(softest).argmax()] < 0:
         softest = -softest
     gravity = np.linalg.eigvalsh(-U @ falling @ U.T)[::-1]
     return Pose(name, np.array(coordinates, float), rank, U, total, gravity, softest)
-
-
-def gravity_gradient(model: SoftModel, q: np.ndarray) -> np.ndarray:
-    """∂g/∂q (nv, nv), symmetric: g is the gradient of the potential energy."""
-    data = model.pin_model.createData()
-    found = pin.computeGeneralizedGravityDerivatives(model.pin_model, data, np.asarray(q, float))
-    gradient = np.reshape(found, (model.nv, model.nv))
-    return (gradient + gradient.T) / 2
 
 
 def reach(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
@@ -132,12 +126,37 @@ def ceases(model: SoftModel, weak: Pose, resolution: float = 1e-3) -> Tilt | Non
 DENSE, LIGHT = 25_000.0, 1.0  # kg/m³: heavier than gold is near, lighter than any solid foam
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
 DEGREES = 3 * 2 * math.pi  # rad: three turns
+OUTSIZE = 20.0  # width of a mesh over the robot's length
 BULKY = 3.0  # radius of gyration over the distance to the next joint
 
 
 def doubts(robot: Robot) -> tuple[str, ...]:
     """Numbers that are legal and look wrong, one line each, in the terms of their likely cause."""
     return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
+
+
+def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The same of visual shapes, and a line for each shape that cannot be read.
+
+    Raises
+    ------
+    UrdfError
+        For a number in a shape that is none.
+    """
+    shapes, unreadable = visuals(robot)
+    size = max(robot.length, *(float(np.linalg.norm(j.translation)) for j in robot.joints), 0.05)
+    widest: dict[str, float] = {}
+    for shape in shapes:
+        if isinstance(shape.shape, Mesh):
+            extent = float(np.ptp(triangles(shape).reshape(-1, 3), axis=0).max())
+            widest[shape.link] = max(extent, widest.get(shape.link, 0.0))
+    found = (
+        f"link {link!r}: its mesh is {extent:.2g} m wide, the robot {size:.2g} m long: "
+        f'a mesh in mm without scale="0.001 0.001 0.001"?'
+        for link, extent in widest.items()
+        if extent > OUTSIZE * size
+    )
+    return tuple(found), unreadable
 
 
 def _sizes(robot: Robot) -> Iterator[str]:

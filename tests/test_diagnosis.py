@@ -10,7 +10,6 @@ import check_urdf
 import numpy as np
 import pytest
 from control_cases import robot
-from oracles import gradient
 
 import softdyn
 from softdyn import SoftModel, diagnosis, parse
@@ -78,18 +77,6 @@ def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
     assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
 
 
-@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
-def test_the_gravity_gradient_by_differences(name: str) -> None:
-    model, rng = robot(name), np.random.default_rng(4)
-    for _ in range(3):
-        q = model.configuration(rng.uniform(-0.6, 0.6, model.nv))
-        expected = gradient(model, model.gravity, q)
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(
-            diagnosis.gravity_gradient(model, q), expected, atol=1e-6 * scale
-        )
-
-
 def test_where_it_ceases(tmp_path: Path) -> None:
     # hanging at 0, its spring weaker than gravity pulls beyond cos q = -k / m g l
     stiffness = 0.5 * MASS * G * LEVER
@@ -155,6 +142,23 @@ def test_bundled_robots_look_right(name: str) -> None:
     assert diagnosis.doubts(robot(name).robot) == ()
 
 
+def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
+    corners = "v 0 0 0\nv 80 0 0\nv 0 10 0\nv 0 0 10\nf 1 2 3\nf 1 2 4\n"
+    (tmp_path / "finger.obj").write_text(corners)
+    shape = '<visual><geometry><mesh filename="{}" {}/></geometry></visual>'
+    path = tmp_path / "chain.urdf"
+    for scale, name, found in (
+        ("", "finger.obj", (1, 0)),
+        ('scale="0.001 0.001 0.001"', "finger.obj", (0, 0)),
+        ("", "none.obj", (0, 1)),
+    ):
+        base = f'<link name="l0">{shape.format(name, scale)}</link>'
+        path.write_text(links(1, False, STIFFNESS).replace('<link name="l0"/>', base))
+        doubts, unreadable = diagnosis.shape_doubts(parse(path))
+        assert (len(doubts), len(unreadable)) == found
+        assert all("a mesh in mm" in text for text in doubts)
+
+
 # -- the command -----------------------------------------------------------------------------------
 
 
@@ -184,9 +188,11 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert (out, err.count("\n")) == ("", 2)
 
 
-@pytest.mark.parametrize("name", ["one joint", "fully actuated", "planar", "a fixed input"])
-def test_the_command_on_all_kinds_of_robots(name: str, capsys) -> None:
-    path = robot(name).robot.path
-    report = check_urdf.examine(robot(name), 3)
+BASES = sorted((Path(__file__).parent / "corpus" / "base").glob("[!p]*.urdf"))  # plain.urdf mimics
+
+
+@pytest.mark.parametrize("path", BASES, ids=lambda path: path.stem)
+def test_the_command_on_all_kinds_of_robots(path: Path) -> None:
+    report = check_urdf.examine(softdyn.load(path), 3)
     assert check_urdf.summary(report)
-    assert report["file"] == str(path)
+    assert report["rank"] + report["unactuated"] == report["nv"]

@@ -243,10 +243,3 @@ def test_a_locale_with_decimal_commas(comma: dict[str, str]) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {"half": 0.5}
-
-
-def test_a_command_in_that_locale(comma: dict[str, str]) -> None:
-    code, out, err = finish(start(RUN, env=comma))
-    assert (code in (0, 1), err) == (True, "")
-    assert "0.5 s of 0.5 s" in out
-    assert "mean |e|^2" in out
