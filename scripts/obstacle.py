@@ -36,7 +36,9 @@ def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("robot", metavar="ROBOT")
-    found.add_argument("--theta", type=cli.finite, default=0.5, metavar="T", help="default: 0.5")
+    found.add_argument(
+        "--theta", type=cli.finite, default=0.0, metavar="T", help="set point (default: 0)"
+    )
     found.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
     found.add_argument("--limits", action="store_true", help="joint limits are barriers too")
     found.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
