@@ -1,6 +1,12 @@
-"""Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`."""
+"""Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
 
-from controllers import Gains, SoftIdClfQp
+With ``--gains FILE`` a TOML file's fields of `controllers.Gains` replace the published ones.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+from controllers import SoftIdClfQp
 from controllers.hold import horizon
 from softdyn import SoftModel
 
@@ -10,5 +16,6 @@ class OverHold(SoftIdClfQp):
 
     name = "soft-id-clf-qp"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        super().__init__(model, gains, hold=horizon(SoftIdClfQp(model, gains).gains))
+    def __init__(self, model: SoftModel, table: dict[str, Any] | None = None) -> None:
+        gains = replace(SoftIdClfQp(model).gains, **(table or {}))
+        super().__init__(model, gains, hold=horizon(gains))
