@@ -1,6 +1,6 @@
 """Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
 
-With ``--gains FILE`` a TOML file's fields of `controllers.Gains` replace the published ones.
+With ``--gains FILE`` a TOML file's fields of `controllers.Gains` replace the published ones, not the horizon.
 """
 
 from dataclasses import replace
@@ -12,10 +12,11 @@ from softdyn import SoftModel
 
 
 class OverHold(SoftIdClfQp):
-    """The paper's gains, the dynamics at the end of a horizon of ε: see docs/hold.md."""
+    """The paper's gains, a horizon of their ε: see docs/hold.md."""
 
     name = "soft-id-clf-qp"
 
     def __init__(self, model: SoftModel, table: dict[str, Any] | None = None) -> None:
-        gains = replace(SoftIdClfQp(model).gains, **(table or {}))
-        super().__init__(model, gains, hold=horizon(gains))
+        published = SoftIdClfQp(model).gains
+        gains = replace(published, **(table or {}))
+        super().__init__(model, gains, hold=horizon(published))
