@@ -1,6 +1,7 @@
 """Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
 
-With ``--gains FILE`` a TOML file's fields of `controllers.Gains` replace the published ones, not the horizon.
+With ``--gains FILE``, fields of `controllers.Gains` in TOML replace the published ones, but not in
+the horizon.
 """
 
 from dataclasses import replace
