@@ -52,7 +52,10 @@ class Values(NamedTuple):
 class Barrier(Protocol):
     """Something not to run into."""
 
-    rate: float
+    @property
+    def rate(self) -> float:
+        """α (1/s), the rate at which it may be approached."""
+        ...
 
     def __call__(self, state: State) -> Values:
         """Its barriers at this state."""

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from controllers.gains import Gains
 from softdyn import SoftModel, State
 
 
@@ -36,3 +37,8 @@ def over_hold(state: State, tau: float) -> State:
     h = state.h + tau * (stiffness @ state.v)
     M.flags.writeable = h.flags.writeable = False
     return replace(state, M=M, h=h)
+
+
+def horizon(gains: Gains) -> float:
+    """The horizon (s) to use: ε, within which the decrease condition is to act; `docs/hold.md`."""
+    return gains.eps

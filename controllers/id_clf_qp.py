@@ -28,6 +28,7 @@ class SoftIdClfQp:
     gains : the paper's for a bundled robot by default; required for any other.
     hold : horizon τ (s) of the dynamics, `controllers.hold`; 0 is the published law.
     barriers : what not to run into, `controllers.barriers`; `barrier_rows` says what came of it.
+        They want a horizon: the accelerations of damped joints at the start of a hold mislead.
 
     Raises
     ------

@@ -36,7 +36,9 @@ def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("robot", metavar="ROBOT")
-    found.add_argument("--theta", type=cli.finite, default=0.5, metavar="T", help="default: 0.5")
+    found.add_argument(
+        "--theta", type=cli.finite, default=0.0, metavar="T", help="set point (default: 0)"
+    )
     found.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
     found.add_argument("--limits", action="store_true", help="joint limits are barriers too")
     found.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
@@ -69,16 +71,16 @@ def command(arguments: argparse.Namespace) -> int:
     options: dict[str, Any] = {"duration": arguments.duration, "period": setup.period}
     limits = [JointLimits(model)] if arguments.limits else []
 
-    target = setup.set_point(arguments.theta).reference(0.0)
+    goal = setup.set_point(arguments.theta)
     runs = []
     for name, law in (
         ("published", SoftIdClfQp(model)),
         ("over the hold", SoftIdClfQp(model, hold=tau)),
     ):
-        runs.append((name, law, simulate(model, law, target, **options)))
+        runs.append((name, law, simulate(model, law, goal, **options)))
     ball = in_the_way([log.y for _, _, log in runs], radius)
     law = SoftIdClfQp(model, hold=tau, barriers=[ball, *limits])
-    runs.append(("with barriers", law, simulate(model, law, target, **options)))
+    runs.append(("with barriers", law, simulate(model, law, goal, **options)))
     rows = [figures(name, controller, log, ball) for name, controller, log in runs]
     if arguments.log is not None:
         for name, _, log in runs:

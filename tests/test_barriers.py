@@ -145,7 +145,8 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
 def test_a_barrier_out_of_the_way_changes_nothing() -> None:
     model = robot("finger")
     far = [Sphere([5.0, 0.0, 0.0], 0.1), HalfSpace([0.0, 0.0, 1.0], -9.0)]
-    one, two = SoftIdClfQp(model), SoftIdClfQp(model, barriers=far)
+    # without a horizon the damping force at its start alone would break the rows
+    one, two = (SoftIdClfQp(model, hold=TAU, barriers=b) for b in ((), far))
     for state, reference in drawn("finger"):
         np.testing.assert_array_equal(one(state, reference).u, two(state, reference).u)
     assert two.barrier_rows.relaxed == 0

@@ -1,0 +1,23 @@
+"""Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
+
+With ``--gains FILE``, fields of `controllers.Gains` in TOML replace the published ones, but not in
+the horizon.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+from controllers import SoftIdClfQp
+from controllers.hold import horizon
+from softdyn import SoftModel
+
+
+class OverHold(SoftIdClfQp):
+    """The paper's gains, a horizon of their ε: see docs/hold.md."""
+
+    name = "soft-id-clf-qp"
+
+    def __init__(self, model: SoftModel, table: dict[str, Any] | None = None) -> None:
+        published = SoftIdClfQp(model).gains
+        gains = replace(published, **(table or {}))
+        super().__init__(model, gains, hold=horizon(published))
