@@ -158,7 +158,7 @@ def summary(report: dict[str, Any]) -> str:
             *(f"warning: {text}" for text in report["warnings"]),
             "",
             *(f"doubtful: {text}" for text in report["doubts"]),
-            f"{len(report['doubts'])} numbers look wrong"
+            f"looks wrong in {len(report['doubts'])} ways"
             if report["doubts"]
             else "nothing looks wrong",
         ]
@@ -206,7 +206,7 @@ def _actuation(report: dict[str, Any]) -> list[str]:
     lines = [
         "",
         f"actuation: {report['nu']} inputs move {report['rank']} of {report['nv']} directions, "
-        f"{report['unactuated']} are left to springs and gravity",
+        f"springs and gravity have the other {report['unactuated']}",
     ]
     drops = report["rank_drops_at"]
     if drops:
