@@ -42,7 +42,7 @@ class Tuning:
 
     horizon: float = 0.3
     speed: float = 0.05
-    rate: float = 5e-4
+    rate: float = 1e-3
     memory: float = 0.1
 
     def __post_init__(self) -> None:
@@ -96,9 +96,7 @@ class Mpc:
 
     name = "best"
 
-    def __init__(
-        self, model: SoftModel, gains: Any = None, period: float = DEFAULT_PERIOD
-    ) -> None:
+    def __init__(self, model: SoftModel, gains: Any = None, period: float = DEFAULT_PERIOD) -> None:
         if model.nu == 0:
             raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
         self.gains = resolve_tuning(gains)
