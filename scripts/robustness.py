@@ -29,7 +29,7 @@ def parser() -> cli.Parser:
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
     found.add_argument("--controller", default="best", metavar="CONTROLLER")
-    found.add_argument("--period", type=cli.positive, default=0.0025, metavar="S")
+    found.add_argument("--period", type=cli.positive, default=0.005, metavar="S")
     found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
     cli.add_json(found)
     return found
