@@ -23,8 +23,9 @@ ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotate
 of a robot of example-robot-data.
 
 CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic or ic-qp; best, which needs no gains for
-any robot (--gains may give fields of controllers.Tuning); or a class of your own as FILE.py:CLASS. That is built once as CLASS(model), or CLASS(model, table) with --gains, and called
-as controller(state, reference); what it returns needs an attribute u.
+any robot (--gains may give fields of controllers.Tuning); or a class of your own as FILE.py:CLASS,
+built once as CLASS(model), or CLASS(model, table) with --gains, and called as
+controller(state, reference); what it returns needs an attribute u.
 
 --theta and --omega are multiples of pi on the paper's ellipse. For a robot that is not bundled the
 ellipse is scaled to its length, the summed joint offsets from base to tip, as for the finger

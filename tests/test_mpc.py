@@ -133,10 +133,9 @@ def test_the_answer_is_the_optimum(which: str) -> None:
     model = robot(which)
     for state, goal in drawn(which)[:6]:
         controller = Mpc(model, period=1.0)  # longer than a knot: u is the first knot's
-        seen = []
-        solve = controller._qp.solve
-        controller._qp.solve = lambda problem: seen.append(problem) or solve(problem)
-        command = ask_once(controller, state, goal)
+        seen = watch(controller)
+        controller.reset()
+        command = controller(state, goal)
         problem = seen[0]
         size = np.sqrt(np.diag(problem.H))
         scaled = problem.H / np.outer(size, size)
@@ -151,9 +150,12 @@ def test_the_answer_is_the_optimum(which: str) -> None:
         assert command.status is Status.OK
 
 
-def ask_once(controller: Mpc, state, goal):
-    controller.reset()
-    return controller(state, goal)
+def watch(controller: Mpc) -> list:
+    """The list that the programmes it solves go to."""
+    seen: list = []
+    solve = controller._qp.solve
+    controller._qp.solve = lambda problem: seen.append(problem) or solve(problem)
+    return seen
 
 
 def full(controller: Mpc, seen: list) -> np.ndarray:
