@@ -109,3 +109,27 @@ def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> 
     best = min(traces[0], key=lambda entry: entry["cost"])
     assert math.log10(best["a"]) == pytest.approx(-1, abs=0.3)
     assert math.log10(best["b"]) == pytest.approx(1, abs=0.3)
+
+
+def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    def made_up(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+        return [
+            {
+                "final_error_cm": t.value, "mse_cm2": 10 * t.value, "second_cycle_cm2": t.value,
+                "failed": t.value == 1.5, "step_us": {"median": 100.0},
+            }
+            for t in trials
+        ]  # fmt: skip
+
+    monkeypatch.setattr(beyond, "run_all", made_up)
+    rows = beyond.report(("spirob",), "best")
+    assert [(row["kind"], row["period"]) for row in rows] == [
+        ("set_point", 0.001), ("set_point", 0.002), ("tracking", 0.002),
+    ]  # fmt: skip
+    assert rows[0]["mean"] == pytest.approx(0.75)
+    assert rows[0]["failed"] == 1
+    assert rows[2]["mean"] == pytest.approx(3.0)
+    assert rows[2]["second_cycle_mean"] == pytest.approx(0.3)
+    text = beyond.markdown(rows)
+    assert "1.50 failed" in text
+    assert "3.00 (0.30)" in text
