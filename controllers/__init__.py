@@ -6,9 +6,11 @@ from controllers.gains import Gains
 from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
-from controllers.registry import CONTROLLERS, find_controller
+from controllers.mpc import Mpc, Tuning
+from controllers.registry import BEST, CONTROLLERS, find_controller
 
 __all__ = [
+    "BEST",
     "CONTROLLERS",
     "ClfQp",
     "Command",
@@ -18,8 +20,10 @@ __all__ = [
     "Impedance",
     "ImpedanceQp",
     "InputGuard",
+    "Mpc",
     "SoftIdClfQp",
     "Status",
+    "Tuning",
     "UnderactuatedImpedance",
     "find_controller",
 ]

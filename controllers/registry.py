@@ -1,4 +1,4 @@
-"""Controllers by name: those of the paper, and a user's own class as FILE.py:CLASS."""
+"""Controllers by name: the paper's, the best of ours, and a user's class as FILE.py:CLASS."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from controllers.clf_qp import ClfQp
 from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
+from controllers.mpc import Mpc
 from softdyn import InputError, SoftdynError
 
-# command-line name → class
+# command-line name → class; these take `controllers.Gains`
 CONTROLLERS: dict[str, Callable[..., Any]] = {
     controller.name: controller
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
+BEST = {Mpc.name: Mpc}  # needs no gains
 
 
 def find_controller(name: str) -> Callable[..., Any]:
@@ -33,9 +35,11 @@ def find_controller(name: str) -> Callable[..., Any]:
     """
     if name in CONTROLLERS:
         return CONTROLLERS[name]
+    if name in BEST:
+        return BEST[name]
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        expected = f"{', '.join(CONTROLLERS)} or FILE.py:CLASS"
+        expected = f"{', '.join([*CONTROLLERS, *BEST])} or FILE.py:CLASS"
         raise InputError("controller", expected, repr(name))
     cls = getattr(_load(file), kind, None)
     if not callable(cls):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from validation.benchmark import Case
 
 ROBOTS = ("finger", "helix", "spirob")
-CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp")
+CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
 EPILOG = """\
 Robots and controllers as in run.py; a controller of your own is FILE.py:CLASS, a robot of your own
 a URDF, and what has no published gains needs a controller that brings its own.

@@ -79,7 +79,8 @@ def simulate(
     model : the robot; the twin is built from its file, by its own path.
     controller : (State, Reference) → an object with `u` (nu,) and optionally V, delta, status.
         Integer attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on
-        its `guard`) and `gains` are recorded where they exist. Its exceptions pass through.
+        its `guard`) and `gains` are recorded where they exist; an attribute `period` is set to the
+        control period (s). Its exceptions pass through.
     reference : an `Experiment` of `validation.paper`, or t (s) → `Reference`, e.g. a `SetPoint`.
     duration, period : length of the run and control period (s); the experiment's by default,
         10 s and 2 ms without one.
@@ -108,6 +109,8 @@ def simulate(
     )
     if not callable(controller):
         raise InputError("controller", "a callable (state, reference) -> command", repr(controller))
+    if hasattr(controller, "period"):
+        controller.period = schedule.period
     q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
     v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
     length = experiment.length if experiment else model.robot.length

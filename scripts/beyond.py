@@ -1,0 +1,49 @@
+#!/usr/bin/env python3
+"""All set points at several control periods and all trajectories, of one controller."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import cli
+
+EPILOG = """\
+Set points run at 1 ms, 2 ms and the robot's published control period, trajectories at the
+published one. TT in brackets: the second of the two cycles alone. docs/beyond.md discusses them.
+
+exit codes: 0 every case ran, failed loops included; 2 bad input.
+"""
+
+
+def parser() -> cli.Parser:
+    """The command line."""
+    found = cli.Parser(description=__doc__, epilog=EPILOG)
+    found.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
+    found.add_argument("--controller", default="best", metavar="CONTROLLER")
+    found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
+    cli.add_json(found)
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    return cli.start(parser(), command, argv)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Run, report."""
+    from controllers import find_controller
+    from validation import beyond, paper
+
+    cli.check_outputs(arguments.json)
+    find_controller(arguments.controller)
+    for robot in arguments.robots:
+        paper.setup(robot)
+    rows = beyond.report(arguments.robots, arguments.controller, arguments.jobs or -1)
+    cli.write_report({"rows": rows}, arguments.json, beyond.markdown(rows))
+    return cli.PASSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())
