@@ -5,15 +5,18 @@ with ``SOFTDYN_COMPILE=0`` in the environment, the same source runs as it stands
 of the compiled one.
 
 Compilation happens once, at a kernel's first call, and is announced on stderr; its result is cached
-beside the source or, in a read-only installation, in the user's cache folder.
+beside the source or, in a read-only installation, in the user's cache folder. It is compiled again
+when any kernel of the package changes, not only when its own file does.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import sys
 from collections.abc import Callable
 from functools import cache, update_wrapper
+from pathlib import Path
 from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
@@ -50,10 +53,21 @@ def compiled(function: Kernel) -> Kernel:
     options = {"error_model": "numpy", "nogil": True}
     try:
         kernel = numba.njit(cache=True, **options)(function)
+        # Numba looks at a kernel's own file alone, and would keep what was inlined from others
+        index = kernel._cache._cache_file
+        folders = {Path(__file__).parent, Path(function.__code__.co_filename).parent}
+        index._source_stamp = (index._source_stamp, *sorted(map(kernel_sources, folders)))
     except RuntimeError:  # nowhere to write a cache
         kernel = numba.njit(**options)(function)
     kernel._compiler.compile = announced(kernel._compiler.compile)
     return kernel
+
+
+@cache
+def kernel_sources(folder: Path) -> str:
+    """A digest of the modules of a folder that hold kernels."""
+    texts = (file.read_bytes() for file in sorted(folder.glob("*.py")))
+    return hashlib.sha256(b"\0".join(text for text in texts if b"compiled" in text)).hexdigest()
 
 
 def announced(compile_: Callable[..., Any]) -> Callable[..., Any]:
