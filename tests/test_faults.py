@@ -47,7 +47,7 @@ def finish(process: subprocess.Popen) -> tuple[int, str, str]:
 
 @contextmanager
 def small_files(size: int = 4096) -> Iterator[None]:
-    """Let no file grow beyond `size` bytes: writes fail as on a full disk, after some that do not."""
+    """Let no file grow beyond `size` bytes: as on a full disk, small writes go well, then none."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
