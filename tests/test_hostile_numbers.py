@@ -67,7 +67,7 @@ points = st.lists(finite, min_size=3, max_size=3)
 
 @every_controller
 @settings(
-    max_examples=60,
+    max_examples=40,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow],
@@ -229,7 +229,7 @@ def test_gains_that_are_no_numbers_are_refused(field: str) -> None:
 
 
 @every_controller
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(
     gains=st.builds(
         Gains, **{name: st.floats(1e-300, 1e300) for name in ("Kp", "eps", "rho")},
