@@ -318,7 +318,7 @@ def test_wrong_arguments(folder, call, monkeypatch, arguments, message):
 
 
 def test_the_documents_sweeps_are_sweeps(folder):
-    examples = sorted((ROOT / "docs" / "examples").glob("*.toml"))
+    examples = sorted((ROOT / "docs" / "examples").glob("sweep_*.toml"))
     assert examples
     for path in examples:
         assert read(path).cases
