@@ -90,6 +90,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "neighbour.py").write_text("DAMPING = 0.1\n")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
+    for name in ("own", "neighbour"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     return tmp_path
 
 
