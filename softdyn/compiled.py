@@ -15,6 +15,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any, TypeVar
@@ -57,10 +58,21 @@ def compiled(function: Kernel) -> Kernel:
         index = kernel._cache._cache_file
         folders = {Path(__file__).parent, Path(function.__code__.co_filename).parent}
         index._source_stamp = (index._source_stamp, *sorted(map(kernel_sources, folders)))
+        index.save = optional(index.save)
     except RuntimeError:  # nowhere to write a cache
         kernel = numba.njit(**options)(function)
     kernel._compiler.compile = announced(kernel._compiler.compile)
     return kernel
+
+
+def optional(save: Callable[..., None]) -> Callable[..., None]:
+    """`save`, which gives up in silence where the disk does not let it: a cache is only a gain."""
+
+    def save_or_not(*args: Any) -> None:
+        with suppress(OSError):
+            save(*args)
+
+    return save_or_not
 
 
 @cache

@@ -185,3 +185,18 @@ def test_a_changed_helper_in_another_file_is_compiled_again(tmp_path):
             cwd=tmp_path, env=environment, check=True, capture_output=True, text=True,
         ).stdout.split()  # fmt: skip
         assert shown == [f"{2.0 * factor_}", str(cached)]
+
+
+def test_a_full_disk_costs_the_cache_alone(tmp_path):
+    (tmp_path / "kernel.py").write_text(
+        "import resource\nfrom softdyn.compiled import compiled\n"
+        "@compiled\ndef double(x):\n    return 2 * x\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (16, 16))\nprint(double(2.0))\n"
+    )
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    program = [sys.executable, "-c", "import kernel"]
+    for _ in range(2):  # what the first one left does not disturb the second
+        done = subprocess.run(
+            program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (0, "4.0\n", "")
