@@ -19,7 +19,7 @@ from controllers.controller import Command, InputGuard, Status, guarded, rehears
 from controllers.prediction import one_period, programme, ramps
 from controllers.qp import DenseQp, Problem
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.linearisation import tangent_dynamics
+from softdyn.derivatives import tangent_dynamics
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s

@@ -86,6 +86,25 @@ def joint_force_derivatives(
     return Derivatives(state.B @ u - state.D @ state.v - state.K, by_q, -state.D, state.B)
 
 
+def tangent_dynamics(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂(h - B u)/∂q and ∂h/∂q̇ (nv, nv): what M δq̈ + D_t δq̇ + K_t δq = B δu needs.
+
+    RNEA's derivatives at q̈ = 0 (Pinocchio) less those of tendons, springs and dampers. The term
+    (∂M/∂q) q̈ is left out on purpose: an acceleration that a stop will not allow, or that lasts a
+    millisecond, must not pass for a stiffness over a horizon.
+
+    Parameters and errors: see `acceleration_derivatives`.
+    """
+    forces = joint_force_derivatives(model, q, v, u)
+    by_q, by_v, _ = pin.computeRNEADerivatives(
+        model.pin_model, model._data, np.asarray(q), np.asarray(v), np.zeros(model.nv)
+    )
+    size = (model.nv, model.nv)
+    return np.reshape(by_q, size) - forces.q, np.reshape(by_v, size) - forces.v
+
+
 def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Tangent stiffness (nv, nv) ∂(K + g - B u)/∂q: symmetric, the Hessian of the potential.
 

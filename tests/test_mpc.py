@@ -16,7 +16,7 @@ from controllers import BEST, Mpc, Status, Tuning, find_controller
 from controllers.mpc import KNOTS
 from controllers.prediction import one_period, programme, ramps, respond, stacked
 from softdyn import InputError, Reference, SetPoint, SoftdynError, catalogue
-from softdyn.linearisation import tangent_dynamics
+from softdyn.derivatives import tangent_dynamics
 from validation import paper, simulate
 
 every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
