@@ -41,9 +41,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run every case, print the table."""
-    from joblib import Parallel, delayed
-
     from validation import paper
+    from validation.processes import in_order
 
     cli.check_outputs(arguments.json)
     paper.setup(arguments.robot)
@@ -52,9 +51,8 @@ def command(arguments: argparse.Namespace) -> int:
         for share in arguments.shares
         for theta, omega in [(theta, None) for theta in paper.THETAS] + [(0.0, OMEGA)]
     ]
-    results = Parallel(n_jobs=arguments.jobs)(
-        delayed(measure)(arguments.robot, *case, arguments.period) for case in cases
-    )
+    calls = ((arguments.robot, *case, arguments.period) for case in cases)
+    results = in_order(measure, calls, arguments.jobs)
     rows = []
     for share in arguments.shares:
         found = [r for r, case in zip(results, cases, strict=True) if case[0] == share]

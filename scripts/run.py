@@ -84,8 +84,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Build, simulate, report."""
-    import softdyn
-    from controllers.registry import own_error
+    from controllers.registry import blamed
     from validation import simulate
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
@@ -93,22 +92,20 @@ def command(arguments: argparse.Namespace) -> int:
     experiment = make_experiment(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)
     viewing: dict[str, Any] = {}
-    try:
-        with shown(model, experiment, arguments, viewing) as on_step:
-            log = simulate(
-                model,
-                controller,
-                experiment,
-                duration=arguments.duration,
-                contacts=arguments.contacts,
-                name=arguments.controller,
-                progress=True,
-                on_step=on_step,
-            )
-    except Exception as error:
-        if isinstance(error, softdyn.SoftdynError) or ".py" not in arguments.controller:
-            raise
-        raise own_error(arguments.controller, "a command", error) from error
+    with (
+        blamed(arguments.controller, "a command"),
+        shown(model, experiment, arguments, viewing) as on_step,
+    ):
+        log = simulate(
+            model,
+            controller,
+            experiment,
+            duration=arguments.duration,
+            contacts=arguments.contacts,
+            name=arguments.controller,
+            progress=True,
+            on_step=on_step,
+        )
     if arguments.log is not None:
         log.save(arguments.log)
     if arguments.html is not None:

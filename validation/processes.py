@@ -50,6 +50,22 @@ def in_processes(
         ) from None
 
 
+def in_order(
+    function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], jobs: int = -1
+) -> list[Result]:
+    """All results of `in_processes`, in the order of `calls`; a bar on a terminal."""
+    numbered = [(index, function, call) for index, call in enumerate(calls)]
+    answers = in_processes(_numbered, numbered, jobs)
+    found = dict(tqdm(answers, total=len(numbered), disable=None, unit="run"))
+    return [found[index] for index in range(len(numbered))]
+
+
+def _numbered(
+    index: int, function: Callable[..., Result], call: tuple[Any, ...]
+) -> tuple[int, Result]:
+    return index, function(*call)
+
+
 def _begin(parent: int, folder: str) -> None:
     """First in a worker: leave nothing behind when it is killed, and end when its parent does."""
     tqdm.set_lock(RLock())  # its own is a semaphore of the system

@@ -8,14 +8,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from tqdm import tqdm
 
 import softdyn
 from controllers import find_controller
 from softdyn import Ellipse, Reference, State
 from validation import metrics, paper
 from validation.closed_loop import simulate
-from validation.processes import in_processes
+from validation.processes import in_order
 from validation.twin import Twin
 
 
@@ -149,13 +148,4 @@ def run(trial: Trial) -> dict[str, Any]:
 
 def run_all(trials: Iterable[Trial], jobs: int = -1) -> list[dict[str, Any]]:
     """`run` of each, in the order given, on processes; a bar on a terminal."""
-    trials = list(trials)
-    found: dict[int, dict[str, Any]] = {}
-    answers = in_processes(_numbered, enumerate(trials), jobs)
-    for index, result in tqdm(answers, total=len(trials), disable=None, unit="run"):
-        found[index] = result
-    return [found[index] for index in range(len(trials))]
-
-
-def _numbered(index: int, trial: Trial) -> tuple[int, dict[str, Any]]:
-    return index, run(trial)
+    return in_order(run, ((trial,) for trial in trials), jobs)
