@@ -132,6 +132,10 @@ class SoftModel:
             self._terms, self._rows = spatial_terms, self._rows + len(cables) + self.nu
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy's views would be of no engine's memory: built anew, from the same file
+        return type(self), (self.robot, self.bundled)
+
     # -- state ---------------------------------------------------------------------------------
 
     def state(self, q: np.ndarray, v: np.ndarray) -> State:

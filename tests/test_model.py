@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -161,6 +164,20 @@ def test_states_are_read_only_and_independent(model):
     for name, copy in copies.items():
         assert np.array_equal(getattr(s, name), copy)
     assert np.array_equal(model.state(q, v).C, copies["C"])
+
+
+@pytest.mark.parametrize("copied", [lambda m: pickle.loads(pickle.dumps(m)), copy.deepcopy])
+def test_a_copy_of_a_model_has_an_engine_of_its_own(tmp_path, copied):
+    for model in (softdyn.load("spirob"), softdyn.load(write(tmp_path, GRIPPER))):
+        other, v = copied(model), np.full(model.nv, 0.3)
+        q = model.integrate(model.q0, v)
+        apart = other.state(q, v)
+        state = model.state(q, v)
+        model.state(model.q0, 0 * v)
+        assert other.nv == model.nv and other.bundled == model.bundled
+        for name in ("M", "J", "Jdot", "h", "B", "y"):
+            np.testing.assert_array_equal(getattr(apart, name), getattr(state, name))
+        np.testing.assert_array_equal(other.state(q, v).M, state.M)
 
 
 def test_arguments_may_be_lists_and_are_copied():
