@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -71,8 +72,11 @@ class StaticsError(SoftdynError, ArithmeticError):
     """
 
     def __init__(self, text: str, residual: float) -> None:
-        self.residual = residual
+        self.text, self.residual = text, residual
         super().__init__(f"{text}: forces of {residual:.3g} (N m, N) are left unbalanced")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.text, self.residual)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+import pickle
+
 import numpy as np
 import pytest
 import statics as command
@@ -295,3 +297,9 @@ def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
 def test_the_command_refuses_bad_input(arguments, capsys):
     assert command.main(arguments) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_error_crosses_processes():
+    error = pickle.loads(pickle.dumps(statics.StaticsError("no rest", 0.25)))
+    assert error.residual == 0.25
+    assert str(error) == str(statics.StaticsError("no rest", 0.25))
