@@ -7,10 +7,12 @@ from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
 from controllers.mpc import Mpc, Tuning
-from controllers.registry import BEST, CONTROLLERS, find_controller
+from controllers.registry import BEYOND, CONTROLLERS, find_controller
+from controllers.schedule import Schedule, Stage
+from controllers.staged import Staged
 
 __all__ = [
-    "BEST",
+    "BEYOND",
     "CONTROLLERS",
     "ClfQp",
     "Command",
@@ -21,7 +23,10 @@ __all__ = [
     "ImpedanceQp",
     "InputGuard",
     "Mpc",
+    "Schedule",
     "SoftIdClfQp",
+    "Stage",
+    "Staged",
     "Status",
     "Tuning",
     "UnderactuatedImpedance",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.barriers import Barrier, BarrierRows
-from controllers.controller import Command, guarded
+from controllers.controller import Command, InputGuard, guarded
 from controllers.gains import Gains, resolve
 from controllers.hold import over_hold
 from controllers.linear_algebra import cholesky, dot, row_space, substitute, substitute_back
@@ -59,6 +59,10 @@ class SoftIdClfQp:
         if self.barrier_rows is not None:
             self.barrier_rows.reset()  # of the rehearsal
         self.guard = self._qp.guard
+
+    def share(self, guard: InputGuard) -> None:
+        """Count and hold inputs in another law's guard: of one that takes turns with this one."""
+        self.guard = self._qp.guard = guard
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -94,7 +94,7 @@ class Mpc:
         A robot without actuators, or gains of another kind.
     """
 
-    name = "best"
+    name = "mpc"
 
     def __init__(self, model: SoftModel, gains: Any = None, period: float = DEFAULT_PERIOD) -> None:
         if model.nu == 0:

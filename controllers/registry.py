@@ -1,4 +1,4 @@
-"""Controllers by name: the paper's, the best of ours, and a user's class as FILE.py:CLASS."""
+"""Controllers by name: the paper's, ours, and a user's class as FILE.py:CLASS."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from controllers.impedance import Impedance, UnderactuatedImpedance
 from controllers.impedance_qp import ImpedanceQp
 from controllers.mpc import Mpc
+from controllers.staged import Staged, best
 from softdyn import InputError, SoftdynError
 
 # command-line name → class; these take `controllers.Gains`
@@ -22,7 +23,8 @@ CONTROLLERS: dict[str, Callable[..., Any]] = {
     controller.name: controller
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
-BEST = {Mpc.name: Mpc}  # needs no gains
+# beyond the paper; neither needs gains
+BEYOND: dict[str, Callable[..., Any]] = {Staged.name: best, Mpc.name: Mpc}
 
 
 def find_controller(name: str) -> Callable[..., Any]:
@@ -35,11 +37,11 @@ def find_controller(name: str) -> Callable[..., Any]:
     """
     if name in CONTROLLERS:
         return CONTROLLERS[name]
-    if name in BEST:
-        return BEST[name]
+    if name in BEYOND:
+        return BEYOND[name]
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        expected = f"{', '.join([*CONTROLLERS, *BEST])} or FILE.py:CLASS"
+        expected = f"{', '.join([*CONTROLLERS, *BEYOND])} or FILE.py:CLASS"
         raise InputError("controller", expected, repr(name))
     cls = getattr(_load(file), kind, None)
     if not callable(cls):

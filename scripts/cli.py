@@ -147,6 +147,21 @@ def say(text: str) -> None:
         raise InputError("stdout", "a stream to write to", error.strerror or error) from None
 
 
+def read_toml(path: str) -> dict[str, Any]:
+    """The table in a TOML file."""
+    import tomllib
+
+    from softdyn import InputError
+
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise InputError(path, "a readable file", error.strerror or error) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(path, "a TOML file", error) from None
+
+
 def check_outputs(*targets: str | None) -> None:
     """Refuse, before any work, output files that cannot be written; None and ``-`` are none."""
     from validation.files import check_writable

@@ -171,7 +171,7 @@ def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
     from controllers.registry import own_error
     from softdyn import InputError, SoftdynError
 
-    table = None if gains is None else read_toml(gains)
+    table = None if gains is None else cli.read_toml(gains)
     cls = find_controller(name)
     try:
         if table is None:
@@ -187,21 +187,6 @@ def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
         if name in CONTROLLERS and isinstance(error, TypeError):  # a field missing or unknown
             raise InputError(gains or "", "the fields of controllers.Gains", error) from None
         raise own_error(name, "a controller", error) from error
-
-
-def read_toml(path: str) -> dict[str, Any]:
-    """The table in a TOML file."""
-    import tomllib
-
-    from softdyn import InputError
-
-    try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise InputError(path, "a readable file", error.strerror or error) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "a TOML file", error) from None
 
 
 def report(log: Log) -> dict[str, Any]:

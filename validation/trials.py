@@ -133,6 +133,7 @@ def run(trial: Trial) -> dict[str, Any]:
     whole_run = trial.duration is None and not set_point
     error = 100 * np.linalg.norm(log.error, axis=1)
     return {
+        "first_error_cm": float(error[0]),
         "final_error_cm": metrics.final_error_cm(log),
         "last_second_cm": float(error[log.t >= log.t[-1] - 1].max()) if log.complete else None,
         "mse_cm2": metrics.mse_cm2(log),

@@ -1,0 +1,84 @@
+"""Soft ID-CLF-QP over the hold in two stages: one set of gains to arrive, one to stay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from controllers.controller import Command, guarded
+from controllers.id_clf_qp import SoftIdClfQp
+from controllers.mpc import DEFAULT_PERIOD, Mpc
+from controllers.schedule import Schedule, make_schedule, tuned
+from softdyn import InputError, Reference, SetPoint, SoftModel, State
+
+
+class Staged:
+    """The law of `SoftIdClfQp`, with the gains and the horizon of a schedule's present stage.
+
+    Parameters
+    ----------
+    model : the robot.
+    gains : a `Schedule`, or the tables that `make_schedule` takes; the tuned one by default.
+    period : control period (s); `validation.simulate` sets the attribute.
+
+    Raises
+    ------
+    InputError
+        No schedule for this robot, or a robot without inputs.
+    """
+
+    name = "best"
+
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Schedule | Mapping[str, Any] | None = None,
+        period: float = DEFAULT_PERIOD,
+    ) -> None:
+        schedule = make_schedule(gains) if isinstance(gains, Mapping) else gains or tuned(model)
+        if not isinstance(schedule, Schedule):
+            expected = f"controllers.Schedule(…) for {model.robot.path}, which has no tuned one"
+            raise InputError("gains", expected, gains)
+        self.gains = schedule
+        self.period = period
+        self._approach, self._stay = (
+            SoftIdClfQp(model, stage.gains, hold=stage.hold)
+            for stage in (schedule.approach, schedule.stay)
+        )
+        self.guard = self._approach.guard
+        self._stay.share(self.guard)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the run."""
+        self.guard.reset()
+        self._near = 0.0  # s
+        self._staying = False
+
+    @guarded
+    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The input at this state; see `Command`."""
+        schedule, error = self.gains, state.y - reference.y
+        distance = float(np.sqrt(error @ error))
+        self._near = self._near + self.period if distance < schedule.arrive else 0.0
+        if self._staying:
+            self._staying = not distance > schedule.leave
+        else:
+            self._staying = self._near > schedule.dwell
+        return (self._stay if self._staying else self._approach)(state, reference)
+
+
+def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:
+    """The controller to hand to a user: `Staged` where there is a schedule, else `Mpc`.
+
+    Parameters
+    ----------
+    model : the robot.
+    gains : a schedule or its tables; a robot that has a tuned one needs none, and for any other
+        predictive control needs no gains at all.
+    """
+    if gains is None and tuned(model) is None:
+        return Mpc(model)
+    return Staged(model, gains)
