@@ -27,6 +27,9 @@ class Stage:
     gains: Gains
     hold: float
 
+    def __post_init__(self) -> None:
+        number("hold", self.hold, lower=0.0)
+
 
 @dataclass(frozen=True)
 class Schedule:

@@ -13,19 +13,25 @@ import pytest
 from control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 
 import softdyn
-from controllers import CONTROLLERS, Command, Gains, InputGuard, Status
+from controllers import CONTROLLERS, Command, Gains, InputGuard, Schedule, Stage, Staged, Status
 from controllers.gains import PUBLISHED
+from controllers.schedule import tuned
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, SoftModel, catalogue
 
 PATIENCE = 1.0  # s per call; a hang takes 25 s and more, at every call
 CLASSES = sorted(CONTROLLERS)
 HUGE, TINY = 1e300, 5e-324
 
-every_controller = pytest.mark.parametrize("name", CLASSES)
+every_controller = pytest.mark.parametrize("name", [*CLASSES, "best"])
+every_published = pytest.mark.parametrize("name", CLASSES)
 every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
 
 
 def build(name: str, which: str):
+    if name == "best":
+        both = Stage(GAINS, 0.05)
+        schedule = tuned(robot(which)) or Schedule(both, both, arrive=0.01, leave=0.1, dwell=0.1)
+        return Staged(robot(which), schedule)
     return CONTROLLERS[name](robot(which), None if which in BUNDLED else GAINS)
 
 
@@ -180,14 +186,14 @@ def test_an_answer_depends_on_the_state_alone(name: str, which: str) -> None:
         np.testing.assert_allclose(one.u, two.u, atol=1e-6 * scale)
 
 
-@every_controller
+@every_published
 @pytest.mark.parametrize("which", BUNDLED)
 def test_published_gains_are_the_default(name: str, which: str) -> None:
     assert CONTROLLERS[name](robot(which)).gains == PUBLISHED[which][name]
     assert CONTROLLERS[name](robot(which), GAINS).gains is GAINS
 
 
-@every_controller
+@every_published
 @pytest.mark.parametrize("which", BUNDLED)
 def test_a_copy_of_a_bundled_file_has_no_published_gains(
     name: str, which: str, tmp_path: Path
@@ -199,14 +205,14 @@ def test_a_copy_of_a_bundled_file_has_no_published_gains(
         CONTROLLERS[name](softdyn.load(copy))
 
 
-@every_controller
+@every_published
 @pytest.mark.parametrize("gains", [5.0, "500", {"Kp": 500}, (500,), [], object(), Gains])
 def test_gains_of_another_kind_are_refused(name: str, gains: object) -> None:
     with pytest.raises(InputError, match="gains"):
         CONTROLLERS[name](robot("finger"), gains)
 
 
-@every_controller
+@every_published
 def test_a_robot_without_inputs_is_refused(name: str, tmp_path: Path) -> None:
     text = catalogue.BUNDLED.joinpath("finger.urdf").read_text()
     lines = [line for line in text.splitlines() if "<actuator" not in line]
@@ -216,7 +222,7 @@ def test_a_robot_without_inputs_is_refused(name: str, tmp_path: Path) -> None:
         CONTROLLERS[name](softdyn.load(path), GAINS)
 
 
-@every_controller
+@every_published
 @pytest.mark.parametrize(
     "gains",
     [

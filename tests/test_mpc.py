@@ -12,7 +12,7 @@ from control_cases import BUNDLED, MICRO, drawn, robot
 from test_controllers import ask, hostile_references
 
 import softdyn
-from controllers import BEST, Mpc, Status, Tuning, find_controller
+from controllers import Mpc, Status, Tuning, find_controller
 from controllers.mpc import KNOTS
 from controllers.prediction import one_period, programme, ramps, respond, stacked
 from softdyn import InputError, Reference, SetPoint, SoftdynError, catalogue
@@ -217,7 +217,7 @@ def test_a_robot_of_ones_own_needs_no_gains(tmp_path: Path) -> None:
     path.write_text(text)
     model = softdyn.load(path)
     goal = SetPoint(paper.set_point("finger", 1.0).reference(0.0).y)
-    log = simulate(model, find_controller("best")(model), goal, duration=1.5)
+    log = simulate(model, find_controller("mpc")(model), goal, duration=1.5)
     assert np.linalg.norm(log.error[-1]) < 0.05 * np.linalg.norm(log.error[0])
 
 
@@ -242,7 +242,7 @@ def test_a_joint_at_its_stop_is_held() -> None:
 
 
 def test_names_and_wrong_gains() -> None:
-    assert BEST["best"] is Mpc
+    assert find_controller("mpc") is Mpc
     model = robot("finger")
     assert Mpc(model).gains == Tuning()
     assert Mpc(model, {"speed": 0.1}).gains == Tuning(speed=0.1)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tune
 from control_cases import robot
 
+import softdyn
 from controllers import Command
+from controllers.schedule import make_schedule, tuned
 from softdyn import Reference, SetPoint
 from validation import Twin, beyond, paper, tuning
 from validation.trials import Degraded, Plant, Trial, run
@@ -71,16 +77,31 @@ def test_cells_cover_the_grid() -> None:
     assert "| finger | 5 ms | 0.50 | 1.00 | – | 3.00 failed | 1.00 | 1 |" in text
 
 
-def test_the_cost_of_a_run() -> None:
-    trial = Trial("finger", "best", "set_point", 0.25)
+def test_the_costs_of_a_run() -> None:
+    at, along = (
+        Trial("finger", "best", "set_point", 0.25),
+        Trial("finger", "best", "tracking", 0.25),
+    )
     length = 100 * paper.setup("finger").length
-    exact = {"failed": False, "mse_cm2": (0.01 * length) ** 2, "final_error_cm": 0.0}
-    wanted = 0.5 * (math.log10(0.011) + math.log10(0.001))
-    assert tuning.cost(trial, exact) == pytest.approx(wanted)
-    assert tuning.cost(trial, {"failed": True}) > tuning.cost(trial, exact)
-    trained = tuning.cases(("finger",), "best", 1.0)
-    assert not {t.value for t in trained if t.kind == "set_point"} & set(paper.THETAS)
-    assert not {t.value for t in trained if t.kind == "tracking"} & set(paper.OMEGAS)
+    # an error that falls to 1/e in 0.05 s: its square's integral is 0.025 s of the first one's
+    decay = 0.025 * (1 - math.exp(-40))
+    result = {
+        "failed": False, "first_error_cm": 3.0, "mse_cm2": 9 * decay, "final_error_cm": 0.3,
+    }  # fmt: skip
+    assert tuning.approach_cost(at, result) == pytest.approx(0.25 + 0.1)
+    assert tuning.stay_cost(at, {**result, "final_error_cm": 0.01 * length}) == pytest.approx(1)
+    assert tuning.stay_cost(along, {**result, "mse_cm2": 0.002 * length**2}) == pytest.approx(1)
+    failed = {**result, "failed": True}
+    lost = {**result, "mse_cm2": 1e9, "final_error_cm": 1e9}
+    for cost in (tuning.approach_cost, tuning.stay_cost):
+        assert cost(at, failed) >= cost(at, lost) > cost(at, result)
+
+
+def test_the_training_set_is_not_the_papers() -> None:
+    for trials in (tuning.approach_cases("helix"), tuning.stay_cases("helix")):
+        assert {t.kind for t in trials} == {"set_point", "tracking"}
+        assert not {t.value for t in trials if t.kind == "set_point"} & set(paper.THETAS)
+        assert not {t.value for t in trials if t.kind == "tracking"} & set(paper.OMEGAS)
 
 
 def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,26 +110,60 @@ def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> 
     def bowl(trials: Any, jobs: int) -> list[dict[str, Any]]:  # best at a = 0.1, b = 10
         far = [math.log10(t.gains["a"]) + 1 for t in trials]
         wide = [math.log10(t.gains["b"]) - 1 for t in trials]
-        return [
-            {"failed": False, "mse_cm2": 0.0, "final_error_cm": x * x + y * y}
-            for x, y in zip(far, wide, strict=True)
-        ]
+        return [{"distance": x * x + y * y} for x, y in zip(far, wide, strict=True)]
 
     monkeypatch.setattr(tuning, "run_all", bowl)
     trial = Trial("finger", "best", "set_point", 0.25)
     kept: list[dict[str, Any]] = []
     traces = [
         tuning.tune(
-            [trial], {"a": 1.0, "b": 1.0}, generations=25, population=8, seed=3, each=kept.append
+            [trial], lambda _, result: result["distance"], lambda values: values,
+            {"a": 1.0, "b": 1.0}, generations=25, population=8, seed=3, each=kept.append,
         )
         for _ in range(2)
-    ]
+    ]  # fmt: skip
     assert traces[0] == traces[1]
     assert kept == traces[0] + traces[1]
-    assert traces[0][0]["a"] == 1.0  # the start comes first
+    assert traces[0][0]["values"] == {"a": 1.0, "b": 1.0}  # the start comes first
     best = min(traces[0], key=lambda entry: entry["cost"])
-    assert math.log10(best["a"]) == pytest.approx(-1, abs=0.3)
-    assert math.log10(best["b"]) == pytest.approx(1, abs=0.3)
+    assert math.log10(best["values"]["a"]) == pytest.approx(-1, abs=0.1)
+    assert math.log10(best["values"]["b"]) == pytest.approx(1, abs=0.1)
+
+
+def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("cma")
+    seen: list[Trial] = []
+
+    def wants_soft(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+        seen.extend(trials)
+        return [
+            {
+                "failed": False, "first_error_cm": 1.0, "mse_cm2": 0.0,
+                "final_error_cm": abs(math.log(t.gains["stay"]["eps"] / 0.05)),
+            }
+            for t in trials
+        ]  # fmt: skip
+
+    monkeypatch.setattr(tuning, "run_all", wants_soft)
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--approach", "2", "--stay", "2", "--population", "6"]
+    assert tune.main(["finger", *arguments]) == 0
+    table = tomllib.loads(Path("schedule.toml").read_text())
+    found, start = make_schedule(table), tuned(softdyn.load("finger"))
+    assert start is not None
+    for stage in ("approach", "stay"):
+        before, after = getattr(start, stage).gains, getattr(found, stage).gains
+        assert abs(math.log(after.eps / 0.05)) < abs(math.log(before.eps / 0.05))
+        assert after.w1 == before.w1  # not tuned
+    trace = json.loads(Path("tuning.json").read_text())
+    assert len(trace["trace"]) == 2 * (1 + 2 * 6)
+    assert trace["settings"]["start"] == tuning.tables(start)
+    # the approach is judged alone, the stay after it
+    first, last = seen[0].gains, seen[-1].gains
+    assert first is not None
+    assert first["stay"] == first["approach"]
+    assert last is not None
+    assert last["approach"]["eps"] == pytest.approx(table["approach"]["eps"], rel=1e-3)
 
 
 def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
