@@ -15,7 +15,7 @@ from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.checks import number
+from softdyn.checks import array, number
 from softdyn.compiled import compiled
 
 
@@ -27,13 +27,15 @@ class SoftIdClfQp:
     model : the robot.
     gains : the paper's for a bundled robot by default; required for any other.
     hold : horizon τ (s) of the dynamics, `controllers.hold`; 0 is the published law.
+    u0 : the input (nu,), or one for all, that costs nothing: w3 ‖u - u0‖². Tension in all cables
+        keeps co-contracted shapes from relaxing, `docs/beyond.md`; 0 in the paper.
     barriers : what not to run into, `controllers.barriers`; `barrier_rows` says what came of it.
         They want a horizon: the accelerations of damped joints at the start of a hold mislead.
 
     Raises
     ------
     InputError
-        No gains for this robot, a robot without inputs, or a negative horizon.
+        No gains for this robot, a robot without inputs, a negative horizon, or no (nu,) numbers u0.
     """
 
     name = "soft-id-clf-qp"
@@ -44,15 +46,17 @@ class SoftIdClfQp:
         gains: Gains | None = None,
         *,
         hold: float = 0.0,
+        u0: np.ndarray | float = 0.0,
         barriers: Sequence[Barrier] = (),
     ) -> None:
         self.gains = resolve(model, self.name, gains)
         self.hold = number("hold", hold, lower=0.0)
+        self.u0 = array("u0", [u0] * model.nu if np.ndim(u0) == 0 else u0, (model.nu,))
         self.barrier_rows = BarrierRows(model, barriers, self.hold) if barriers else None
         self._qp = TaskQp(
             model,
             self.gains,
-            SoftInverseDynamics(self.gains, model.nu),
+            SoftInverseDynamics(self.gains, model.nu, self.u0),
             decrease=True,
             barriers=self.barrier_rows,
         )

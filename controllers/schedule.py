@@ -18,17 +18,20 @@ from softdyn import InputError, SoftModel
 from softdyn.checks import number
 
 FOLDER = Path(__file__).parent / "schedules"
+OWN = ("hold", "u0")  # of a stage's table, beside the gains
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Gains of Soft ID-CLF-QP and the horizon (s) of its dynamics, `controllers.hold`."""
+    """What `controllers.SoftIdClfQp` takes: gains, horizon (s), the input that costs nothing."""
 
     gains: Gains
-    hold: float
+    hold: float = 0.0
+    u0: float = 0.0
 
     def __post_init__(self) -> None:
         number("hold", self.hold, lower=0.0)
+        number("u0", self.u0)
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class Schedule:
 
 def make_schedule(table: Mapping[str, Any]) -> Schedule:
     """A `Schedule` from the tables of a TOML file: ``[approach]`` and ``[stay]`` with the fields of
-    `Gains` and ``hold``, and the other attributes.
+    `Gains`, ``hold`` and ``u0``, and the other attributes.
 
     Raises
     ------
@@ -85,8 +88,8 @@ def tuned(model: SoftModel) -> Schedule | None:
 
 
 def _stage(name: str, table: Any) -> Stage:
-    allowed = [*(field.name for field in fields(Gains)), "hold"]
+    allowed = [*(field.name for field in fields(Gains)), *OWN]
     if not isinstance(table, Mapping) or "Kp" not in table or set(table) - set(allowed):
         raise InputError(name, f"a table with Kp and any of {', '.join(allowed[1:])}", table)
-    gains = {key: value for key, value in table.items() if key != "hold"}
-    return Stage(Gains(**gains), table.get("hold", 0.0))
+    own = {key: value for key, value in table.items() if key in OWN}
+    return Stage(Gains(**{key: value for key, value in table.items() if key not in OWN}), **own)

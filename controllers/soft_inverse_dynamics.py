@@ -2,13 +2,13 @@
 
 Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
 
-    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
+    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u0‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
 
 subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h) (+ a free null input where B loses
 rank): U (M q̈ + h) = U B u, with the rows of U an orthonormal basis of range(B).
 `docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with c = w4 D / (w2 + w4) and the
 rows of Z an orthonormal basis of the rows of [U M; J]. The actuated rows give the first part of z
-in terms of u; the unknowns are u and the rest, at most three.
+in terms of u; the unknowns are u and the rest, at most three. u0 is 0 in the paper.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ class SoftInverseDynamics:
     `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
     """
 
-    def __init__(self, gains: Gains, nu: int) -> None:
+    def __init__(self, gains: Gains, nu: int, u0: np.ndarray | None = None) -> None:
         self.size = 3 + nu
+        self._pull = None if u0 is None or not u0.any() else 2 * gains.w3 * u0
         total = gains.w2 + gains.w4
         # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
         c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
@@ -48,6 +49,8 @@ class SoftInverseDynamics:
             state.M, state.h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
             task.mu_ref, task.yddot, self._weights, *self._condensed,
         )  # fmt: skip
+        if self._pull is not None:
+            self._condensed.g[: len(self._pull)] -= self._pull
         return self._condensed
 
 

@@ -44,7 +44,7 @@ class Staged:
         self.gains = schedule
         self.period = period
         self._approach, self._stay = (
-            SoftIdClfQp(model, stage.gains, hold=stage.hold)
+            SoftIdClfQp(model, stage.gains, hold=stage.hold, u0=stage.u0)
             for stage in (schedule.approach, schedule.stay)
         )
         self.guard = self._approach.guard

@@ -22,7 +22,7 @@ after every candidate anew. Needs the extra: pip install 'softdyn[tune]'.
 
 exit codes: 0 done; 2 bad input.
 """
-TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "hold")
+TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "hold", "u0")
 
 
 def parser() -> cli.Parser:
@@ -82,7 +82,7 @@ def command(arguments: argparse.Namespace) -> int:
             cases(arguments.robot),
             cost,
             candidate,
-            {name: schedule[stage][name] for name in TUNED},
+            {name: schedule[stage][name] for name in TUNED if schedule[stage][name] > 0},
             generations=generations,
             population=arguments.population,
             seed=arguments.seed,

@@ -30,7 +30,7 @@ from controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import BACKOFF
-from softdyn import SetPoint, SoftModel, State
+from softdyn import InputError, SetPoint, SoftModel, State
 from softdyn.integrators import step_implicit
 from validation import paper
 
@@ -74,6 +74,21 @@ def test_inputs_are_those_of_the_textbook_form(name: str) -> None:
         u = controller(state, reference).u
         np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
     assert controller.guard.fallbacks == 0
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
+def test_an_input_that_costs_nothing(name: str) -> None:
+    model, gains = robot(name), gains_of(name)
+    u0 = float(model.u_min[0] + 0.3 * spread(model))
+    for given in (u0, np.full(model.nu, u0)):
+        controller = SoftIdClfQp(model, gains, u0=given)
+        for state, reference in cases(name)[:6]:
+            exact = solve_both(model, textbook(state, reference, gains, u0=u0))
+            u = controller(state, reference).u
+            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+    for wrong in (np.zeros(model.nu + 1), "x", np.nan, [[0.0] * model.nu]):
+        with pytest.raises(InputError, match="u0"):
+            SoftIdClfQp(model, gains, u0=wrong)
 
 
 @every_robot

@@ -74,7 +74,7 @@ def tables(schedule: Schedule) -> dict[str, Any]:
     """What `controllers.schedule.make_schedule` reads."""
     found = asdict(schedule)
     for stage in ("approach", "stay"):
-        found[stage] = {**found[stage]["gains"], "hold": found[stage]["hold"]}
+        found[stage] |= found[stage].pop("gains")
     return found
 
 
