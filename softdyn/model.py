@@ -117,16 +117,22 @@ class SoftModel:
         """Gather what the State's kernel reads, in as few arrays as possible."""
         live, tendons = self._live, self.tendons
         tip, offset = self._anchor(self.robot.task, np.zeros(3))
+        model = self.pin_model
+        first = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
+        moves = np.column_stack((self._supports[:, tip], first)).astype(int)
+        masses = np.array([inertia.mass for inertia in model.inertias])
+        masses[0] = 0.0  # what is welded to the world
+        weights = np.outer(self._supports @ masses, model.gravity.linear)
         joints = np.column_stack((self.stiffness, self.rest, self.damping))
         cables = np.column_stack(
             (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
         )
         self._kept: tuple[Any, ...] = (
-            live.M, live.bias, live.S, live.Sdot, live.rotations, live.translations,
-            tip, offset, self._supports[:, tip].copy(), joints, cables, tendons.coefficients,
+            live.M, live.bias, live.S, live.Sdot, live.rotations, live.translations, live.centres,
+            tip, offset, moves, weights, joints, cables, tendons.coefficients,
         )  # fmt: skip
         self._terms: Callable[..., None] = fixed_terms
-        self._rows = self.nv + 9
+        self._rows = self.nv + 10
         if tendons.spatial:
             self._kept += (*tendons.packed(), self._actuated, self._gear)
             self._terms, self._rows = spatial_terms, self._rows + len(cables) + self.nu
@@ -168,13 +174,14 @@ class SoftModel:
             array.flags.writeable = False
         arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
         if self.tendons.spatial:
-            arms, B = rows[n + 9 : n + 9 + nt], rows[n + 9 + nt :].T
+            arms, B = rows[n + 10 : n + 10 + nt], rows[n + 10 + nt :].T
             if self._damped:
                 D = self._damping_matrix(arms)
                 D.flags.writeable = False
         return State.trusted(
             self, q, v, rows[:n], rows[n + 6], rows[n + 7], D, B, rows[n + 8],
             rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6], few[6:], arms,
+            g=rows[n + 9],
         )  # fmt: skip
 
     def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:

@@ -3,7 +3,11 @@
 Joint Jacobian columns S_k = (v_k; ω_k) and their rates are in the world's axes about its origin, so
 a point p of a body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
 
-    J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ.
+    J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ,
+
+and the weight w of all that joint k carries, at its centre of mass c, is the force
+
+    g_k = -(v_k · w + ω_k · (c × w)).
 
 `SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
 `tests/test_terms.py` holds the two against each other.
@@ -11,6 +15,7 @@ a point p of a body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
 
 from __future__ import annotations
 
+import numpy as np
 import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 
@@ -30,6 +35,8 @@ class Live:
     bias : (nv,) of `nonLinearEffects`.
     S, Sdot : (nv, 6) transposed joint Jacobian columns and their rates.
     rotations, translations : (bodies, 3, 3), (bodies, 3) joint placements.
+    centres : (bodies, 3) where `crba`, in the world's convention, has the centre of mass of a body
+        and all beyond it.
 
     Raises
     ------
@@ -41,42 +48,48 @@ class Live:
         n = len(data.nle)  # of one joint, Pinocchio hands matrices out as vectors
         self.M, self.bias = data.M.T.reshape(n, n), data.nle
         self.S, self.Sdot = data.J.T.reshape(n, 6), data.dJ.T.reshape(n, 6)
-        count, first, last = len(data.oMi), data.oMi[0], data.oMi[len(data.oMi) - 1]
-        stride = last.rotation.ctypes.data - first.rotation.ctypes.data
-        stride //= max(count - 1, 1)
-        row, column = first.rotation.strides
-        self.rotations = as_strided(first.rotation, (count, 3, 3), (stride, row, column))
-        self.translations = as_strided(
-            first.translation, (count, 3), (stride, *first.translation.strides)
-        )
+        self.rotations = _stacked([placement.rotation for placement in data.oMi])
+        self.translations = _stacked([placement.translation for placement in data.oMi])
+        self.centres = _stacked([inertia.lever for inertia in data.oYcrb])
         pairs = [(self.M, data.M), (self.bias, data.nle), (self.S, data.J), (self.Sdot, data.dJ)]
         for i, placement in enumerate(data.oMi):
             pairs.append((self.rotations[i], placement.rotation))
             pairs.append((self.translations[i], placement.translation))
+            pairs.append((self.centres[i], data.oYcrb[i].lever))
         if any(view.ctypes.data != array.ctypes.data for view, array in pairs) or not all(
             view.flags.c_contiguous for view in (self.M, self.bias, self.S, self.Sdot)
         ):
             raise RuntimeError("this Pinocchio keeps its results in an unknown layout")
 
 
+def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
+    """One view of arrays that follow each other in memory at even distances."""
+    first, last = arrays[0], arrays[-1]
+    stride = (last.ctypes.data - first.ctypes.data) // max(len(arrays) - 1, 1)
+    return as_strided(first, (len(arrays), *first.shape), (stride, *first.strides))
+
+
 @compiled
 def fixed_terms(
-    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations,
-    tip, tip_offset, tip_moves, joints, tendons, arms,
+    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations, centres,
+    tip, tip_offset, moves, weights, joints, tendons, arms,
 ):  # fmt: skip
     """Everything where moment arms are constant.
 
     Parameters
     ----------
-    rows : (n + 9, n) filled with M, J, J̇, bias, K and h.
+    rows : (n + 10, n) filled with M, J, J̇, bias, K, h and g.
     few : (6 + tendons,) filled with y, ẏ and the lengths.
-    M … translations : of `Live`.
-    tip, tip_offset, tip_moves : body of the tip, its position in it, whether each joint moves it.
+    M … centres : of `Live`.
+    tip, tip_offset : body of the tip and its position in it.
+    moves : (n, 2) whether a joint moves the tip, and the body that it moves first.
+    weights : (n, 3) weight of all that a joint carries.
     joints : (n, 3) stiffness, rest and damping.
     tendons : (tendons, 4) constant length, stiffness, rest and damping.
     arms : (tendons, n) moment arms.
     """
-    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves)
+    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves)
+    _gravity(rows[len(v) + 9], S, centres, moves, weights)
     n = len(v)
     for t in range(len(tendons)):
         length = tendons[t, 0]
@@ -88,22 +101,23 @@ def fixed_terms(
 
 @compiled
 def spatial_terms(
-    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations,
-    tip, tip_offset, tip_moves, joints, tendons, coefficients,
+    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations, centres,
+    tip, tip_offset, moves, weights, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
     """Everything where moment arms change with q; see `fixed_terms`.
 
     Parameters
     ----------
-    rows : (n + 9 + tendons + m, n), after `fixed_terms`' the moment arms and Bᵀ.
+    rows : (n + 10 + tendons + m, n), after `fixed_terms`' the moment arms and Bᵀ.
     coefficients : (tendons, n) moment arms of the fixed tendons.
     bodies, offsets, pairs, signs : of `Tendons`.
     actuated, gear : (m,) the tendon of each input, and its gear.
     """
-    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves)
+    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves)
+    _gravity(rows[len(v) + 9], S, centres, moves, weights)
     n, nt, m = len(v), len(tendons), len(gear)
-    arms, lengths = rows[n + 9 : n + 9 + nt], few[6:]
+    arms, lengths = rows[n + 10 : n + 10 + nt], few[6:]
     arms[:] = coefficients
     for t in range(nt):
         lengths[t] = tendons[t, 0]
@@ -112,12 +126,24 @@ def spatial_terms(
     moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
     for i in range(m):
         for k in range(n):
-            rows[n + 9 + nt + i, k] = gear[i] * arms[actuated[i], k]
+            rows[n + 10 + nt + i, k] = gear[i] * arms[actuated[i], k]
     _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms)
 
 
 @compiled
-def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_moves):
+def _gravity(g, S, centres, moves, weights):
+    for k in range(len(g)):
+        c, w = centres[moves[k, 1]], weights[k]
+        g[k] = -(
+            S[k, 0] * w[0] + S[k, 1] * w[1] + S[k, 2] * w[2]
+            + S[k, 3] * (c[1] * w[2] - c[2] * w[1])
+            + S[k, 4] * (c[2] * w[0] - c[0] * w[2])
+            + S[k, 5] * (c[0] * w[1] - c[1] * w[0])
+        )  # fmt: skip
+
+
+@compiled
+def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves):
     """J, J̇, y and ẏ."""
     n = len(v)
     J, Jdot, y, ydot = rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6]
@@ -127,7 +153,7 @@ def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_mo
             y[x] += rotations[tip, x, i] * tip_offset[i]
     ydot[:] = 0.0
     for k in range(n):
-        if tip_moves[k]:
+        if moves[k, 0]:
             J[0, k] = S[k, 0] + S[k, 4] * y[2] - S[k, 5] * y[1]
             J[1, k] = S[k, 1] + S[k, 5] * y[0] - S[k, 3] * y[2]
             J[2, k] = S[k, 2] + S[k, 3] * y[1] - S[k, 4] * y[0]
@@ -137,7 +163,7 @@ def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, tip_mo
             for x in range(3):
                 J[x, k] = 0.0
     for k in range(n):
-        if tip_moves[k]:
+        if moves[k, 0]:
             Jdot[0, k] = (
                 Sdot[k, 0] + Sdot[k, 4] * y[2] - Sdot[k, 5] * y[1]
                 + S[k, 4] * ydot[2] - S[k, 5] * ydot[1]

@@ -13,7 +13,9 @@ from softdyn.terms import Live
 from tests.oracles import relative
 from tests.random_robots import write_robot
 
-FIELDS = ("M", "bias", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms")
+FIELDS = (
+    "M", "bias", "g", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms",
+)  # fmt: skip
 
 
 def both(model, q, v):
@@ -30,6 +32,8 @@ def check(model, seed: int) -> None:
     for speed in (0.0, 1.0, 1e3):
         q = model.configuration(rng.uniform(low, high))
         one, two = both(model, q, speed * rng.normal(size=model.nv))
+        assert "g" in vars(one)
+        assert "g" not in vars(two)  # that asks Pinocchio
         reach = max(np.abs(one.J).max(), np.abs(one.y).max())
         for field in FIELDS:
             fast, plain = getattr(one, field), getattr(two, field)
@@ -60,8 +64,9 @@ def test_an_unknown_layout_is_noticed():
     data = robot("finger").pin_model.createData()
     Live(data)
     copied = SimpleNamespace(
-        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), dJ=data.dJ, oMi=list(data.oMi)
-    )
+        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), dJ=data.dJ, oMi=list(data.oMi),
+        oYcrb=list(data.oYcrb),
+    )  # fmt: skip
     Live(copied)
     copied.dJ = np.ascontiguousarray(data.dJ)  # rows where columns should be
     with pytest.raises(RuntimeError, match="layout"):
