@@ -15,7 +15,6 @@ from controllers.linear_algebra import (
     factor,
     orthogonalise,
     row_space,
-    substitute,
 )
 from controllers.task import Task
 from softdyn import Reference, SetPoint, SoftModel, State
@@ -29,13 +28,11 @@ SMALL_DETERMINANT, TASK_INERTIA_RCOND, UIC_RCOND = 1e-2, 1e-2, 1e-8
 @compiled
 def task_inertia(M: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Λ = (J M⁻¹ Jᵀ)⁻¹ (3, 3), in kg."""
-    half = J.T.copy()
-    substitute(cholesky(M), half)
-    mobility = np.zeros((3, 3))
-    for i in range(len(half)):
-        for x in range(3):
-            for y in range(3):
-                mobility[x, y] += half[i, x] * half[i, y]
+    half = cholesky(M, J)[1]
+    mobility = np.empty((3, 3))
+    for x in range(3):
+        for y in range(x + 1):
+            mobility[x, y] = mobility[y, x] = dot(half[x], half[y])
     if abs(np.linalg.det(mobility)) >= SMALL_DETERMINANT:
         return np.ascontiguousarray(np.linalg.inv(mobility))
     values, vectors = np.linalg.eigh(mobility)

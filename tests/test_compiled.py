@@ -98,13 +98,15 @@ def test_small_systems(n):
 
     root = rng.normal(size=(n, n + 1))
     M, right = root @ root.T + 0.1 * np.eye(n), rng.normal(size=(n, 3))
-    L = np.tril(cholesky(M))
-    assert np.allclose(L @ L.T, M, atol=1e-12 * np.abs(M).max())
+    R, half = cholesky(M, right.T.copy())
+    upper = np.triu(R[:, :n])
+    assert np.allclose(upper.T @ upper, M, atol=1e-12 * np.abs(M).max())
+    assert np.allclose(half @ upper, right.T, atol=1e-10)
     found = right.copy()
-    substitute(L, found)
-    assert np.allclose(L @ found, right, atol=1e-10)
-    substitute_back(L, found)
-    assert np.allclose(M @ found, right, atol=1e-9)
+    substitute(upper.T.copy(), found)
+    assert np.allclose(found.T, half, atol=1e-9)
+    substitute_back(R, half)
+    assert np.allclose(M @ half.T, right, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (3, 2), (3, 9), (2, 1), (3, 3)])
