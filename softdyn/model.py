@@ -118,8 +118,10 @@ class SoftModel:
         live, tendons = self._live, self.tendons
         tip, offset = self._anchor(self.robot.task, np.zeros(3))
         model = self.pin_model
-        first = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
-        moves = np.column_stack((self._supports[:, tip], first)).astype(int)
+        bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
+        # after a joint's first degree of freedom its others add to the same body
+        before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
+        moves = np.column_stack((self._supports[:, tip], bodies, before)).astype(int)
         masses = np.array([inertia.mass for inertia in model.inertias])
         masses[0] = 0.0  # what is welded to the world
         weights = np.outer(self._supports @ masses, model.gravity.linear)
@@ -128,7 +130,7 @@ class SoftModel:
             (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
         )
         self._kept: tuple[Any, ...] = (
-            live.M, live.bias, live.S, live.Sdot, live.rotations, live.translations, live.centres,
+            live.M, live.bias, live.S, live.rotations, live.translations, live.centres,
             tip, offset, moves, weights, joints, cables, tendons.coefficients,
         )  # fmt: skip
         self._terms: Callable[..., None] = fixed_terms
@@ -161,7 +163,6 @@ class SoftModel:
         model, data = self.pin_model, self._data
         pin.crba(model, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model, data, q, v)
-        pin.computeJointJacobiansTimeVariation(model, data, q, v)
         return self._assemble(q, v)
 
     def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
@@ -187,6 +188,7 @@ class SoftModel:
     def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
         """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
         data, live = self._data, self._live
+        pin.computeJointJacobiansTimeVariation(self.pin_model, data, q, v)
         J = self._frame_jacobian(pin.getFrameJacobian)
         Jdot = self._frame_jacobian(pin.getFrameJacobianTimeVariation)
         y = np.array(pin.updateFramePlacement(self.pin_model, data, self._frame).translation)

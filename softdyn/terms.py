@@ -1,11 +1,16 @@
 """All terms of a State in one kernel, from what Pinocchio's algorithms leave in its Data.
 
-Joint Jacobian columns S_k = (v_k; ω_k) and their rates are in the world's axes about its origin, so
-a point p of a body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
+Joint Jacobian columns S_k = (v_k; ω_k) are in the world's axes about its origin, so a point p of a
+body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
 
-    J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ,
+    J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ.
 
-and the weight w of all that joint k carries, at its centre of mass c, is the force
+Each column is fixed to the body that joint k moves first. That body's twist (v; ω) = Σ S_j q̇_j, over
+its own joint and all before it, carries it along:
+
+    v̇_k = ω × v_k + v × ω_k,    ω̇_k = ω × ω_k.
+
+The weight w of all that joint k carries, at its centre of mass c, is the force
 
     g_k = -(v_k · w + ω_k · (c × w)).
 
@@ -33,10 +38,9 @@ class Live:
     ----------
     M : (nv, nv) of `crba`.
     bias : (nv,) of `nonLinearEffects`.
-    S, Sdot : (nv, 6) transposed joint Jacobian columns and their rates.
+    S : (nv, 6) joint Jacobian columns of `crba` in the world's convention, as rows.
     rotations, translations : (bodies, 3, 3), (bodies, 3) joint placements.
-    centres : (bodies, 3) where `crba`, in the world's convention, has the centre of mass of a body
-        and all beyond it.
+    centres : (bodies, 3) centre of mass of each body and all beyond it, of the same `crba`.
 
     Raises
     ------
@@ -47,17 +51,17 @@ class Live:
     def __init__(self, data: pin.Data) -> None:
         n = len(data.nle)  # of one joint, Pinocchio hands matrices out as vectors
         self.M, self.bias = data.M.T.reshape(n, n), data.nle
-        self.S, self.Sdot = data.J.T.reshape(n, 6), data.dJ.T.reshape(n, 6)
+        self.S = data.J.T.reshape(n, 6)
         self.rotations = _stacked([placement.rotation for placement in data.oMi])
         self.translations = _stacked([placement.translation for placement in data.oMi])
         self.centres = _stacked([inertia.lever for inertia in data.oYcrb])
-        pairs = [(self.M, data.M), (self.bias, data.nle), (self.S, data.J), (self.Sdot, data.dJ)]
+        pairs = [(self.M, data.M), (self.bias, data.nle), (self.S, data.J)]
         for i, placement in enumerate(data.oMi):
             pairs.append((self.rotations[i], placement.rotation))
             pairs.append((self.translations[i], placement.translation))
             pairs.append((self.centres[i], data.oYcrb[i].lever))
         if any(view.ctypes.data != array.ctypes.data for view, array in pairs) or not all(
-            view.flags.c_contiguous for view in (self.M, self.bias, self.S, self.Sdot)
+            view.flags.c_contiguous for view in (self.M, self.bias, self.S)
         ):
             raise RuntimeError("this Pinocchio keeps its results in an unknown layout")
 
@@ -71,7 +75,7 @@ def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
 
 @compiled
 def fixed_terms(
-    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations, centres,
+    rows, few, v, coordinates, M, bias, S, rotations, translations, centres,
     tip, tip_offset, moves, weights, joints, tendons, arms,
 ):  # fmt: skip
     """Everything where moment arms are constant.
@@ -82,13 +86,14 @@ def fixed_terms(
     few : (6 + tendons,) filled with y, ẏ and the lengths.
     M … centres : of `Live`.
     tip, tip_offset : body of the tip and its position in it.
-    moves : (n, 2) whether a joint moves the tip, and the body that it moves first.
+    moves : (n, 3) of each degree of freedom: whether it moves the tip, the body that it moves
+        first, and the body whose twist it adds to.
     weights : (n, 3) weight of all that a joint carries.
     joints : (n, 3) stiffness, rest and damping.
     tendons : (tendons, 4) constant length, stiffness, rest and damping.
     arms : (tendons, n) moment arms.
     """
-    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves)
+    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves)
     _gravity(rows[len(v) + 9], S, centres, moves, weights)
     n = len(v)
     for t in range(len(tendons)):
@@ -101,7 +106,7 @@ def fixed_terms(
 
 @compiled
 def spatial_terms(
-    rows, few, v, coordinates, M, bias, S, Sdot, rotations, translations, centres,
+    rows, few, v, coordinates, M, bias, S, rotations, translations, centres,
     tip, tip_offset, moves, weights, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
@@ -114,7 +119,7 @@ def spatial_terms(
     bodies, offsets, pairs, signs : of `Tendons`.
     actuated, gear : (m,) the tendon of each input, and its gear.
     """
-    _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves)
+    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves)
     _gravity(rows[len(v) + 9], S, centres, moves, weights)
     n, nt, m = len(v), len(tendons), len(gear)
     arms, lengths = rows[n + 10 : n + 10 + nt], few[6:]
@@ -143,9 +148,10 @@ def _gravity(g, S, centres, moves, weights):
 
 
 @compiled
-def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves):
+def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves):
     """J, J̇, y and ẏ."""
     n = len(v)
+    twists = np.zeros((len(translations), 6))
     J, Jdot, y, ydot = rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6]
     for x in range(3):
         y[x] = translations[tip, x]
@@ -162,19 +168,26 @@ def _tip(rows, few, v, S, Sdot, rotations, translations, tip, tip_offset, moves)
         else:
             for x in range(3):
                 J[x, k] = 0.0
+        for x in range(6):
+            twists[moves[k, 1], x] = twists[moves[k, 2], x] + S[k, x] * v[k]
     for k in range(n):
         if moves[k, 0]:
+            a, b, c, d, e, f = S[k, 0], S[k, 1], S[k, 2], S[k, 3], S[k, 4], S[k, 5]
+            twist = twists[moves[k, 1]]
+            vx, vy, vz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
+            # the rate of (d, e, f), and from it that of (a, b, c) + (d, e, f) × y
+            dd, de, df = wy * f - wz * e, wz * d - wx * f, wx * e - wy * d
             Jdot[0, k] = (
-                Sdot[k, 0] + Sdot[k, 4] * y[2] - Sdot[k, 5] * y[1]
-                + S[k, 4] * ydot[2] - S[k, 5] * ydot[1]
+                wy * c - wz * b + vy * f - vz * e
+                + de * y[2] - df * y[1] + e * ydot[2] - f * ydot[1]
             )  # fmt: skip
             Jdot[1, k] = (
-                Sdot[k, 1] + Sdot[k, 5] * y[0] - Sdot[k, 3] * y[2]
-                + S[k, 5] * ydot[0] - S[k, 3] * ydot[2]
+                wz * a - wx * c + vz * d - vx * f
+                + df * y[0] - dd * y[2] + f * ydot[0] - d * ydot[2]
             )  # fmt: skip
             Jdot[2, k] = (
-                Sdot[k, 2] + Sdot[k, 3] * y[1] - Sdot[k, 4] * y[0]
-                + S[k, 3] * ydot[1] - S[k, 4] * ydot[0]
+                wx * b - wy * a + vx * e - vy * d
+                + dd * y[1] - de * y[0] + d * ydot[1] - e * ydot[0]
             )  # fmt: skip
         else:
             for x in range(3):

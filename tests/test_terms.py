@@ -64,10 +64,10 @@ def test_an_unknown_layout_is_noticed():
     data = robot("finger").pin_model.createData()
     Live(data)
     copied = SimpleNamespace(
-        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), dJ=data.dJ, oMi=list(data.oMi),
+        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), oMi=list(data.oMi),
         oYcrb=list(data.oYcrb),
     )  # fmt: skip
     Live(copied)
-    copied.dJ = np.ascontiguousarray(data.dJ)  # rows where columns should be
+    copied.J = np.ascontiguousarray(data.J)  # rows where columns should be
     with pytest.raises(RuntimeError, match="layout"):
         Live(copied)
