@@ -121,17 +121,15 @@ class SoftModel:
         bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
         # after a joint's first degree of freedom its others add to the same body
         before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
-        moves = np.column_stack((self._supports[:, tip], bodies, before)).astype(int)
-        masses = np.array([inertia.mass for inertia in model.inertias])
-        masses[0] = 0.0  # what is welded to the world
-        weights = np.outer(self._supports @ masses, model.gravity.linear)
-        joints = np.column_stack((self.stiffness, self.rest, self.damping))
+        beyond = [model.idx_vs[j] + self._data.nvSubtree[j] for j in bodies]
+        tree = np.column_stack((self._supports[:, tip], bodies, before, beyond)).astype(int)
+        joints = np.column_stack((self.stiffness, self.rest, self.damping, self.armature))
         cables = np.column_stack(
             (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
         )
         self._kept: tuple[Any, ...] = (
-            live.M, live.bias, live.S, live.rotations, live.translations, live.centres,
-            tip, offset, moves, weights, joints, cables, tendons.coefficients,
+            live.bias, live.S, live.momenta, live.centre, live.rotations, live.translations,
+            tip, offset, tree, model.gravity.linear.copy(), joints, cables, tendons.coefficients,
         )  # fmt: skip
         self._terms: Callable[..., None] = fixed_terms
         self._rows = self.nv + 10
@@ -160,13 +158,12 @@ class SoftModel:
             Wrong shape or a number that is not finite.
         """
         q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
-        model, data = self.pin_model, self._data
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        pin.nonLinearEffects(model, data, q, v)
+        pin.nonLinearEffects(self.pin_model, self._data, q, v)
         return self._assemble(q, v)
 
     def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
-        """The State of what Pinocchio has just computed, by a kernel."""
+        """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
+        pin.computeCentroidalMap(self.pin_model, self._data, q)
         n, nt = self.nv, len(self.tendons.names)
         rows, few = np.empty((self._rows, n)), np.empty(6 + nt)
         coordinates = q if self.nq == n else self.coordinates(q)
@@ -188,6 +185,7 @@ class SoftModel:
     def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
         """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
         data, live = self._data, self._live
+        M = pin.crba(self.pin_model, data, q, pin.Convention.WORLD).reshape(self.nv, self.nv)
         pin.computeJointJacobiansTimeVariation(self.pin_model, data, q, v)
         J = self._frame_jacobian(pin.getFrameJacobian)
         Jdot = self._frame_jacobian(pin.getFrameJacobianTimeVariation)
@@ -204,7 +202,7 @@ class SoftModel:
             K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))
         bias = data.nle.copy()
         h = bias + D @ v + K
-        arrays = (q, v, live.M.copy(), bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
+        arrays = (q, v, M, bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
         for array in arrays:
             array.flags.writeable = False
         return State.trusted(self, *arrays)

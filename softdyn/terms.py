@@ -10,9 +10,14 @@ its own joint and all before it, carries it along:
 
     v̇_k = ω × v_k + v × ω_k,    ω̇_k = ω × ω_k.
 
-The weight w of all that joint k carries, at its centre of mass c, is the force
+With F_k = (f_k; τ_k) the momentum of everything at q̇_k = 1, about the same origin, the mass matrix
+and the force of gravity a are
 
-    g_k = -(v_k · w + ω_k · (c × w)).
+    M_jk = S_j · F_k where joint j is joint k or before it,    g_k = -a · f_k
+
+(Featherstone 2008, chapter 6; Orin & Goswami 2008). Pinocchio's centroidal map holds F_k about the
+centre of mass c: it lacks c × f_k. That this M costs less than `crba`'s is a matter of memory: it is
+written once, where it stays.
 
 `SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
 `tests/test_terms.py` holds the two against each other.
@@ -36,11 +41,11 @@ class Live:
 
     Attributes
     ----------
-    M : (nv, nv) of `crba`.
     bias : (nv,) of `nonLinearEffects`.
-    S : (nv, 6) joint Jacobian columns of `crba` in the world's convention, as rows.
+    S : (nv, 6) joint Jacobian columns about the world's origin, as rows.
+    momenta, centre : (nv, 6), (3,) columns of the centroidal map, as rows; the centre of mass that
+        they are about.
     rotations, translations : (bodies, 3, 3), (bodies, 3) joint placements.
-    centres : (bodies, 3) centre of mass of each body and all beyond it, of the same `crba`.
 
     Raises
     ------
@@ -50,18 +55,17 @@ class Live:
 
     def __init__(self, data: pin.Data) -> None:
         n = len(data.nle)  # of one joint, Pinocchio hands matrices out as vectors
-        self.M, self.bias = data.M.T.reshape(n, n), data.nle
-        self.S = data.J.T.reshape(n, 6)
+        self.bias, self.S = data.nle, data.J.T.reshape(n, 6)
+        self.momenta, self.centre = data.Ag.T.reshape(n, 6), data.com[0]
         self.rotations = _stacked([placement.rotation for placement in data.oMi])
         self.translations = _stacked([placement.translation for placement in data.oMi])
-        self.centres = _stacked([inertia.lever for inertia in data.oYcrb])
-        pairs = [(self.M, data.M), (self.bias, data.nle), (self.S, data.J)]
+        pairs = [(self.bias, data.nle), (self.S, data.J)]
+        pairs += [(self.momenta, data.Ag), (self.centre, data.com[0])]
         for i, placement in enumerate(data.oMi):
             pairs.append((self.rotations[i], placement.rotation))
             pairs.append((self.translations[i], placement.translation))
-            pairs.append((self.centres[i], data.oYcrb[i].lever))
         if any(view.ctypes.data != array.ctypes.data for view, array in pairs) or not all(
-            view.flags.c_contiguous for view in (self.M, self.bias, self.S)
+            view.flags.c_contiguous for view in (self.bias, self.S, self.momenta, self.centre)
         ):
             raise RuntimeError("this Pinocchio keeps its results in an unknown layout")
 
@@ -75,8 +79,8 @@ def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
 
 @compiled
 def fixed_terms(
-    rows, few, v, coordinates, M, bias, S, rotations, translations, centres,
-    tip, tip_offset, moves, weights, joints, tendons, arms,
+    rows, few, v, coordinates, bias, S, momenta, centre, rotations, translations,
+    tip, tip_offset, tree, gravity, joints, tendons, arms,
 ):  # fmt: skip
     """Everything where moment arms are constant.
 
@@ -84,30 +88,31 @@ def fixed_terms(
     ----------
     rows : (n + 10, n) filled with M, J, J̇, bias, K, h and g.
     few : (6 + tendons,) filled with y, ẏ and the lengths.
-    M … centres : of `Live`.
+    bias … translations : of `Live`.
     tip, tip_offset : body of the tip and its position in it.
-    moves : (n, 3) of each degree of freedom: whether it moves the tip, the body that it moves
-        first, and the body whose twist it adds to.
-    weights : (n, 3) weight of all that a joint carries.
-    joints : (n, 3) stiffness, rest and damping.
+    tree : (n, 4) of each degree of freedom: whether it moves the tip, the body that it moves
+        first, the body whose twist it adds to, and the first degree of freedom after it that is
+        not beyond it.
+    gravity : (3,) acceleration.
+    joints : (n, 4) stiffness, rest, damping and armature.
     tendons : (tendons, 4) constant length, stiffness, rest and damping.
     arms : (tendons, n) moment arms.
     """
-    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves)
-    _gravity(rows[len(v) + 9], S, centres, moves, weights)
+    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, tree)
+    _inertia(rows, S, momenta, centre, tree, gravity, joints)
     n = len(v)
     for t in range(len(tendons)):
         length = tendons[t, 0]
         for k in range(n):
             length += arms[t, k] * coordinates[k]
         few[6 + t] = length
-    _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms)
+    _forces(rows, few, v, coordinates, bias, joints, tendons, arms)
 
 
 @compiled
 def spatial_terms(
-    rows, few, v, coordinates, M, bias, S, rotations, translations, centres,
-    tip, tip_offset, moves, weights, joints, tendons, coefficients,
+    rows, few, v, coordinates, bias, S, momenta, centre, rotations, translations,
+    tip, tip_offset, tree, gravity, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
     """Everything where moment arms change with q; see `fixed_terms`.
@@ -119,8 +124,8 @@ def spatial_terms(
     bodies, offsets, pairs, signs : of `Tendons`.
     actuated, gear : (m,) the tendon of each input, and its gear.
     """
-    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves)
-    _gravity(rows[len(v) + 9], S, centres, moves, weights)
+    _tip(rows, few, v, S, rotations, translations, tip, tip_offset, tree)
+    _inertia(rows, S, momenta, centre, tree, gravity, joints)
     n, nt, m = len(v), len(tendons), len(gear)
     arms, lengths = rows[n + 10 : n + 10 + nt], few[6:]
     arms[:] = coefficients
@@ -132,23 +137,37 @@ def spatial_terms(
     for i in range(m):
         for k in range(n):
             rows[n + 10 + nt + i, k] = gear[i] * arms[actuated[i], k]
-    _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms)
+    _forces(rows, few, v, coordinates, bias, joints, tendons, arms)
 
 
 @compiled
-def _gravity(g, S, centres, moves, weights):
-    for k in range(len(g)):
-        c, w = centres[moves[k, 1]], weights[k]
-        g[k] = -(
-            S[k, 0] * w[0] + S[k, 1] * w[1] + S[k, 2] * w[2]
-            + S[k, 3] * (c[1] * w[2] - c[2] * w[1])
-            + S[k, 4] * (c[2] * w[0] - c[0] * w[2])
-            + S[k, 5] * (c[0] * w[1] - c[1] * w[0])
-        )  # fmt: skip
+def _inertia(rows, S, momenta, centre, tree, gravity, joints):
+    """M and g."""
+    n = len(S)
+    x, y, z = centre[0], centre[1], centre[2]
+    columns, g = S.T.copy(), rows[n + 9]
+    for k in range(n):
+        a, b, c = momenta[k, 0], momenta[k, 1], momenta[k, 2]
+        g[k] = -(a * gravity[0] + b * gravity[1] + c * gravity[2])
+        d, e, f = (
+            momenta[k, 3] + y * c - z * b,
+            momenta[k, 4] + z * a - x * c,
+            momenta[k, 5] + x * b - y * a,
+        )
+        row = rows[k]
+        for j in range(k + 1):
+            value = (
+                a * columns[0, j] + b * columns[1, j] + c * columns[2, j]
+                + d * columns[3, j] + e * columns[4, j] + f * columns[5, j]
+            )  # fmt: skip
+            row[j] = value if tree[j, 3] > k else 0.0
+        row[k] += joints[k, 3]
+        for j in range(k):
+            rows[j, k] = row[j]
 
 
 @compiled
-def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves):
+def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, tree):
     """J, J̇, y and ẏ."""
     n = len(v)
     twists = np.zeros((len(translations), 6))
@@ -159,7 +178,7 @@ def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves):
             y[x] += rotations[tip, x, i] * tip_offset[i]
     ydot[:] = 0.0
     for k in range(n):
-        if moves[k, 0]:
+        if tree[k, 0]:
             J[0, k] = S[k, 0] + S[k, 4] * y[2] - S[k, 5] * y[1]
             J[1, k] = S[k, 1] + S[k, 5] * y[0] - S[k, 3] * y[2]
             J[2, k] = S[k, 2] + S[k, 3] * y[1] - S[k, 4] * y[0]
@@ -169,11 +188,11 @@ def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves):
             for x in range(3):
                 J[x, k] = 0.0
         for x in range(6):
-            twists[moves[k, 1], x] = twists[moves[k, 2], x] + S[k, x] * v[k]
+            twists[tree[k, 1], x] = twists[tree[k, 2], x] + S[k, x] * v[k]
     for k in range(n):
-        if moves[k, 0]:
+        if tree[k, 0]:
             a, b, c, d, e, f = S[k, 0], S[k, 1], S[k, 2], S[k, 3], S[k, 4], S[k, 5]
-            twist = twists[moves[k, 1]]
+            twist = twists[tree[k, 1]]
             vx, vy, vz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
             # the rate of (d, e, f), and from it that of (a, b, c) + (d, e, f) × y
             dd, de, df = wy * f - wz * e, wz * d - wx * f, wx * e - wy * d
@@ -195,12 +214,9 @@ def _tip(rows, few, v, S, rotations, translations, tip, tip_offset, moves):
 
 
 @compiled
-def _forces(rows, few, v, coordinates, M, bias, joints, tendons, arms):
-    """M, bias, K and h, from the lengths in `few`."""
+def _forces(rows, few, v, coordinates, bias, joints, tendons, arms):
+    """Bias, K and h, from the lengths in `few`."""
     n = len(v)
-    for i in range(n):
-        for k in range(n):
-            rows[i, k] = M[i, k]
     kept, K, h = rows[n + 6], rows[n + 7], rows[n + 8]
     for k in range(n):
         kept[k] = bias[k]

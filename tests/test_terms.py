@@ -64,9 +64,8 @@ def test_an_unknown_layout_is_noticed():
     data = robot("finger").pin_model.createData()
     Live(data)
     copied = SimpleNamespace(
-        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), oMi=list(data.oMi),
-        oYcrb=list(data.oYcrb),
-    )  # fmt: skip
+        nle=data.nle, J=np.asfortranarray(data.J), Ag=data.Ag, com=data.com, oMi=list(data.oMi)
+    )
     Live(copied)
     copied.J = np.ascontiguousarray(data.J)  # rows where columns should be
     with pytest.raises(RuntimeError, match="layout"):

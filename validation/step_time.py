@@ -150,9 +150,11 @@ def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable
     data = model_.createData()
 
     def calls(q: np.ndarray, v: np.ndarray) -> None:
-        pin.crba(model_, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model_, data, q, v)
-        if not COMPILES:
+        if COMPILES:
+            pin.computeCentroidalMap(model_, data, q)
+        else:
+            pin.crba(model_, data, q, pin.Convention.WORLD)
             pin.computeJointJacobiansTimeVariation(model_, data, q, v)
         if gravity:
             pin.computeGeneralizedGravity(model_, data, q)
