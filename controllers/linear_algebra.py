@@ -18,6 +18,10 @@ def _add(row, part, other):
     row += part * other
 
 
+def _inner(a, b):
+    return a @ b.T
+
+
 def _substitute(triangle, right):
     right[:] = np.linalg.solve(np.tril(triangle), right)
 
@@ -46,6 +50,16 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     for i in range(len(a)):
         total += a[i] * b[i]
     return total
+
+
+@plainly(_inner)
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); reads the latter once."""
+    products = np.empty((len(a), len(b)))
+    for j in range(len(b)):
+        for i in range(len(a)):
+            products[i, j] = dot(a[i], b[j])
+    return products
 
 
 @plainly(_add)
@@ -155,18 +169,17 @@ def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
 
 
 @compiled
-def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, inverse).
+def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, triangle, rows).
 
-    ``inverse @ range`` is B⁺; `range` (r, n) spans range(B) with orthonormal rows, `inverse` is
-    (m, r).
+    ``B = range.T @ triangle @ rows``; `range` (r, n) and `rows` (r, m) are orthonormal, `triangle`
+    (r, r) is lower triangular, so ``B⁺ = rows.T @ triangle⁻¹ @ range``.
     """
     span = row_space(Bt)
     r, m = len(span), len(Bt)
-    basis, triangle, inverse = np.empty((r, m)), np.empty((r, r)), np.eye(r)
-    triangular(span @ Bt.T, basis, triangle)
-    substitute(triangle, inverse)
-    return span, basis.T @ inverse
+    rows, triangle = np.empty((r, m)), np.empty((r, r))
+    triangular(inner(span, Bt), rows, triangle)
+    return span, triangle, rows
 
 
 @plainly(_cholesky)

@@ -5,8 +5,8 @@ body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
 
     J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ.
 
-Each column is fixed to the body that joint k moves first. That body's twist (v; ω) = Σ S_j q̇_j, over
-its own joint and all before it, carries it along:
+Each column is fixed to the body that joint k moves first, whose twist (v; ω) = Σ S_j q̇_j, over its
+own joint and all before it, carries it along:
 
     v̇_k = ω × v_k + v × ω_k,    ω̇_k = ω × ω_k.
 
@@ -16,8 +16,8 @@ and the force of gravity a are
     M_jk = S_j · F_k where joint j is joint k or before it,    g_k = -a · f_k
 
 (Featherstone 2008, chapter 6; Orin & Goswami 2008). Pinocchio's centroidal map holds F_k about the
-centre of mass c: it lacks c × f_k. That this M costs less than `crba`'s is a matter of memory: it is
-written once, where it stays.
+centre of mass c: it lacks c × f_k. This M costs less than that of `crba` because it is written once,
+where it stays.
 
 `SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
 `tests/test_terms.py` holds the two against each other.
