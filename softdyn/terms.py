@@ -16,8 +16,8 @@ and the force of gravity a are
     M_jk = S_j · F_k where joint j is joint k or before it,    g_k = -a · f_k
 
 (Featherstone 2008, chapter 6; Orin & Goswami 2008). Pinocchio's centroidal map holds F_k about the
-centre of mass c: it lacks c × f_k. This M costs less than that of `crba` because it is written once,
-where it stays.
+centre of mass c: it lacks c × f_k. This M costs less than that of `crba`: it is written once, where
+it stays.
 
 `SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
 `tests/test_terms.py` holds the two against each other.
