@@ -328,7 +328,7 @@ class SoftModel:
         if array.shape != (size,):
             raise InputError(name, f"shape ({size},)", f"shape {array.shape}")
         # one dot product instead of a temporary: it overflows only where the slow test decides
-        if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+        if not math.isfinite(array.dot(array)) and not np.isfinite(array).all():
             raise InputError(name, "finite numbers", array)
         return array
 
