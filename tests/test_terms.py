@@ -60,6 +60,15 @@ def test_random_robots(seed, tmp_path):
     check(softdyn.load(write_robot(seed, tmp_path)), seed)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_floating_bases(seed, tmp_path):
+    # a joint of six degrees of freedom, whose columns share a body and a twist
+    model = softdyn.load(write_robot(seed, tmp_path), floating=True)
+    check(model, seed)
+    M = model.state(model.q0, np.ones(model.nv)).M
+    assert np.array_equal(M, M.T)
+
+
 def test_an_unknown_layout_is_noticed():
     data = robot("finger").pin_model.createData()
     Live(data)
