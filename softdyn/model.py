@@ -216,7 +216,8 @@ class SoftModel:
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
         q = self._vector("q", q, self.nq)
-        return _read_only(pin.computeGeneralizedGravity(self.pin_model, self._data, q))
+        pin.computeCentroidalMap(self.pin_model, self._data, q)
+        return _read_only(-self._live.momenta[:, :3] @ self.pin_model.gravity.linear)
 
     # -- dynamics ------------------------------------------------------------------------------
 

@@ -157,7 +157,7 @@ def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable
             pin.crba(model_, data, q, pin.Convention.WORLD)
             pin.computeJointJacobiansTimeVariation(model_, data, q, v)
         if gravity:
-            pin.computeGeneralizedGravity(model_, data, q)
+            pin.computeCentroidalMap(model_, data, q)
         if coriolis:
             pin.computeCoriolisMatrix(model_, data, q, v)
 
