@@ -196,8 +196,8 @@ def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         row = R[j, j:]
         for i in range(n - j):
             row[i] = M[j, j + i]
-        for c in range(k):
-            row[n - j + c] = rows[c, j]
+        for i in range(k):
+            row[n - j + i] = rows[i, j]
         for x in range(0, j - 3, 4):
             first, second, third, fourth = R[x, j:], R[x + 1, j:], R[x + 2, j:], R[x + 3, j:]
             a, b, c, d = first[0], second[0], third[0], fourth[0]

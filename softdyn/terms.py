@@ -19,7 +19,7 @@ and the force of gravity a are
 centre of mass c: it lacks c × f_k. This M costs less than that of `crba`: it is written once, where
 it stays.
 
-`SoftModel` does the same in NumPy and through Pinocchio's own accessors where nothing is compiled;
+`SoftModel` does the same in NumPy and with Pinocchio's own algorithms where nothing is compiled;
 `tests/test_terms.py` holds the two against each other.
 """
 
@@ -142,7 +142,7 @@ def spatial_terms(
 
 @compiled
 def _inertia(rows, S, momenta, centre, tree, gravity, joints):
-    """M and g."""
+    """M, armature included, and g."""
     n = len(S)
     x, y, z = centre[0], centre[1], centre[2]
     columns, g = S.T.copy(), rows[n + 9]
