@@ -19,6 +19,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from controllers.controller import SILENT
 from controllers.qp import DenseQp, Problem, Solution
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, number
@@ -216,6 +217,7 @@ class BarrierRows:
             self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
         return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
 
+    @SILENT
     def enforce(self, problem: Problem, solution: Solution | None, state: State) -> Solution | None:
         """`solution` where it meets every row, else that of `problem` with the rows it breaks.
 

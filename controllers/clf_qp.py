@@ -6,7 +6,7 @@ import numpy as np
 
 from controllers.controller import Command, guarded
 from controllers.gains import Gains, resolve
-from controllers.linear_algebra import cholesky, dot, substitute, substitute_back
+from controllers.linear_algebra import cholesky, dot, inner
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
@@ -59,15 +59,15 @@ class Linearisation:
 
 @compiled
 def _linearised(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
-    m = len(Bt)
-    X, L = J.T.copy(), cholesky(M)  # X = M⁻¹ Jᵀ
-    substitute(L, X)
-    substitute_back(L, X)
-    JM, short = X.T.copy(), np.empty(3)
+    m, n = Bt.shape
+    rows, short = np.empty((m + 4, n)), np.empty(3)
+    rows[:3], rows[3 : 3 + m], rows[3 + m] = J, Bt, h
+    half = cholesky(M, rows)[1]
+    products = inner(half[:3], half[3:])  # J M⁻¹ [B h]
     for x in range(3):
         for j in range(m):
-            mu_map[x, j] = dot(JM[x], Bt[j])
-        mu_0[x] = dot(Jdot[x], v) - dot(JM[x], h) - yddot[x]
+            mu_map[x, j] = products[x, j]
+        mu_0[x] = dot(Jdot[x], v) - products[x, m] - yddot[x]
         short[x] = mu_0[x] - mu_ref[x]
     trace = 0.0
     for i in range(m):

@@ -12,7 +12,9 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.compiled import compiled
+from softdyn.compiled import COMPILES, compiled
+
+SILENT = np.errstate(all="ignore")  # as a decorator: overflow is no warning
 
 
 class Status(Enum):
@@ -62,6 +64,8 @@ Law = Callable[[Self, State, Any], Command]
 def guarded(law: Law[Self]) -> Law[Self]:
     """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback.
 
+    Compiled kernels are silent by themselves; a law with NumPy's arithmetic in it needs `SILENT`.
+
     What is no State of this robot or no Reference is an `InputError`: compiled kernels would write
     beyond their arrays.
     """
@@ -74,13 +78,12 @@ def guarded(law: Law[Self]) -> Law[Self]:
             and isinstance(reference, Reference)
         ):
             raise no_arguments(state, reference, self.guard.nu)
-        with np.errstate(all="ignore"):
-            try:
-                return law(self, state, reference)
-            except np.linalg.LinAlgError:
-                return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+        try:
+            return law(self, state, reference)
+        except np.linalg.LinAlgError:
+            return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
 
-    return call
+    return call if COMPILES else SILENT(call)
 
 
 def no_arguments(state: Any, reference: Any, nu: int) -> InputError:

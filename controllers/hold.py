@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from controllers.controller import SILENT
 from controllers.gains import Gains
 from softdyn import SoftModel, State
 
@@ -30,8 +31,11 @@ def over_hold(state: State, tau: float) -> State:
 
     What it says of the tip, B, D and K is unchanged; `bias` is too, and no longer h - D v - K.
     """
-    if tau == 0:
-        return state
+    return state if tau == 0 else _over(state, tau)
+
+
+@SILENT
+def _over(state: State, tau: float) -> State:
     stiffness = elastic_stiffness(state.model, state.q)
     M = state.M + tau * state.D + tau**2 * stiffness
     h = state.h + tau * (stiffness @ state.v)

@@ -10,7 +10,7 @@ from controllers.barriers import Barrier, BarrierRows
 from controllers.controller import Command, InputGuard, guarded
 from controllers.gains import Gains, resolve
 from controllers.hold import over_hold
-from controllers.linear_algebra import cholesky, dot, row_space, substitute, substitute_back
+from controllers.linear_algebra import cholesky, dot, inner, row_space, substitute_back
 from controllers.soft_inverse_dynamics import SoftInverseDynamics
 from controllers.task import Task
 from controllers.task_qp import Condensed, TaskQp
@@ -124,23 +124,18 @@ def _hard(
 ):  # fmt: skip
     w1, w2, w3, w4, damping = weights[0], weights[1], weights[2], weights[3], weights[4]
     m, n = Bt.shape
-    # q̈ = drift + X u; the columns of `right` are X and -drift
-    right = np.empty((n, m + 1))
-    right[:, :m], right[:, m] = Bt.T, h
-    L = cholesky(M)
-    substitute(L, right)
-    substitute_back(L, right)
-    X = right.T.copy()
+    # q̈ = M⁻¹B u + drift; the rows of X are the columns of M⁻¹B, and drift
+    right = np.empty((m + 1, n))
+    right[:m], right[m] = Bt, -h
+    R, X = cholesky(M, right)
+    substitute_back(R, X)
     drift, damped = X[m], np.empty(n)
     for i in range(n):
-        drift[i] = -drift[i]
         damped[i] = drift[i] + damping * v[i]
     reach = row_space(J)
     r = len(reach)
-    RX, Rd = np.empty((r, m)), np.empty(r)
+    RX, Rd = inner(reach, X[:m]), np.empty(r)
     for x in range(r):
-        for j in range(m):
-            RX[x, j] = dot(reach[x], X[j])
         Rd[x] = dot(reach[x], damped)
     short = np.empty(3)
     for x in range(3):

@@ -13,6 +13,7 @@ from controllers.linear_algebra import (
     cholesky,
     dot,
     factor,
+    inner,
     orthogonalise,
     row_space,
     substitute,
@@ -29,13 +30,8 @@ SMALL_DETERMINANT, TASK_INERTIA_RCOND, UIC_RCOND = 1e-2, 1e-2, 1e-8
 @compiled
 def task_inertia(M: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Λ = (J M⁻¹ Jᵀ)⁻¹ (3, 3), in kg."""
-    half = J.T.copy()
-    substitute(cholesky(M), half)
-    mobility = np.zeros((3, 3))
-    for i in range(len(half)):
-        for x in range(3):
-            for y in range(3):
-                mobility[x, y] += half[i, x] * half[i, y]
+    half = cholesky(M, J)[1]
+    mobility = inner(half, half)
     if abs(np.linalg.det(mobility)) >= SMALL_DETERMINANT:
         return np.ascontiguousarray(np.linalg.inv(mobility))
     values, vectors = np.linalg.eigh(mobility)
@@ -50,7 +46,7 @@ def task_inertia(M: np.ndarray, J: np.ndarray) -> np.ndarray:
 
 @compiled
 def _law(
-    M, h, bias, g, v, J, Jdot, mu_ref, yddot, span, inverse, project
+    M, h, bias, g, v, J, Jdot, mu_ref, yddot, span, triangle, rows, project
 ):  # fmt: skip
     """B⁺(Jᵀ f + D q̇ + K + g) before clamping; `project` removes what no input can give.
 
@@ -70,11 +66,12 @@ def _law(
     if project:
         actuated_torque(reach, span, torque)
     torque += h - coriolis
-    u, along = np.zeros(len(inverse)), np.empty(len(span))
+    u, along = np.zeros(rows.shape[1]), np.empty((len(span), 1))
     for i in range(len(span)):
-        along[i] = dot(span[i], torque)
-    for i in range(len(inverse)):
-        u[i] = dot(inverse[i], along)
+        along[i, 0] = dot(span[i], torque)
+    substitute(triangle, along)
+    for i in range(len(span)):
+        add(u, along[i, 0], rows[i])
     return u
 
 
@@ -85,7 +82,7 @@ class ImpedanceLaw:
         self.guard = InputGuard(model.u_min, model.u_max)
         self._task = Task(gains)
         self._B: np.ndarray | None = None
-        self._factors = (np.empty((0, 0)),) * 2
+        self._factors = (np.empty((0, 0)),) * 3
         rehearse(partial(self.command, project=True), model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint, *, project: bool) -> Command:
@@ -155,14 +152,11 @@ def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) 
     torque : (n,) in range(Jᵀ), changed in place.
     """
     (r, n), a = reach.shape, len(range_B)
-    inner, turned = np.empty((r, a)), np.eye(r)
-    for i in range(r):
-        for j in range(a):
-            inner[i, j] = dot(reach[i], range_B[j])
-    orthogonalise(inner, turned)
+    angles, turned = inner(reach, range_B), np.eye(r)
+    orthogonalise(angles, turned)
     cosines, largest = np.empty(r), 0.0
     for i in range(r):
-        cosines[i] = np.sqrt(dot(inner[i], inner[i]))
+        cosines[i] = np.sqrt(dot(angles[i], angles[i]))
         largest = max(largest, cosines[i])
     if n > r + a:  # outside both ranges every singular value is 1
         largest = 1.0
@@ -174,7 +168,7 @@ def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) 
         part = dot(turned[i], parts)
         if cosines[i] > UIC_RCOND * largest:
             for j in range(a):
-                add(torque, part * inner[i, j] / (cosines[i] * cosines[i]), range_B[j])
+                add(torque, part * angles[i, j] / (cosines[i] * cosines[i]), range_B[j])
         else:
             for j in range(r):
                 add(torque, part * turned[i, j], reach[j])

@@ -18,12 +18,21 @@ def _add(row, part, other):
     row += part * other
 
 
+def _inner(a, b):
+    return a @ b.T
+
+
 def _substitute(triangle, right):
     right[:] = np.linalg.solve(np.tril(triangle), right)
 
 
-def _substitute_back(triangle, right):
-    right[:] = np.linalg.solve(np.tril(triangle).T, right)
+def _substitute_back(upper, rows):
+    rows[:] = np.linalg.solve(np.triu(upper), rows.T).T
+
+
+def _cholesky(M, rows):
+    L = np.linalg.cholesky(M)
+    return L.T, np.linalg.solve(L, rows.T).T
 
 
 def _eliminate(A, b):
@@ -34,13 +43,23 @@ def _eliminate(A, b):
     return True
 
 
-@plainly(np.dot)
+@plainly(np.dot, reorder=True)
 def dot(a: np.ndarray, b: np.ndarray) -> float:
     """a · b of two vectors (n,)."""
     total = 0.0
     for i in range(len(a)):
         total += a[i] * b[i]
     return total
+
+
+@plainly(_inner)
+def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); reads the latter once."""
+    products = np.empty((len(a), len(b)))
+    for j in range(len(b)):
+        for i in range(len(a)):
+            products[i, j] = dot(a[i], b[j])
+    return products
 
 
 @plainly(_add)
@@ -120,14 +139,13 @@ def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
 
 
 @plainly(_substitute_back)
-def substitute_back(triangle: np.ndarray, right: np.ndarray) -> None:
-    """Solve triangleᵀ @ x = right, in place of `right` (k, c)."""
-    for i in range(len(right) - 1, -1, -1):
-        for c in range(right.shape[1]):
-            right[i, c] /= triangle[i, i]
-        for j in range(i):
-            for c in range(right.shape[1]):
-                right[j, c] -= triangle[i, j] * right[i, c]
+def substitute_back(upper: np.ndarray, rows: np.ndarray) -> None:
+    """Solve upper @ x = row, upper triangular (k, k), in place of each of `rows` (c, k)."""
+    k = len(upper)
+    for i in range(k - 1, -1, -1):
+        for c in range(len(rows)):
+            rest = rows[c, i] - dot(upper[i, i + 1 : k], rows[c, i + 1 :])
+            rows[c, i] = rest / upper[i, i]
 
 
 @compiled
@@ -151,35 +169,46 @@ def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
 
 
 @compiled
-def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, inverse).
+def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, triangle, rows).
 
-    ``inverse @ range`` is B⁺; `range` (r, n) spans range(B) with orthonormal rows, `inverse` is
-    (m, r).
+    ``B = range.T @ triangle @ rows``; `range` (r, n) and `rows` (r, m) are orthonormal, `triangle`
+    (r, r) is lower triangular, so ``B⁺ = rows.T @ triangle⁻¹ @ range``.
     """
     span = row_space(Bt)
     r, m = len(span), len(Bt)
-    basis, triangle, inverse = np.empty((r, m)), np.empty((r, r)), np.eye(r)
-    triangular(span @ Bt.T, basis, triangle)
-    substitute(triangle, inverse)
-    return span, basis.T @ inverse
+    rows, triangle = np.empty((r, m)), np.empty((r, r))
+    triangular(inner(span, Bt), rows, triangle)
+    return span, triangle, rows
 
 
-@plainly(np.linalg.cholesky)
-def cholesky(M: np.ndarray) -> np.ndarray:
-    """Lower triangular L (n, n) with L Lᵀ = M, its upper half unset.
+@plainly(_cholesky)
+def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Upper triangular R (n, n) with RᵀR = M, its lower half unset, and `rows` R⁻¹ (k, n).
 
     Not finite where M is not positive definite (in NumPy: `LinAlgError`).
     """
-    n = len(M)
-    L = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            rest = M[i, j]
-            for x in range(j):
-                rest -= L[i, x] * L[j, x]
-            L[i, j] = rest / L[j, j] if j < i else np.sqrt(rest)
-    return L
+    # Row by row of [R, R⁻ᵀ rowsᵀ]: what is above is taken off four rows at a time, in sweeps along
+    # the row, which compilers turn into wide instructions; inner products they do not.
+    n, k = len(M), len(rows)
+    R = np.empty((n, n + k))
+    for j in range(n):
+        row = R[j, j:]
+        for i in range(n - j):
+            row[i] = M[j, j + i]
+        for i in range(k):
+            row[n - j + i] = rows[i, j]
+        for x in range(0, j - 3, 4):
+            first, second, third, fourth = R[x, j:], R[x + 1, j:], R[x + 2, j:], R[x + 3, j:]
+            a, b, c, d = first[0], second[0], third[0], fourth[0]
+            for i in range(len(row)):
+                row[i] -= a * first[i] + b * second[i] + c * third[i] + d * fourth[i]
+        for x in range(j - j % 4, j):
+            add(row, -R[x, j], R[x, j:])
+        inverse = 1 / np.sqrt(row[0])
+        for i in range(len(row)):
+            row[i] *= inverse
+    return R, R[:, n:].T.copy()
 
 
 @plainly(_eliminate)

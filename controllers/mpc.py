@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.controller import Command, InputGuard, Status, guarded, rehearse
+from controllers.controller import SILENT, Command, InputGuard, Status, guarded, rehearse
 from controllers.prediction import one_period, programme, ramps
 from controllers.qp import DenseQp, Problem
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
@@ -126,6 +126,7 @@ class Mpc:
         self._held = np.zeros(model.nv, bool)
 
     @guarded
+    @SILENT
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`. V is the cost that the horizon predicts."""
         model, u, v = self._model, self._u, state.v

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.gains import Gains
-from controllers.linear_algebra import dot, extend, row_space, substitute, triangular
+from controllers.linear_algebra import dot, extend, inner, row_space, substitute, triangular
 from controllers.task import Task
 from controllers.task_qp import Condensed
 from softdyn import State
@@ -58,7 +58,7 @@ class SoftInverseDynamics:
 def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
     span = row_space(Bt)
-    return span, span @ Bt.T
+    return span, inner(span, Bt)
 
 
 @compiled
@@ -72,7 +72,7 @@ def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g
     if a:
         # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
         # is. They read triangle z[:a] = span (B u - h + c M v).
-        actuated = span @ M
+        actuated = inner(span, M)  # M is symmetric
         triangular(actuated, Z, triangle)
         for i in range(a):
             for j in range(m):
@@ -83,12 +83,7 @@ def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g
 
     # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
     # `along` gives J Zᵀ and R = reach Zᵀ.
-    along, R = np.empty((3, k)), np.empty((r, k))
-    for j in range(k):
-        for x in range(3):
-            along[x, j] = dot(J[x], Z[j])
-        for x in range(r):
-            R[x, j] = dot(reach[x], Z[j])
+    along, R = inner(J, Z[:k]), inner(reach, Z[:k])
     RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
     _through(R, right, a, k, RY, Rz)
     _through(along, right, a, k, mu_map, mu_0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.controller import Command, guarded
+from controllers.controller import SILENT, Command, guarded
 from controllers.id_clf_qp import SoftIdClfQp
 from controllers.mpc import DEFAULT_PERIOD, Mpc
 from controllers.schedule import Schedule, make_schedule, tuned
@@ -58,6 +58,7 @@ class Staged:
         self._staying = False
 
     @guarded
+    @SILENT
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
         schedule, error = self.gains, state.y - reference.y

@@ -37,21 +37,29 @@ numba = _numba()
 COMPILES = numba is not None
 
 
-def plainly(plain: Callable[..., Any]) -> Callable[[Kernel], Kernel]:
+def plainly(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
     """`compiled`, but `plain` runs where nothing is compiled: NumPy's calls instead of loops."""
 
     def choose(function: Kernel) -> Kernel:
-        return compiled(function) if COMPILES else plain  # type: ignore[return-value]
+        if COMPILES:
+            return compiled(function, reorder=reorder)
+        return plain  # type: ignore[return-value]
 
     return choose
 
 
-def compiled(function: Kernel) -> Kernel:
-    """`function` compiled at its first call, or itself; ``.py_func`` is the source either way."""
+def compiled(function: Kernel, *, reorder: bool = False) -> Kernel:
+    """`function` compiled at its first call, or itself; ``.py_func`` is the source either way.
+
+    `reorder` lets the compiler take the terms of a sum in another order, several at once, and
+    round a product and a sum together. NaN and infinities remain what they are.
+    """
     if numba is None:
         function.py_func = function  # type: ignore[attr-defined]
         return function
-    options = {"error_model": "numpy", "nogil": True}
+    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+    if reorder:
+        options["fastmath"] = {"reassoc", "contract"}
     try:
         kernel = numba.njit(cache=True, **options)(function)
         # Numba looks at a kernel's own file alone, and would keep what was inlined from others

@@ -117,16 +117,22 @@ class SoftModel:
         """Gather what the State's kernel reads, in as few arrays as possible."""
         live, tendons = self._live, self.tendons
         tip, offset = self._anchor(self.robot.task, np.zeros(3))
-        joints = np.column_stack((self.stiffness, self.rest, self.damping))
+        model = self.pin_model
+        bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
+        # after a joint's first degree of freedom its others add to the same body
+        before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
+        beyond = [model.idx_vs[j] + self._data.nvSubtree[j] for j in bodies]
+        tree = np.column_stack((self._supports[:, tip], bodies, before, beyond)).astype(int)
+        joints = np.column_stack((self.stiffness, self.rest, self.damping, self.armature))
         cables = np.column_stack(
             (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
         )
         self._kept: tuple[Any, ...] = (
-            live.M, live.bias, live.S, live.Sdot, live.rotations, live.translations,
-            tip, offset, self._supports[:, tip].copy(), joints, cables, tendons.coefficients,
+            live.bias, live.S, live.momenta, live.centre, live.rotations, live.translations,
+            tip, offset, tree, model.gravity.linear.copy(), joints, cables, tendons.coefficients,
         )  # fmt: skip
         self._terms: Callable[..., None] = fixed_terms
-        self._rows = self.nv + 9
+        self._rows = self.nv + 10
         if tendons.spatial:
             self._kept += (*tendons.packed(), self._actuated, self._gear)
             self._terms, self._rows = spatial_terms, self._rows + len(cables) + self.nu
@@ -152,14 +158,12 @@ class SoftModel:
             Wrong shape or a number that is not finite.
         """
         q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
-        model, data = self.pin_model, self._data
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        pin.nonLinearEffects(model, data, q, v)
-        pin.computeJointJacobiansTimeVariation(model, data, q, v)
+        pin.nonLinearEffects(self.pin_model, self._data, q, v)
         return self._assemble(q, v)
 
     def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
-        """The State of what Pinocchio has just computed, by a kernel."""
+        """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
+        pin.computeCentroidalMap(self.pin_model, self._data, q)
         n, nt = self.nv, len(self.tendons.names)
         rows, few = np.empty((self._rows, n)), np.empty(6 + nt)
         coordinates = q if self.nq == n else self.coordinates(q)
@@ -168,18 +172,21 @@ class SoftModel:
             array.flags.writeable = False
         arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
         if self.tendons.spatial:
-            arms, B = rows[n + 9 : n + 9 + nt], rows[n + 9 + nt :].T
+            arms, B = rows[n + 10 : n + 10 + nt], rows[n + 10 + nt :].T
             if self._damped:
                 D = self._damping_matrix(arms)
                 D.flags.writeable = False
         return State.trusted(
             self, q, v, rows[:n], rows[n + 6], rows[n + 7], D, B, rows[n + 8],
             rows[n : n + 3], rows[n + 3 : n + 6], few[:3], few[3:6], few[6:], arms,
+            g=rows[n + 9],
         )  # fmt: skip
 
     def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
         """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
         data, live = self._data, self._live
+        M = pin.crba(self.pin_model, data, q, pin.Convention.WORLD).reshape(self.nv, self.nv)
+        pin.computeJointJacobiansTimeVariation(self.pin_model, data, q, v)
         J = self._frame_jacobian(pin.getFrameJacobian)
         Jdot = self._frame_jacobian(pin.getFrameJacobianTimeVariation)
         y = np.array(pin.updateFramePlacement(self.pin_model, data, self._frame).translation)
@@ -195,7 +202,7 @@ class SoftModel:
             K += arms.T @ (self.tendon_stiffness * (lengths - self.tendon_rest))
         bias = data.nle.copy()
         h = bias + D @ v + K
-        arrays = (q, v, live.M.copy(), bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
+        arrays = (q, v, M, bias, K, D, B, h, J, Jdot, y, J @ v, lengths, arms)
         for array in arrays:
             array.flags.writeable = False
         return State.trusted(self, *arrays)
@@ -209,7 +216,8 @@ class SoftModel:
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
         q = self._vector("q", q, self.nq)
-        return _read_only(pin.computeGeneralizedGravity(self.pin_model, self._data, q))
+        pin.computeCentroidalMap(self.pin_model, self._data, q)
+        return _read_only(-self._live.momenta[:, :3] @ self.pin_model.gravity.linear)
 
     # -- dynamics ------------------------------------------------------------------------------
 
@@ -321,7 +329,7 @@ class SoftModel:
         if array.shape != (size,):
             raise InputError(name, f"shape ({size},)", f"shape {array.shape}")
         # one dot product instead of a temporary: it overflows only where the slow test decides
-        if not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+        if not math.isfinite(array.dot(array)) and not np.isfinite(array).all():
             raise InputError(name, "finite numbers", array)
         return array
 

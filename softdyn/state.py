@@ -69,10 +69,13 @@ class State:
             object.__setattr__(self, name, value)
 
     @staticmethod
-    def trusted(model: SoftModel, *arrays: np.ndarray) -> State:
-        """A State of read-only arrays in the order of the fields, which are right as they are."""
+    def trusted(model: SoftModel, *arrays: np.ndarray, **known: np.ndarray) -> State:
+        """A State of read-only arrays in the order of the fields, which are right as they are.
+
+        `known` is what else need not be computed on first use.
+        """
         state = object.__new__(State)
-        state.__dict__.update(zip(_FIELDS, (model, *arrays), strict=True))
+        state.__dict__.update(zip(_FIELDS, (model, *arrays), strict=True), **known)
         return state
 
     @cached_property
@@ -82,7 +85,7 @@ class State:
 
     @cached_property
     def g(self) -> np.ndarray:
-        """(n,) gravity force, computed on first use."""
+        """(n,) gravity force; where `SoftModel.state` does not know it, computed on first use."""
         return self.model.gravity(self.q)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from control_cases import BUNDLED, MICRO, robot
 
@@ -13,7 +14,9 @@ from softdyn.terms import Live
 from tests.oracles import relative
 from tests.random_robots import write_robot
 
-FIELDS = ("M", "bias", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms")
+FIELDS = (
+    "M", "bias", "g", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms",
+)  # fmt: skip
 
 
 def both(model, q, v):
@@ -24,12 +27,19 @@ def both(model, q, v):
     )
 
 
+def gravity(model, q):
+    return pin.computeGeneralizedGravity(model.pin_model, model.pin_model.createData(), q)
+
+
 def check(model, seed: int) -> None:
     rng = np.random.default_rng(seed)
     low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
     for speed in (0.0, 1.0, 1e3):
         q = model.configuration(rng.uniform(low, high))
         one, two = both(model, q, speed * rng.normal(size=model.nv))
+        assert "g" in vars(one)
+        assert "g" not in vars(two)  # but on demand
+        assert relative(one.g, gravity(model, one.q)) < 1e-13
         reach = max(np.abs(one.J).max(), np.abs(one.y).max())
         for field in FIELDS:
             fast, plain = getattr(one, field), getattr(two, field)
@@ -56,13 +66,22 @@ def test_random_robots(seed, tmp_path):
     check(softdyn.load(write_robot(seed, tmp_path)), seed)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_floating_bases(seed, tmp_path):
+    # a joint of six degrees of freedom, whose columns share a body and a twist
+    model = softdyn.load(write_robot(seed, tmp_path), floating=True)
+    check(model, seed)
+    M = model.state(model.q0, np.ones(model.nv)).M
+    assert np.array_equal(M, M.T)
+
+
 def test_an_unknown_layout_is_noticed():
     data = robot("finger").pin_model.createData()
     Live(data)
     copied = SimpleNamespace(
-        M=data.M, nle=data.nle, J=np.asfortranarray(data.J), dJ=data.dJ, oMi=list(data.oMi)
+        nle=data.nle, J=np.asfortranarray(data.J), Ag=data.Ag, com=data.com, oMi=list(data.oMi)
     )
     Live(copied)
-    copied.dJ = np.ascontiguousarray(data.dJ)  # rows where columns should be
+    copied.J = np.ascontiguousarray(data.J)  # rows where columns should be
     with pytest.raises(RuntimeError, match="layout"):
         Live(copied)
