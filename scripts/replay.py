@@ -1,17 +1,22 @@
 #!/usr/bin/env python3
-"""Show saved runs as one page without a server: one, or several in one scene to compare."""
+"""Show saved runs, one or several to compare: as a page without a server, or as a figure."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
 import cli
+
+if TYPE_CHECKING:
+    from validation import Log
 
 EPILOG = """\
 LOG is what run.py --log or benchmark.py wrote (results/runs/ROBOT/CONTROLLER/CASE.npz). Several
 logs play together in one place, or with --side-by-side next to each other. The page has a timeline
-with the error of each run, shows cables by tension, and works from the file system.
+with the error of each run, shows cables by tension, and works from the file system. --plot draws
+errors and inputs instead, or too.
 
 exit codes: 0 written; 2 bad input.
 """
@@ -21,7 +26,8 @@ def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
     found.add_argument("logs", nargs="+", metavar="LOG")
-    found.add_argument("--html", metavar="FILE", required=True, help="the page to write")
+    found.add_argument("--html", metavar="FILE", help="the page to write")
+    found.add_argument("--plot", metavar="FILE", help="errors and inputs over time, a PNG")
     found.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
     found.add_argument(
         "--side-by-side", action="store_true", help="next to each other, not in one place"
@@ -45,12 +51,19 @@ def command(arguments: argparse.Namespace) -> int:
     from validation.files import write_text
     from validation.replay import comparison, replay
 
-    cli.check_outputs(arguments.html)
+    if arguments.html is None and arguments.plot is None:
+        raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
+    cli.check_outputs(arguments.html, arguments.plot)
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
         raise softdyn.InputError(
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)
         )
     logs = [Log.load(path) for path in arguments.logs]
+    if arguments.plot is not None:
+        draw(logs, arguments.labels, arguments.plot)
+        print(arguments.plot)
+    if arguments.html is None:
+        return cli.PASSED
     if arguments.robot is None:
         robots = {log.robot: softdyn.load(log.robot) for log in logs}
     else:
@@ -63,6 +76,19 @@ def command(arguments: argparse.Namespace) -> int:
     write_text(arguments.html, page.html())
     print(arguments.html)
     return cli.PASSED
+
+
+def draw(logs: list[Log], labels: list[str] | None, file: str) -> None:
+    """The figure of the runs."""
+    from validation import plot_style
+    from validation.comparison_figure import compare
+    from validation.files import atomic
+    from validation.replay import labels_of
+
+    with plot_style.style():
+        figure = compare(logs, labels or labels_of(logs))
+        with atomic(file) as stream:
+            figure.savefig(stream, format="png", dpi=120)
 
 
 if __name__ == "__main__":

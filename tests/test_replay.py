@@ -12,6 +12,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from validation import Log, paper, simulate
+from validation.comparison_figure import compare
 from validation.replay import comparison, replay, replays, track
 
 
@@ -150,7 +151,24 @@ def test_replay_compares_saved_runs(call, log, tmp_path):
     assert '"label":"y"' in text
 
 
+def test_replay_draws_saved_runs(call, log, tmp_path):
+    log.save("a.npz")
+    y = log.y_ref + [0.0, 0.0, 1.0]
+    y[2:] = np.nan
+    lost = replace(log, y=y, u=np.ones_like(log.u), failed=True)
+    lost.save("lost.npz")
+    code, out, err = call("replay", "a.npz", "lost.npz", "--labels", "x", "y", "--plot", "p.png")
+    assert (code, out, err) == (0, "p.png\n", "")
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    errors, *inputs = compare([log, lost], ["x", "y"]).axes
+    assert len(inputs) == 2
+    assert [line.get_label() for line in errors.lines] == ["x", "y (failed)"]
+    np.testing.assert_allclose(errors.lines[1].get_ydata(), [100, 100])  # cm, while finite
+    np.testing.assert_array_equal(inputs[1].lines[0].get_ydata()[:3], 1)
+
+
 @pytest.mark.parametrize("arguments", [
+    ("a.npz",), ("a.npz", "--plot", "no/folder/p.png"),
     ("missing.npz", "--html", "p.html"), ("a.npz", "--html", "no/folder/p.html"),
     ("a.npz", "--labels", "x", "y", "--html", "p.html"),
     ("a.npz", "--robot", "spirob", "--html", "p.html"),

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from validation import plot_style as look
+from validation.log import Log
 from validation.plot_data import EXAMPLE, Run, distinct, main_controller, of, preferred, thin
 
 
@@ -23,7 +24,7 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
     width = look.COLUMN if len(kinds) == 1 else look.PAGE
     figure, grid = look.panels(len(robots), len(kinds), width, 1.6 * len(robots) + 0.3)
     for row, robot in zip(grid, robots, strict=True):
-        shown: list[Run] = []
+        shown: list[Run | Log] = []
         for axes, kind in zip(row, kinds, strict=True):
             found = of(runs, robot, kind=kind)
             if not found:
@@ -52,7 +53,7 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
     return figure
 
 
-def draw_inputs(axes: Axes, run: Run) -> None:
+def draw_inputs(axes: Axes, run: Run | Log) -> None:
     """Every u_i of a run as it was held, and its bounds."""
     for i in range(run.u.shape[1]):
         colour, dashes = look.INPUTS[i % len(look.INPUTS)]
@@ -71,7 +72,7 @@ def draw_inputs(axes: Axes, run: Run) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
 
 
-def scale_inputs(axes: Axes, runs: Sequence[Run]) -> None:
+def scale_inputs(axes: Axes, runs: Sequence[Run | Log]) -> None:
     """A vertical axis that holds the bounds; logarithmic far from 0 if inputs mostly are near it.
 
     Between bounds that are ten times as large as the usual input a linear axis would show nothing.

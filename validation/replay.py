@@ -65,7 +65,7 @@ def comparison(
     InputError
         When a log is another robot's.
     """
-    labels = _labels(logs) if labels is None else labels
+    labels = labels_of(logs) if labels is None else labels
     figures = {id(model): Figure.of(model) for model in models}
     order = list(figures)
     x, tracks = 0.0, []
@@ -171,7 +171,8 @@ def _multiple(value: float) -> str:
     return {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
 
 
-def _labels(logs: Sequence[Log]) -> list[str]:
+def labels_of(logs: Sequence[Log]) -> list[str]:
+    """The controllers' names, told apart by robot or experiment where they are the same."""
     parts: list[list[Any]] = [
         [controller_title(log.controller) for log in logs],
         [log.robot for log in logs],

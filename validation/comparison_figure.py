@@ -1,0 +1,47 @@
+"""The figure of a few saved runs: their errors in one panel, the inputs of each in its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from validation import plot_style as look
+from validation.input_figure import draw_inputs, scale_inputs
+from validation.log import Log
+from validation.plot_data import thin
+
+FINEST = 1e-4  # cm: errors below are drawn there
+
+
+def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
+    """‖e‖ (cm, logarithmic) over time of every run, and below it every run's inputs.
+
+    A run that diverged is drawn up to its last finite sample.
+    """
+    logs = list(logs)
+    rows = 1 + len(logs)
+    figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
+    (errors,), *inputs = grid
+    for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.maximum(100 * np.linalg.norm(log.error, axis=1), FINEST)
+        end = len(error) if np.isfinite(error).all() else int(np.argmin(np.isfinite(error)))
+        kept = thin(error[:end], bins=600)
+        colour, dashes = look.INPUTS[i % len(look.INPUTS)]
+        name = f"{label} (failed)" if log.failed else label
+        errors.semilogy(
+            log.t[:end][kept], error[:end][kept], color=colour, linestyle=dashes, label=name
+        )
+    errors.set_ylabel("‖e‖ (cm)")
+    errors.legend()
+    for (axes,), log, label in zip(inputs, logs, labels, strict=True):
+        if log.u.size:
+            draw_inputs(axes, log)
+            scale_inputs(axes, [log])
+        axes.set_ylabel(f"u ({log.u_unit})")
+        axes.set_title(label, loc="left")
+    errors.set_xlim(0, max(log.duration for log in logs))
+    grid[-1][0].set_xlabel(look.TIME)
+    return figure
