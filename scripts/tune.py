@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48). CMA-ES in the logarithms of the gains and
 the horizon of a stage: first of the approach, on the first second of runs, then of the stay, on
 whole runs. Set points at theta = 0.25, 0.75, 1.25 and 1.75 pi, trajectories at 0.12, 0.17, 0.25
-and 0.45 pi rad/s; none is in the paper. The start is --gains, a schedule as those in
-controllers/schedules/, by default the robot's own, or else the published gains in both stages.
---out gets the schedule found (TOML), --trace the seed and every candidate with its scores (JSON),
-after every candidate anew. Needs the extra: pip install 'softdyn[tune]'.
+and 0.45 pi rad/s. The start and the best of the search then meet on 28 other set points and 6
+trajectories, which decide. None of all these is in the paper. The start is --gains, a schedule as
+those in controllers/schedules/, by default the robot's own, or else the published gains in both
+stages. --out gets the schedule found (TOML), --trace the seed and every candidate with its scores
+(JSON), after every candidate anew. Needs the extra: pip install 'softdyn[tune]'.
 
 exit codes: 0 done; 2 bad input.
 """
@@ -35,6 +37,10 @@ def parser() -> cli.Parser:
             f"--{stage}", type=int, default=generations, metavar="N",
             help=f"generations of the {stage}, 0 to keep it (default: {generations})",
         )  # fmt: skip
+    found.add_argument(
+        "--finalists", type=cli.count, default=6, metavar="N",
+        help="how many meet at the end, the start included (default: 6)",
+    )  # fmt: skip
     found.add_argument("--population", type=cli.count, default=10, metavar="N")
     found.add_argument("--seed", type=cli.count, default=1, metavar="S", help="> 0")
     found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
@@ -49,51 +55,70 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def command(arguments: argparse.Namespace) -> int:
-    """Search for both stages, write the trace after every candidate and the schedule at the end."""
-    from copy import deepcopy
-
+    """Search for both stages, decide, write the trace as it grows and the schedule at the end."""
     from validation import tuning
     from validation.files import write_json, write_text
 
     cli.check_outputs(arguments.out, arguments.trace)
     schedule = start(arguments.robot, arguments.gains)
     settings = {name: getattr(arguments, name) for name in ("robot", "population", "seed")}
-    settings |= {"thetas": tuning.THETAS, "omegas": tuning.OMEGAS, "start": deepcopy(schedule)}
+    settings |= {"thetas": tuning.THETAS, "omegas": tuning.OMEGAS, "start": schedule}
     trace: list[dict[str, Any]] = []
 
-    def keep(entry: dict[str, Any]) -> None:
+    def keep(stage: str, entry: dict[str, Any]) -> None:
         trace.append({"stage": stage, **entry})
         write_json(arguments.trace, {"settings": settings, "trace": trace})
 
-    for stage, cases, cost in (
-        ("approach", tuning.approach_cases, tuning.approach_cost),
-        ("stay", tuning.stay_cases, tuning.stay_cost),
-    ):
-        generations = getattr(arguments, stage)
-        if generations == 0:
-            continue
-
-        def candidate(values: Mapping[str, float], stage: str = stage) -> dict[str, Any]:
-            if stage == "approach":  # alone: the stay is not tuned yet
-                return tuning.only(schedule, stage, **values)
-            return {**schedule, stage: {**schedule[stage], **values}}
-
-        found = tuning.tune(
-            cases(arguments.robot),
-            cost,
-            candidate,
-            {name: schedule[stage][name] for name in TUNED if schedule[stage][name] > 0},
-            generations=generations,
-            population=arguments.population,
-            seed=arguments.seed,
-            jobs=arguments.jobs or -1,
-            each=keep,
-        )
-        best = min(found, key=lambda entry: entry["cost"])
-        print(f"{stage}: cost {found[0]['cost']:.4g} at the start, {best['cost']:.4g} now")
-        schedule[stage].update({name: float(f"{x:.4g}") for name, x in best["values"].items()})
-    write_text(Path(arguments.out), toml(schedule))
+    finalists = [schedule]
+    for stage in ("approach", "stay"):
+        ranked = search(arguments, stage, schedule, partial(keep, stage))
+        if ranked:
+            schedule, finalists = ranked[0], [finalists[0], *ranked[: arguments.finalists - 1]]
+    judged = tuning.judge(
+        tuning.final_cases(arguments.robot), tuning.stay_cost, finalists, arguments.jobs or -1
+    )
+    for finalist, entry in zip(finalists, judged, strict=True):
+        keep("final", {"schedule": finalist, **entry})
+    print("final: cost", ", ".join(f"{entry['cost']:.4g}" for entry in judged), "(start first)")
+    best = min(range(len(judged)), key=lambda i: judged[i]["cost"])
+    write_text(Path(arguments.out), toml(finalists[best]))
     return cli.PASSED
+
+
+def search(
+    arguments: argparse.Namespace,
+    stage: str,
+    schedule: dict[str, Any],
+    keep: Callable[[dict[str, Any]], None],
+) -> list[dict[str, Any]]:
+    """Schedules with other values in one stage, the best first; none without a generation."""
+    from validation import tuning
+
+    generations = getattr(arguments, stage)
+    if generations == 0:
+        return []
+    first = stage == "approach"
+    found = tuning.tune(
+        (tuning.approach_cases if first else tuning.stay_cases)(arguments.robot),
+        tuning.approach_cost if first else tuning.stay_cost,
+        # the approach is tuned alone: the stay is not yet
+        partial(tuning.only if first else changed, schedule, stage),
+        {name: schedule[stage][name] for name in TUNED if schedule[stage][name] > 0},
+        generations=generations,
+        population=arguments.population,
+        seed=arguments.seed,
+        jobs=arguments.jobs or -1,
+        each=keep,
+    )
+    ranked = sorted(found, key=lambda entry: entry["cost"])
+    print(f"{stage}: cost {found[0]['cost']:.4g} at the start, {ranked[0]['cost']:.4g} now")
+    return [changed(schedule, stage, entry["values"]) for entry in ranked]
+
+
+def changed(schedule: dict[str, Any], stage: str, values: Mapping[str, float]) -> dict[str, Any]:
+    """The schedule with other values in one stage, of four digits."""
+    new = {name: float(f"{value:.4g}") for name, value in values.items()}
+    return {**schedule, stage: {**schedule[stage], **new}}
 
 
 def start(robot: str, file: str | None) -> dict[str, Any]:

@@ -153,9 +153,9 @@ def test_replay_compares_saved_runs(call, log, tmp_path):
 
 def test_replay_draws_saved_runs(call, log, tmp_path):
     log.save("a.npz")
-    y = log.y_ref + [0.0, 0.0, 1.0]
-    y[2:] = np.nan
-    lost = replace(log, y=y, u=np.ones_like(log.u), failed=True)
+    error = np.zeros_like(log.error)
+    error[:, 2], error[2:] = 1.0, np.nan
+    lost = replace(log, error=error, u=np.ones_like(log.u), failed=True)
     lost.save("lost.npz")
     code, out, err = call("replay", "a.npz", "lost.npz", "--labels", "x", "y", "--plot", "p.png")
     assert (code, out, err) == (0, "p.png\n", "")

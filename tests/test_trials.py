@@ -98,7 +98,8 @@ def test_the_costs_of_a_run() -> None:
 
 
 def test_the_training_set_is_not_the_papers() -> None:
-    for trials in (tuning.approach_cases("helix"), tuning.stay_cases("helix")):
+    for cases in (tuning.approach_cases, tuning.stay_cases, tuning.final_cases):
+        trials = cases("helix")
         assert {t.kind for t in trials} == {"set_point", "tracking"}
         assert not {t.value for t in trials if t.kind == "set_point"} & set(paper.THETAS)
         assert not {t.value for t in trials if t.kind == "tracking"} & set(paper.OMEGAS)
@@ -146,7 +147,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
     monkeypatch.setattr(tuning, "run_all", wants_soft)
     monkeypatch.chdir(tmp_path)
-    arguments = ["--approach", "2", "--stay", "2", "--population", "6"]
+    arguments = ["--approach", "2", "--stay", "2", "--population", "6", "--finalists", "3"]
     assert tune.main(["finger", *arguments]) == 0
     table = tomllib.loads(Path("schedule.toml").read_text())
     found, start = make_schedule(table), tuned(softdyn.load("finger"))
@@ -156,14 +157,16 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
         assert abs(math.log(after.eps / 0.05)) < abs(math.log(before.eps / 0.05))
         assert after.w1 == before.w1  # not tuned
     trace = json.loads(Path("tuning.json").read_text())
-    assert len(trace["trace"]) == 2 * (1 + 2 * 6)
+    assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
     assert trace["settings"]["start"] == tuning.tables(start)
-    # the approach is judged alone, the stay after it
+    # the approach is judged alone; the finals are of whole schedules on other cases
     first, last = seen[0].gains, seen[-1].gains
     assert first is not None
     assert first["stay"] == first["approach"]
     assert last is not None
-    assert last["approach"]["eps"] == pytest.approx(table["approach"]["eps"], rel=1e-3)
+    assert last["stay"] != last["approach"]
+    finals = [entry for entry in trace["trace"] if entry["stage"] == "final"]
+    assert table == min(finals, key=lambda entry: entry["cost"])["schedule"]
 
 
 def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
