@@ -16,7 +16,7 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48). CMA-ES in the logarithms of the gains and
 the horizon of a stage: first of the approach, on the first second of runs, then of the stay, on
 whole runs. Set points at theta = 0.25, 0.75, 1.25 and 1.75 pi, trajectories at 0.12, 0.17, 0.25
-and 0.45 pi rad/s. The start and the best of the search then meet on 28 other set points and 6
+and 0.45 pi rad/s. The start and the best of the search then meet on 28 other set points and 9
 trajectories, which decide. None of all these is in the paper. The start is --gains, a schedule as
 those in controllers/schedules/, by default the robot's own, or else the published gains in both
 stages. --out gets the schedule found (TOML), --trace the seed and every candidate with its scores

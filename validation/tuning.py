@@ -21,7 +21,7 @@ from validation.trials import Trial, run_all
 THETAS, OMEGAS = (0.25, 0.75, 1.25, 1.75), (0.12, 0.17, 0.25, 0.45)
 # of the finals, at the published period and at 1 ms
 MANY_THETAS = (0.04, 0.12, 0.27, 0.38, 0.62, 0.73, 0.88, 1.12, 1.27, 1.38, 1.62, 1.73, 1.88, 1.96)
-MANY_OMEGAS = (0.12, 0.15, 0.17, 0.25, 0.35, 0.45)
+MANY_OMEGAS = (0.08, 0.09, 0.11, 0.12, 0.14, 0.17, 0.25, 0.35, 0.45)
 APPROACH = 1.0  # s
 WORST = 10.0  # cost of a failed run; no run costs more
 SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
