@@ -37,10 +37,14 @@ class Staged:
         gains: Schedule | Mapping[str, Any] | None = None,
         period: float = DEFAULT_PERIOD,
     ) -> None:
-        schedule = make_schedule(gains) if isinstance(gains, Mapping) else gains or tuned(model)
+        schedule = make_schedule(gains) if isinstance(gains, Mapping) else gains
+        if gains is None:
+            schedule = tuned(model)
+            if schedule is None:
+                expected = f"controllers.Schedule(…) for {model.robot.path}, which has no tuned one"
+                raise InputError("gains", expected, None)
         if not isinstance(schedule, Schedule):
-            expected = f"controllers.Schedule(…) for {model.robot.path}, which has no tuned one"
-            raise InputError("gains", expected, gains)
+            raise InputError("gains", "controllers.Schedule(…) or its tables", repr(schedule))
         self.gains = schedule
         self.period = period
         self._approach, self._stay = (

@@ -89,7 +89,7 @@ def test_other_robots_need_no_gains(tmp_path: Path) -> None:
     assert isinstance(best(other, SCHEDULE), Staged)
     with pytest.raises(InputError, match="no tuned one"):
         Staged(other)
-    for wrong in (5.0, "x", GAINS, [1], object()):
+    for wrong in (5.0, 0, "x", GAINS, [], [1], object()):
         with pytest.raises(InputError, match="gains"):
             best(robot("finger"), wrong)
 
