@@ -233,7 +233,7 @@ def test_a_killed_worker(folder):
 def test_interrupted(folder):
     process = start(*GRID, "--controllers", "own.py:Interrupts", "--out", "out")
     text, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == 130, errors
     assert text == ""
     assert [line for line in errors.splitlines() if line and "own words" not in line] == [
         "error: interrupted"
