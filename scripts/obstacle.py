@@ -43,6 +43,7 @@ def parser() -> cli.Parser:
     found.add_argument("--limits", action="store_true", help="joint limits are barriers too")
     found.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
     found.add_argument("--seed", type=int, default=0, metavar="S")
+    found.add_argument("--html", metavar="FILE", help="write a page that replays the three runs")
     found.add_argument("--log", metavar="PREFIX", help="save the three runs, for replay.py")
     cli.add_json(found)
     return found
@@ -62,8 +63,10 @@ def command(arguments: argparse.Namespace) -> int:
     from controllers import SoftIdClfQp
     from controllers.barriers import JointLimits
     from validation import paper, simulate
+    from validation.files import write_text
+    from validation.replay import comparison
 
-    cli.check_outputs(arguments.json)
+    cli.check_outputs(arguments.json, arguments.html)
     model = softdyn.load(arguments.robot)
     setup = paper.setup_of(model)
     radius = BALL * setup.length
@@ -85,6 +88,18 @@ def command(arguments: argparse.Namespace) -> int:
     if arguments.log is not None:
         for name, _, log in runs:
             log.save(f"{arguments.log}-{name.replace(' ', '-')}.npz")
+
+    if arguments.html is not None:
+        (x, y, z), radius = map(float, ball.centre), ball.radius
+        write_text(
+            arguments.html,
+            comparison(
+                [log for _, _, log in runs],
+                [model] * len(runs),
+                [name for name, _, _ in runs],
+                balls=[(x, y, z, radius)],
+            ).html(),
+        )
 
     rng = np.random.default_rng(arguments.seed)
     start = model.state(model.q0, np.zeros(model.nv)).y

@@ -41,6 +41,7 @@ class Track:
     path : (K, 3) the reference's path, None where there is none.
     failed : whether it ended before its time.
     full : (nu,) input that cables show as full tension; by default its bound.
+    balls : obstacles, (x, y, z, radius) each (m).
     """
 
     figure: int
@@ -55,6 +56,7 @@ class Track:
     path: np.ndarray | None = None
     failed: bool = False
     full: np.ndarray | None = None
+    balls: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def data(self) -> dict[str, Any]:
@@ -72,6 +74,7 @@ class Track:
             "path": None if self.path is None else np.round(self.path, 5).tolist(),
             "failed": self.failed,
             "full": None if self.full is None else np.asarray(self.full).tolist(),
+            "balls": [list(ball) for ball in self.balls],
         }
 
 

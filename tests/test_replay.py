@@ -116,6 +116,14 @@ def test_side_by_side_robots_do_not_overlap(model, log):
     assert len({t.colour for t in together}) == 2
 
 
+def test_obstacles_stand_once_in_one_place_and_beside_every_robot(model, log):
+    ball = (0.1, 0.0, -0.05, 0.02)
+    together = scene(comparison([log, log], [model] * 2, balls=[ball]))["runs"][0]["tracks"]
+    assert [track["balls"] for track in together] == [[list(ball)], []]
+    apart = comparison([log, log], [model] * 2, side_by_side=True, balls=[ball])
+    assert [track["balls"] for track in scene(apart)["runs"][0]["tracks"]] == [[list(ball)]] * 2
+
+
 def test_several_runs_are_chosen_from_a_list(model, log):
     found = scene(replays([log, replace(log, failed=True, reason="r")], model, "name"))
     assert [run["title"] for run in found["runs"]] == [

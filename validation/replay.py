@@ -51,6 +51,7 @@ def comparison(
     models: Sequence[SoftModel],
     labels: Sequence[str] | None = None,
     side_by_side: bool = False,
+    balls: Sequence[tuple[float, float, float, float]] = (),
 ) -> Page:
     """Several runs at once: in one place, or beside each other along x.
 
@@ -59,6 +60,7 @@ def comparison(
     models : the robot of each log.
     labels : names in the legend; by default the controllers', told apart by robot or experiment
         where they are the same.
+    balls : obstacles, (x, y, z, radius) each (m), beside every robot or once for all in one place.
 
     Raises
     ------
@@ -70,7 +72,8 @@ def comparison(
     order = list(figures)
     x, tracks = 0.0, []
     for i, (log, model, label) in enumerate(zip(logs, models, labels, strict=True)):
-        made = track(log, model, order.index(id(model)), path=i == 0 or side_by_side)
+        alone = i == 0 or side_by_side
+        made = track(log, model, order.index(id(model)), path=alone)
         tracks.append(
             replace(
                 made,
@@ -79,6 +82,7 @@ def comparison(
                 tint=not side_by_side,
                 opacity=1.0 if side_by_side or i == 0 else 0.55,
                 offset=(x if side_by_side else 0.0, 0.0, 0.0),
+                balls=tuple(balls) if alone else (),
             )
         )
         x += GAP * figures[id(model)].size

@@ -5,7 +5,7 @@
 
 const T = MeshCat.THREE;
 let STOPS = [];  // colours of tension, from the page
-const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e;
+const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e, BALL = 0xb08d57;
 
 function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
   const x = Math.max(-1, Math.min(1, value || 0));
@@ -201,6 +201,12 @@ class Track {
       const line = new Thread(this.object, PATH, 0.0018 * size, 1);
       data.path.forEach(point => line.add(new T.Vector3(...point)));
       line.show(Infinity);
+    }
+    for (const [x, y, z, radius] of data.balls) {
+      const ball = new T.Mesh(new T.SphereGeometry(radius, 32, 20),
+        new T.MeshPhongMaterial({color: BALL, opacity: 0.6, transparent: true}));
+      ball.position.set(x, y, z);
+      this.object.add(ball);
     }
     stage.add(this.object);
     this.frames = [];
