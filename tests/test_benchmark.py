@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +114,11 @@ def start(*arguments, jobs=2, **options):
     """The command as a process of its own, without figures."""
     command = [sys.executable, str(SCRIPT), *arguments, "--jobs", str(jobs), "--no-plots"]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, **options)
+    # a shell's background jobs, the tests among them, may have been started deaf to SIGINT
+    hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    return subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, preexec_fn=hear, **options
+    )
 
 
 def contents(out, *without):
