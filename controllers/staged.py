@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from controllers.controller import SILENT, Command, guarded
+from controllers.controller import Command, guarded
 from controllers.id_clf_qp import SoftIdClfQp
 from controllers.mpc import DEFAULT_PERIOD, Mpc
 from controllers.schedule import Schedule, make_schedule, tuned
@@ -62,11 +61,9 @@ class Staged:
         self._staying = False
 
     @guarded
-    @SILENT
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
-        schedule, error = self.gains, state.y - reference.y
-        distance = float(np.sqrt(error @ error))
+        schedule, distance = self.gains, math.dist(state.y, reference.y)
         self._near = self._near + self.period if distance < schedule.arrive else 0.0
         if self._staying:
             self._staying = not distance > schedule.leave
@@ -84,6 +81,5 @@ def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:
     gains : a schedule or its tables; a robot that has a tuned one needs none, and for any other
         predictive control needs no gains at all.
     """
-    if gains is None and tuned(model) is None:
-        return Mpc(model)
-    return Staged(model, gains)
+    schedule = tuned(model) if gains is None else gains
+    return Mpc(model) if schedule is None else Staged(model, schedule)

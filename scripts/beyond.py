@@ -19,10 +19,7 @@ exit codes: 0 every case ran, failed loops included; 2 bad input.
 def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
-    found.add_argument("--controller", default="best", metavar="CONTROLLER")
-    found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
-    cli.add_json(found)
+    cli.add_trial_options(found)
     return found
 
 
@@ -33,13 +30,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run, report."""
-    from controllers import find_controller
-    from validation import beyond, paper
+    from validation import beyond
 
-    cli.check_outputs(arguments.json)
-    find_controller(arguments.controller)
-    for robot in arguments.robots:
-        paper.setup(robot)
+    cli.check_trials(arguments)
     rows = beyond.report(arguments.robots, arguments.controller, arguments.jobs or -1)
     cli.write_report({"rows": rows}, arguments.json, beyond.markdown(rows))
     return cli.PASSED

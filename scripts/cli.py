@@ -90,6 +90,25 @@ def load_robot(arguments: argparse.Namespace) -> SoftModel:
     )
 
 
+def add_trial_options(parser: argparse.ArgumentParser) -> None:
+    """What commands take that run the paper's robots through many closed loops."""
+    parser.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
+    parser.add_argument("--controller", default="best", metavar="CONTROLLER")
+    parser.add_argument("--jobs", type=count, metavar="N", help="default: one per core")
+    add_json(parser)
+
+
+def check_trials(arguments: argparse.Namespace) -> None:
+    """Refuse, before any work, what `add_trial_options` cannot know to be wrong."""
+    from controllers import find_controller
+    from validation import paper
+
+    check_outputs(arguments.json)
+    find_controller(arguments.controller)
+    for robot in arguments.robots:
+        paper.setup(robot)
+
+
 def start(parser: Parser, command: Command, argv: list[str] | None = None) -> int:
     """Read the arguments and run `command`; returns the exit code."""
     arguments = parser.parse_args(argv)

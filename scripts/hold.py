@@ -85,19 +85,21 @@ def measure(
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown: final errors at the set points, their mean, the mean squared error tracking."""
-    lines = [
-        "| τ / ε | τ (ms) | SP at θ = 0, 0.5, 1, 1.5 (cm) | mean | TT at ω = 0.5 (cm²) |",
-        "|---|---|---|---|---|",
-    ]
+    from validation.tables import pipes
+
+    lines = [["τ / ε", "τ (ms)", "SP at θ = 0, 0.5, 1, 1.5 (cm)", "mean", "TT at ω = 0.5 (cm²)"]]
     for row in rows:
         *points, track = row["runs"]
         errors = [run["final_error_cm"] for run in points]
         texts = [f"{run['final_error_cm']:.2f}{'!' * run['failed']}" for run in points]
         lines.append(
-            f"| {row['share']:g} | {1e3 * track['tau_s']:g} | {', '.join(texts)} "
-            f"| {sum(errors) / len(errors):.2f} | {track['mse_cm2']:.2f}{'!' * track['failed']} |"
-        )
-    return "\n".join(lines)
+            [
+                f"{row['share']:g}", f"{1e3 * track['tau_s']:g}", ", ".join(texts),
+                f"{sum(errors) / len(errors):.2f}",
+                f"{track['mse_cm2']:.2f}{'!' * track['failed']}",
+            ]
+        )  # fmt: skip
+    return "\n".join(pipes(lines))
 
 
 if __name__ == "__main__":

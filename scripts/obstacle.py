@@ -90,7 +90,7 @@ def command(arguments: argparse.Namespace) -> int:
             log.save(f"{arguments.log}-{name.replace(' ', '-')}.npz")
 
     if arguments.html is not None:
-        (x, y, z), radius = map(float, ball.centre), ball.radius
+        x, y, z = map(float, ball.centre)
         write_text(
             arguments.html,
             comparison(

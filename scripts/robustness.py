@@ -27,11 +27,8 @@ SET_POINTS, RATE = (0.25, 1.25), 0.25
 def parser() -> cli.Parser:
     """The command line."""
     found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
-    found.add_argument("--controller", default="best", metavar="CONTROLLER")
+    cli.add_trial_options(found)
     found.add_argument("--period", type=cli.positive, default=0.005, metavar="S")
-    found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
-    cli.add_json(found)
     return found
 
 
@@ -42,14 +39,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run, report."""
-    from controllers import find_controller
-    from validation import paper
     from validation.trials import run_all
 
-    cli.check_outputs(arguments.json)
-    find_controller(arguments.controller)
-    for robot in arguments.robots:
-        paper.setup(robot)
+    cli.check_trials(arguments)
     named = [
         (robot, change, trial)
         for robot in arguments.robots
@@ -96,12 +88,10 @@ def changes(robot: str, controller: str, period: float) -> dict[str, list[Trial]
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table; set points in cm, trajectories in cm²."""
-    names = list(rows[0])
-    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
-    for row in rows:
-        texts = [f"{x:.2f}" if isinstance(x, float) else str(x) for x in row.values()]
-        lines.append("| " + " | ".join(texts) + " |")
-    return "\n".join(lines)
+    from validation.tables import pipes
+
+    texts = [[f"{x:.2f}" if isinstance(x, float) else x for x in row.values()] for row in rows]
+    return "\n".join(pipes([list(rows[0]), *texts]))
 
 
 if __name__ == "__main__":

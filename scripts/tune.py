@@ -7,7 +7,6 @@ import argparse
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import cli
@@ -20,7 +19,7 @@ and 0.45 pi rad/s. The start and the best of the search then meet on 28 other se
 trajectories, which decide. None of all these is in the paper. The start is --gains, a schedule as
 those in controllers/schedules/, by default the robot's own, or else the published gains in both
 stages. --out gets the schedule found (TOML), --trace the seed and every candidate with its scores
-(JSON), after every candidate anew. Needs the extra: pip install 'softdyn[tune]'.
+(JSON), after every generation anew. Needs the extra: pip install 'softdyn[tune]'.
 
 exit codes: 0 done; 2 bad input.
 """
@@ -81,7 +80,7 @@ def command(arguments: argparse.Namespace) -> int:
         keep("final", {"schedule": finalist, **entry})
     print("final: cost", ", ".join(f"{entry['cost']:.4g}" for entry in judged), "(start first)")
     best = min(range(len(judged)), key=lambda i: judged[i]["cost"])
-    write_text(Path(arguments.out), toml(finalists[best]))
+    write_text(arguments.out, toml(finalists[best]))
     return cli.PASSED
 
 

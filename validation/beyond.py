@@ -7,9 +7,9 @@ from typing import Any
 
 from validation import paper
 from validation.metrics import mean_std
+from validation.tables import pipes
 from validation.trials import Trial, run_all
 
-ROBOTS = ("finger", "helix", "spirob")
 PERIODS = (0.001, 0.002)  # s, beside each robot's published one
 
 
@@ -66,7 +66,7 @@ def markdown(rows: Iterable[dict[str, Any]]) -> str:
         ("tracking", paper.OMEGAS, "cm²", "ω = {:g}π"),
     ):
         names = ["robot", "period", *(head.format(x) for x in values), f"mean ({unit})", "failed"]
-        lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
+        lines = [names]
         for row in rows:
             if row["kind"] != kind:
                 continue
@@ -79,9 +79,9 @@ def markdown(rows: Iterable[dict[str, Any]]) -> str:
             mean = _text(row["mean"])
             if kind == "tracking":
                 mean += f" ({_text(row['second_cycle_mean'])})"
-            lines.append("| " + " | ".join([*texts, mean, str(row["failed"])]) + " |")
-        if len(lines) > 2:
-            parts.append("\n".join(lines))
+            lines.append([*texts, mean, str(row["failed"])])
+        if len(lines) > 1:
+            parts.append("\n".join(pipes(lines)))
     return "\n\n".join(parts)
 
 

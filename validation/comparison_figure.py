@@ -8,11 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from validation import plot_style as look
+from validation.figures import FINEST
 from validation.input_figure import draw_inputs, scale_inputs
 from validation.log import Log
-from validation.plot_data import thin
-
-FINEST = 1e-4  # cm: errors below are drawn there
+from validation.plot_data import finite_errors, thin
 
 
 def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
@@ -20,20 +19,16 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
 
     A run that diverged is drawn up to its last finite sample.
     """
-    logs = list(logs)
     rows = 1 + len(logs)
     figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
     (errors,), *inputs = grid
     for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
-        with np.errstate(over="ignore", invalid="ignore"):
-            error = np.maximum(100 * np.linalg.norm(log.error, axis=1), FINEST)
-        end = len(error) if np.isfinite(error).all() else int(np.argmin(np.isfinite(error)))
-        kept = thin(error[:end], bins=600)
+        error = np.maximum(finite_errors(log), FINEST)
+        kept = thin(error, bins=600)
         colour, dashes = look.INPUTS[i % len(look.INPUTS)]
         name = f"{label} (failed)" if log.failed else label
-        errors.semilogy(
-            log.t[:end][kept], error[:end][kept], color=colour, linestyle=dashes, label=name
-        )
+        t = log.t[: len(error)]
+        errors.semilogy(t[kept], error[kept], color=colour, linestyle=dashes, label=name)
     errors.set_ylabel("‖e‖ (cm)")
     errors.legend()
     for (axes,), log, label in zip(inputs, logs, labels, strict=True):

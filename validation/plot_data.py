@@ -53,15 +53,14 @@ class Run:
     def load(cls, case: Case, path: Path) -> Run:
         """Read a case's log; samples that are not finite, a diverged run's last, are left out."""
         log = Log.load(path)
-        with np.errstate(over="ignore", invalid="ignore"):
-            error = CM * np.linalg.norm(log.error, axis=1)
-        n = len(error) if np.isfinite(error).all() else int(np.argmin(np.isfinite(error)))
+        error = finite_errors(log)
+        n = len(error)
         return cls(
             case,
             log.t[:n],
             CM * log.y[:n],
             CM * log.y_ref[:n],
-            error[:n],
+            error,
             log.u[:n],
             log.u_min,
             log.u_max,
@@ -76,6 +75,13 @@ class Run:
     def progress(self) -> np.ndarray:
         """(N + 1,) time as a part of the planned duration."""
         return self.t / self.duration
+
+
+def finite_errors(log: Log) -> np.ndarray:
+    """‖e‖ (cm) of a log's samples, up to the first that is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = CM * np.linalg.norm(log.error, axis=1)
+    return error if np.isfinite(error).all() else error[: np.argmin(np.isfinite(error))]
 
 
 def of(

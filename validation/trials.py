@@ -87,14 +87,15 @@ class Degraded:
         self._waiting: list[Any] = []
         self._lag = round(plant.delay / period)
         self._random = np.random.default_rng(seed)
-        self._first: Any = None
-        self.guard = getattr(controller, "guard", None)
-        self.gains = getattr(controller, "gains", None)
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        # the loop tells a controller its period
-        target = self._controller if name == "period" else self
-        object.__setattr__(target, name, value)
+    @property
+    def period(self) -> float:
+        """The controller's, where it has one: the loop sets it."""
+        return float(self._controller.period)
+
+    @period.setter
+    def period(self, value: float) -> None:
+        self._controller.period = value
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["_controller"], name)
