@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.controller import Command, guarded
-from controllers.gains import Gains, resolve
-from controllers.linear_algebra import cholesky, dot, inner
-from controllers.task import Task
-from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
+from softdyn.controllers.controller import Command, guarded
+from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.programmes.linear_algebra import cholesky, dot, inner
+from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
 
 # Weight on ‖u‖², relative to the task's own curvature, that picks the least-norm minimiser.
 LEAST_NORM = 1e-8

@@ -97,11 +97,10 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     if gains is None:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:
-            expected = (
-                f"controllers.Gains(Kp=…, …) for {model.robot.path}, which has no published ones"
-            )
+            kind = "softdyn.controllers.Gains(Kp=…, …)"
+            expected = f"{kind} for {model.robot.path}, which has no published ones"
             raise InputError("gains", expected, None)
         return table[controller]
     if not isinstance(gains, Gains):
-        raise InputError("gains", "controllers.Gains(Kp=…, …)", gains)
+        raise InputError("gains", "softdyn.controllers.Gains(Kp=…, …)", gains)
     return gains

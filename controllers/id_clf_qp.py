@@ -6,17 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controllers.barriers import Barrier, BarrierRows
-from controllers.controller import Command, InputGuard, guarded
-from controllers.gains import Gains, resolve
-from controllers.hold import over_hold
-from controllers.linear_algebra import cholesky, dot, inner, row_space, substitute_back
-from controllers.soft_inverse_dynamics import SoftInverseDynamics
-from controllers.task import Task
-from controllers.task_qp import Condensed, TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.checks import array, number
 from softdyn.compiled import compiled
+from softdyn.controllers.barriers import Barrier, BarrierRows
+from softdyn.controllers.controller import Command, InputGuard, guarded
+from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.programmes.horizon import over_hold
+from softdyn.controllers.programmes.linear_algebra import (
+    cholesky,
+    dot,
+    inner,
+    row_space,
+    substitute_back,
+)
+from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
 
 
 class SoftIdClfQp:
@@ -26,10 +32,10 @@ class SoftIdClfQp:
     ----------
     model : the robot.
     gains : the paper's for a bundled robot by default; required for any other.
-    hold : horizon τ (s) of the dynamics, `controllers.hold`; 0 is the published law.
+    hold : horizon τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
     u0 : the input (nu,), or one for all, that costs nothing: w3 ‖u - u0‖². Tension in all cables
         keeps co-contracted shapes from relaxing, `docs/beyond.md`; 0 in the paper.
-    barriers : what not to run into, `controllers.barriers`; `barrier_rows` says what came of it.
+    barriers : what not to run into, `barriers`; `barrier_rows` says what came of it.
         They want a horizon: the accelerations of damped joints at the start of a hold mislead.
 
     Raises

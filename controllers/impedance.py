@@ -6,9 +6,11 @@ from functools import partial
 
 import numpy as np
 
-from controllers.controller import Command, InputGuard, guarded, rehearse
-from controllers.gains import Gains, resolve
-from controllers.linear_algebra import (
+from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
+from softdyn.controllers.controller import Command, InputGuard, guarded, rehearse
+from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.programmes.linear_algebra import (
     add,
     cholesky,
     dot,
@@ -18,9 +20,7 @@ from controllers.linear_algebra import (
     row_space,
     substitute,
 )
-from controllers.task import Task
-from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.compiled import compiled
+from softdyn.controllers.programmes.task import Task
 
 # Of the reference implementation: Λ is an inverse, or a pseudo-inverse where the determinant of
 # J M⁻¹ Jᵀ is small, and UIC's inner pseudo-inverse has a threshold of its own.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from controllers.controller import Command, guarded
-from controllers.gains import Gains, resolve
-from controllers.soft_inverse_dynamics import SoftInverseDynamics
-from controllers.task_qp import TaskQp
 from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.controllers.controller import Command, guarded
+from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.programmes.task_qp import TaskQp
 
 
 class ImpedanceQp:

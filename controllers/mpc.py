@@ -1,6 +1,6 @@
 """Model predictive control on the analytic linearisation at the present state.
 
-Each call predicts the tip over a short horizon with `controllers.prediction`, chooses the inputs
+Each call predicts the tip over a short horizon with `programmes.prediction`, chooses the inputs
 at a few knots by a bounded QP, and moves the input along the first ramp. `docs/beyond.md` derives
 the objective and reports what it reaches. No number in it belongs to a robot: lengths, masses and
 stiffnesses enter through the model, by the rules below.
@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from controllers.controller import SILENT, Command, InputGuard, Status, guarded, rehearse
-from controllers.prediction import one_period, programme, ramps
-from controllers.qp import DenseQp, Problem
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.derivatives import tangent_dynamics
+from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, rehearse
+from softdyn.controllers.programmes.prediction import one_period, programme, ramps
+from softdyn.controllers.programmes.qp import DenseQp, Problem
+from softdyn.dynamics.derivatives import tangent_dynamics
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
@@ -68,7 +68,7 @@ def resolve_tuning(gains: Tuning | Mapping[str, Any] | None) -> Tuning:
     names = [field.name for field in fields(Tuning)]
     if isinstance(gains, Mapping) and set(gains) <= set(names):
         return Tuning(**gains)
-    raise InputError("gains", f"controllers.Tuning ({', '.join(names)})", repr(gains))
+    raise InputError("gains", f"softdyn.controllers.Tuning ({', '.join(names)})", repr(gains))
 
 
 class Mpc:
@@ -86,7 +86,7 @@ class Mpc:
     ----------
     model : the robot.
     gains : a `Tuning`, or a mapping of its fields; the default one if omitted.
-    period : control period T (s); `validation.simulate` sets the attribute.
+    period : control period T (s); `softdyn.validation.simulate` sets the attribute.
 
     Raises
     ------

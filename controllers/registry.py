@@ -10,15 +10,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from controllers.clf_qp import ClfQp
-from controllers.id_clf_qp import IdClfQp, SoftIdClfQp
-from controllers.impedance import Impedance, UnderactuatedImpedance
-from controllers.impedance_qp import ImpedanceQp
-from controllers.mpc import Mpc
-from controllers.staged import Staged, best
 from softdyn import InputError, SoftdynError
+from softdyn.controllers.clf_qp import ClfQp
+from softdyn.controllers.id_clf_qp import IdClfQp, SoftIdClfQp
+from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
+from softdyn.controllers.impedance_qp import ImpedanceQp
+from softdyn.controllers.mpc import Mpc
+from softdyn.controllers.staged import Staged, best
 
-# command-line name → class; these take `controllers.Gains`
+# command-line name → class; these take `softdyn.controllers.Gains`
 CONTROLLERS: dict[str, Callable[..., Any]] = {
     controller.name: controller
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from controllers.gains import Gains
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
+from softdyn.controllers.gains import Gains
 
 FOLDER = Path(__file__).parent / "schedules"
 OWN = ("hold", "u0")  # of a stage's table, beside the gains
@@ -23,7 +23,7 @@ OWN = ("hold", "u0")  # of a stage's table, beside the gains
 
 @dataclass(frozen=True)
 class Stage:
-    """What `controllers.SoftIdClfQp` takes: gains, horizon (s), the input that costs nothing."""
+    """What `SoftIdClfQp` takes: gains, horizon (s), the input that costs nothing."""
 
     gains: Gains
     hold: float = 0.0

@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from controllers.controller import Command, guarded
-from controllers.id_clf_qp import SoftIdClfQp
-from controllers.mpc import DEFAULT_PERIOD, Mpc
-from controllers.schedule import Schedule, make_schedule, tuned
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.controllers.controller import Command, guarded
+from softdyn.controllers.id_clf_qp import SoftIdClfQp
+from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
+from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 
 
 class Staged:
@@ -20,7 +20,7 @@ class Staged:
     ----------
     model : the robot.
     gains : a `Schedule`, or the tables that `make_schedule` takes; the tuned one by default.
-    period : control period (s); `validation.simulate` sets the attribute.
+    period : control period (s); `softdyn.validation.simulate` sets the attribute.
 
     Raises
     ------
@@ -40,10 +40,10 @@ class Staged:
         if gains is None:
             schedule = tuned(model)
             if schedule is None:
-                expected = f"controllers.Schedule(…) for {model.robot.path}, which has no tuned one"
+                expected = f"Schedule(…) for {model.robot.path}, which has no tuned one"
                 raise InputError("gains", expected, None)
         if not isinstance(schedule, Schedule):
-            raise InputError("gains", "controllers.Schedule(…) or its tables", repr(schedule))
+            raise InputError("gains", "softdyn.controllers.Schedule(…) or tables", repr(schedule))
         self.gains = schedule
         self.period = period
         self._approach, self._stay = (

@@ -16,8 +16,10 @@
 import numpy as np
 
 import softdyn
-from controllers import ImpedanceQp, SoftIdClfQp
-from validation import metrics, paper, simulate
+from softdyn.controllers import ImpedanceQp, SoftIdClfQp
+from softdyn.validation import simulate
+from softdyn.validation.loop import metrics
+from softdyn.validation.studies import paper
 
 model = softdyn.load("finger")  # or a path to your own annotated URDF
 state = model.state(model.q0, np.zeros(model.nv))
@@ -25,7 +27,7 @@ print(f"{model.name}: {model.nv} degrees of freedom, {model.nu} inputs, tip at {
 print(f"rank of B: {np.linalg.matrix_rank(state.B)} of {model.nv}, so it is underactuated")
 
 # %% Look: at rest, then what each input does
-from softdyn.rest_sweep import rest_page
+from softdyn.view.rest_sweep import rest_page
 
 rest_page(model)
 
@@ -36,7 +38,7 @@ for log in logs:
     print(f"{log.controller}: mean squared error {metrics.mse_cm2(log):.2f} cm²")
 
 # %% Look: both runs in one scene
-from validation.replay import comparison
+from softdyn.validation.report.replay import comparison
 
 page = comparison(logs, [model, model])
 page

@@ -9,10 +9,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from validation.benchmark import Case
+    from softdyn.validation.studies.benchmark import Case
 
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
@@ -65,8 +65,9 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
-    from validation import benchmark, paper, tables
-    from validation.files import to_json, write_text
+    from softdyn.validation.files import to_json, write_text
+    from softdyn.validation.report import tables
+    from softdyn.validation.studies import benchmark, paper
 
     began = perf_counter()
     out = Path(arguments.out)
@@ -88,8 +89,8 @@ def command(arguments: argparse.Namespace) -> int:
     write_text(out / "table.tex", tables.latex(rows))
     write_text(out / "results.json", to_json({"rows": rows}) + "\n")
     if not arguments.no_plots:
-        from validation import plots
-        from validation import report as page
+        from softdyn.validation.report import index as page
+        from softdyn.validation.report import plots
 
         plots.make_all(cases, out)
         index = page.make(cases, out, arguments.jobs or -1)
@@ -110,7 +111,7 @@ def run(cases: list[Case], out: Path, jobs: int) -> None:
     """Run what is missing below `out`, with a bar that counts work, not cases."""
     from tqdm import tqdm
 
-    from validation import benchmark
+    from softdyn.validation.studies import benchmark
 
     def text() -> str:
         reused = f", {done - ran} of them before" if done > ran else ""
@@ -138,8 +139,9 @@ def run(cases: list[Case], out: Path, jobs: int) -> None:
 def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> int:
     """Figures and page alone, from the files below `out`."""
     from softdyn import InputError
-    from validation import benchmark, plots
-    from validation import report as page
+    from softdyn.validation.report import index as page
+    from softdyn.validation.report import plots
+    from softdyn.validation.studies import benchmark
 
     missing = [case.name for case in cases if not benchmark.log_path(out, case).is_file()]
     if missing:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-import cli
+from softdyn.commands import cli
 
 EPILOG = """\
 Set points run at 1 ms, 2 ms and the robot's published control period, trajectories at the
@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run, report."""
-    from validation import beyond
+    from softdyn.validation.studies import beyond
 
     cli.check_trials(arguments)
     rows = beyond.report(arguments.robots, arguments.controller, arguments.jobs or -1)

@@ -8,11 +8,11 @@ import sys
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
-    from softdyn.diagnosis import Pose
+    from softdyn.statics.diagnosis import Pose
 
 EPILOG = """\
 ROBOT is a path to an annotated URDF, a bundled name (finger, helix, spirob, spirob48), or the name
@@ -63,7 +63,7 @@ def command(arguments: argparse.Namespace) -> int:
 
 def examine(model: SoftModel, samples: int) -> dict[str, Any]:
     """Everything the command says, as plain data."""
-    from softdyn import diagnosis
+    from softdyn.statics import diagnosis
 
     robot = model.robot
     seen = list(diagnosis.poses(model, samples, seed=0))

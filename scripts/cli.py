@@ -100,8 +100,8 @@ def add_trial_options(parser: argparse.ArgumentParser) -> None:
 
 def check_trials(arguments: argparse.Namespace) -> None:
     """Refuse, before any work, what `add_trial_options` cannot know to be wrong."""
-    from controllers import find_controller
-    from validation import paper
+    from softdyn.controllers import find_controller
+    from softdyn.validation.studies import paper
 
     check_outputs(arguments.json)
     find_controller(arguments.controller)
@@ -142,7 +142,7 @@ def run(command: Command, arguments: argparse.Namespace) -> int:
 
 def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:
     """Print `summary`, or the report as JSON with target ``-``; any other is a file for it."""
-    from validation.files import to_json, write_json
+    from softdyn.validation.files import to_json, write_json
 
     if target == "-":
         say(to_json(report))
@@ -183,7 +183,7 @@ def read_toml(path: str) -> dict[str, Any]:
 
 def check_outputs(*targets: str | None) -> None:
     """Refuse, before any work, output files that cannot be written; None and ``-`` are none."""
-    from validation.files import check_writable
+    from softdyn.validation.files import check_writable
 
     for target in targets:
         if target not in (None, "-"):
@@ -193,7 +193,7 @@ def check_outputs(*targets: str | None) -> None:
 def make_folder(path: Path) -> None:
     """Create an output folder, or say in one line why it cannot be used."""
     from softdyn import InputError
-    from validation.files import check_writable
+    from softdyn.validation.files import check_writable
 
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -7,11 +7,11 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from validation.catalogue import Row
-    from validation.crosscheck import CrossCheck
+    from softdyn.validation.crosschecks.batch import Row
+    from softdyn.validation.crosschecks.crosscheck import CrossCheck
 
 EPILOG = """\
 Instead of one ROBOT, --catalogue takes every URDF of example-robot-data (with --repair-inertia and
@@ -71,7 +71,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Load, compare, report."""
-    from validation import Twin, crosscheck
+    from softdyn.validation import Twin, crosscheck
 
     cli.check_outputs(arguments.json, arguments.markdown)
     if arguments.robot is None:
@@ -98,8 +98,8 @@ def many(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from softdyn import InputError
-    from validation import catalogue
-    from validation.files import write_text
+    from softdyn.validation.crosschecks import batch as catalogue
+    from softdyn.validation.files import write_text
 
     if arguments.annotations is not None:
         raise InputError("--annotations", "one ROBOT", "many robots")

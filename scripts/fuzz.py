@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from fuzz_inputs import Base
+    from softdyn.validation.fuzzing.inputs import Base
 
 CORPUS = Path(__file__).resolve().parents[1] / "tests" / "corpus"
 CPU_LIMIT, WALL_LIMIT = 5, 60.0  # s an input; the processor's time counts, whatever else it does
@@ -22,7 +22,7 @@ MEMORY = 6 * 2**30  # bytes of address space a process may have
 DEEP = 3  # one input in so many, where it is accepted, is compared term by term in both engines
 
 EPILOG = """\
-Each input is a file of the corpus after a few random changes (scripts/fuzz_inputs.py), wholly
+Each input is a file of the corpus after a few random changes (validation/fuzzing/inputs.py), wholly
 determined by --seed and its number. It is loaded as a user's file would be, in a process of its
 own that is killed after 5 s of processor time. A finding is
 
@@ -84,7 +84,7 @@ def command(arguments: argparse.Namespace) -> int:
                 findings.append({"index": index, "kind": kind, "detail": detail})
                 if arguments.out is not None:
                     keep(arguments.out, bases, arguments.seed, index)
-    from fuzz_verdict import FINDINGS
+    from softdyn.validation.fuzzing.verdict import FINDINGS
 
     report = {
         "seed": arguments.seed,
@@ -108,10 +108,9 @@ def command(arguments: argparse.Namespace) -> int:
 
 def base_files(corpus: Path) -> list[Base]:
     """The bundled robots and the corpus's own, in the order of their names."""
-    from fuzz_inputs import Base
-
     from softdyn import InputError
-    from softdyn.catalogue import BUNDLED
+    from softdyn.description.library import BUNDLED
+    from softdyn.validation.fuzzing.inputs import Base
 
     own = sorted(corpus.glob("base/*.urdf"))
     if not own:
@@ -176,8 +175,8 @@ def work(pipe: Any, bases: list[Base], seed: int) -> None:
     import tempfile
     from time import process_time
 
-    from fuzz_inputs import mutant
-    from fuzz_verdict import judge
+    from softdyn.validation.fuzzing.inputs import mutant
+    from softdyn.validation.fuzzing.verdict import judge
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the engines' own complaints
     _, ceiling = resource.getrlimit(resource.RLIMIT_CPU)
@@ -205,9 +204,8 @@ def work(pipe: Any, bases: list[Base], seed: int) -> None:
 
 def keep(folder: Path, bases: list[Base], seed: int, index: int) -> None:
     """Write an input to `folder`."""
-    from fuzz_inputs import mutant
-
-    from validation.files import atomic
+    from softdyn.validation.files import atomic
+    from softdyn.validation.fuzzing.inputs import mutant
 
     base = mutant(bases, seed, index)
     with atomic(folder / f"{seed}-{index}.{'urdf' if base.of is None else 'xml'}") as file:

@@ -7,7 +7,7 @@ import argparse
 import sys
 from typing import Any
 
-import cli
+from softdyn.commands import cli
 
 SHARES = (0.0, 0.5, 0.8, 1.0, 1.2, 2.0)  # of eps
 OMEGA = 0.5
@@ -41,8 +41,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run every case, print the table."""
-    from validation import paper
-    from validation.processes import in_order
+    from softdyn.validation.processes import in_order
+    from softdyn.validation.studies import paper
 
     cli.check_outputs(arguments.json)
     paper.setup(arguments.robot)
@@ -66,9 +66,11 @@ def measure(
 ) -> dict[str, Any]:
     """One run: its final error in cm, or its mean squared one in cm²."""
     import softdyn
-    from controllers import SoftIdClfQp
-    from controllers.hold import horizon
-    from validation import metrics, paper, simulate
+    from softdyn.controllers import SoftIdClfQp
+    from softdyn.controllers.programmes.horizon import horizon
+    from softdyn.validation import simulate
+    from softdyn.validation.loop import metrics
+    from softdyn.validation.studies import paper
 
     model = softdyn.load(robot)
     tau = share * horizon(SoftIdClfQp(model).gains)
@@ -85,7 +87,7 @@ def measure(
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown: final errors at the set points, their mean, the mean squared error tracking."""
-    from validation.tables import pipes
+    from softdyn.validation.report.tables import pipes
 
     lines = [["τ / ε", "τ (ms)", "SP at θ = 0, 0.5, 1, 1.5 (cm)", "mean", "TT at ω = 0.5 (cm²)"]]
     for row in rows:

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import cli
+from softdyn.commands import cli
 
 
 def add_server_options(parser: cli.Parser) -> None:

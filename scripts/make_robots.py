@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cli
-from urdf_text import (
+from softdyn.commands import cli
+from softdyn.design.urdf_text import (
     ORIGIN,
     Joint,
     Robot,
@@ -402,7 +402,7 @@ def finish_spiral(
 
 def files() -> dict[str, bytes]:
     """Return every generated file, by its path below ``urdf/``."""
-    from robot_meshes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
+    from softdyn.design.robot_meshes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
 
     robots = (finger, helix, spirob, spirob48)
     content = {f"{robot.__name__}.urdf": robot().encode() for robot in robots}
@@ -426,7 +426,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Write the files that differ, or name them with ``--check``."""
-    from validation.files import atomic
+    from softdyn.validation.files import atomic
 
     different = {
         URDF / name: content

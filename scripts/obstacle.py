@@ -7,15 +7,15 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from controllers import SoftIdClfQp
-    from controllers.barriers import Sphere
     from softdyn import SetPoint, SoftModel
-    from validation import Log
+    from softdyn.controllers import SoftIdClfQp
+    from softdyn.controllers.barriers import Sphere
+    from softdyn.validation import Log
 
 BALL = 0.08  # its radius, as a share of the robot's length
 OFFSET = 0.6  # of its radius: how far beside the path it stands
@@ -60,11 +60,12 @@ def command(arguments: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     import softdyn
-    from controllers import SoftIdClfQp
-    from controllers.barriers import JointLimits
-    from validation import paper, simulate
-    from validation.files import write_text
-    from validation.replay import comparison
+    from softdyn.controllers import SoftIdClfQp
+    from softdyn.controllers.barriers import JointLimits
+    from softdyn.validation import simulate
+    from softdyn.validation.files import write_text
+    from softdyn.validation.report.replay import comparison
+    from softdyn.validation.studies import paper
 
     cli.check_outputs(arguments.json, arguments.html)
     model = softdyn.load(arguments.robot)
@@ -121,7 +122,7 @@ def in_the_way(paths: list[np.ndarray], radius: float) -> Sphere:
     """A ball beside a path (samples, 3) of the tip in the xz-plane that cuts as many as it can."""
     import numpy as np
 
-    from controllers.barriers import Sphere
+    from softdyn.controllers.barriers import Sphere
 
     def depth(ball: Sphere) -> float:
         return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
@@ -144,8 +145,8 @@ def draw(
     """A target that some configuration reaches, and a ball beside the line from `start` to it."""
     import numpy as np
 
-    from controllers.barriers import Sphere
     from softdyn import SetPoint
+    from softdyn.controllers.barriers import Sphere
 
     while True:
         low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)

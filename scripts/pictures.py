@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
-import cli
+from softdyn.commands import cli
 
 EPILOG = """\
 Each robot runs a set point of the paper with Soft ID-CLF-QP; what is shown is the end of the run,
@@ -44,10 +44,11 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Run the loops, draw their ends, write one picture."""
     import softdyn
-    from controllers import SoftIdClfQp
-    from validation import paper, simulate
-    from validation.files import atomic
-    from validation.replay import replay
+    from softdyn.controllers import SoftIdClfQp
+    from softdyn.validation import simulate
+    from softdyn.validation.files import atomic
+    from softdyn.validation.report.replay import replay
+    from softdyn.validation.studies import paper
 
     cli.check_outputs(arguments.out)
     browser = next((path for name in NAMES if (path := shutil.which(name))), None)

@@ -7,10 +7,10 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from validation import Log
+    from softdyn.validation import Log
 
 EPILOG = """\
 LOG is what run.py --log or benchmark.py wrote (results/runs/ROBOT/CONTROLLER/CASE.npz). Several
@@ -47,9 +47,9 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Read the logs, write the page."""
     import softdyn
-    from validation import Log
-    from validation.files import write_text
-    from validation.replay import comparison, replay
+    from softdyn.validation import Log
+    from softdyn.validation.files import write_text
+    from softdyn.validation.report.replay import comparison, replay
 
     if arguments.html is None and arguments.plot is None:
         raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
@@ -80,10 +80,10 @@ def command(arguments: argparse.Namespace) -> int:
 
 def draw(logs: list[Log], labels: list[str] | None, file: str) -> None:
     """The figure of the runs."""
-    from validation import plot_style
-    from validation.comparison_figure import compare
-    from validation.files import atomic
-    from validation.replay import labels_of
+    from softdyn.validation.files import atomic
+    from softdyn.validation.report import plot_style
+    from softdyn.validation.report.comparison_figure import compare
+    from softdyn.validation.report.replay import labels_of
 
     with plot_style.style():
         figure = compare(logs, labels or labels_of(logs))

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cli
+from softdyn.commands import cli
 
 TITLES = (
     "Experiment", "Robot", "Controller",
@@ -55,13 +55,12 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then the table."""
-    import reproduction
     from tqdm import tqdm
 
-    from controllers import CONTROLLERS
     from softdyn import InputError
-    from validation import benchmark, paper
-    from validation.files import write_text
+    from softdyn.controllers import CONTROLLERS
+    from softdyn.validation.files import write_text
+    from softdyn.validation.studies import benchmark, paper, reproduction
 
     if arguments.list:
         known = {name: change.what for name, change in reproduction.CHANGES.items()}
@@ -101,14 +100,14 @@ def command(arguments: argparse.Namespace) -> int:
 
 def listing(known: dict[str, Any]) -> str:
     """Names and what they mean, in columns."""
-    from validation.tables import columns
+    from softdyn.validation.report.tables import columns
 
     return columns(list(known.items()))
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """One row of the table as text."""
-    from validation import tables
+    from softdyn.validation.report import tables
 
     robot, controller, sp, sp_paper, tt, tt_paper, failed = tables.cells(row)
     _, _, our_sp, _, our_tt, _, _ = tables.cells(row["ours"])
@@ -123,14 +122,14 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Aligned columns for a terminal."""
-    from validation.tables import columns
+    from softdyn.validation.report.tables import columns
 
     return columns([TITLES, *(cells(row) for row in rows)])
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table, then every run's figure and the reasons of the failed ones."""
-    from validation.tables import pipes
+    from softdyn.validation.report.tables import pipes
 
     parts = ["# Reproduction", "", *pipes([TITLES, *(cells(row) for row in rows)]), ""]
     for row in rows:

@@ -7,10 +7,10 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from validation.trials import Trial
+    from softdyn.validation.studies.trials import Trial
 
 EPILOG = """\
 For each robot set points at theta = 0.25 and 1.25 pi and a trajectory at 0.25 pi rad/s, none of
@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Run, report."""
-    from validation.trials import run_all
+    from softdyn.validation.studies.trials import run_all
 
     cli.check_trials(arguments)
     named = [
@@ -68,7 +68,7 @@ def command(arguments: argparse.Namespace) -> int:
 
 def changes(robot: str, controller: str, period: float) -> dict[str, list[Trial]]:
     """The trials of one robot by what is changed."""
-    from validation.trials import Plant, Trial
+    from softdyn.validation.studies.trials import Plant, Trial
 
     def three(plant: Plant, shrink: float = 1.0) -> list[Trial]:
         cases = [("set_point", x) for x in SET_POINTS] + [("tracking", RATE)]
@@ -88,7 +88,7 @@ def changes(robot: str, controller: str, period: float) -> dict[str, list[Trial]
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table; set points in cm, trajectories in cm²."""
-    from validation.tables import pipes
+    from softdyn.validation.report.tables import pipes
 
     texts = [[f"{x:.2f}" if isinstance(x, float) else x for x in row.values()] for row in rows]
     return "\n".join(pipes([list(rows[0]), *texts]))

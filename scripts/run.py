@@ -10,13 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import cli
-import live
+from softdyn.commands import cli, live
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
-    from validation import Log
-    from validation.paper import Experiment
+    from softdyn.validation import Log
+    from softdyn.validation.studies.paper import Experiment
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
@@ -24,7 +23,7 @@ of a robot of example-robot-data.
 
 CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic or ic-qp; best or mpc, which need no gains
 for any robot (--gains may give best a schedule, as those in controllers/schedules/, and mpc fields
-of controllers.Tuning); or a class of your own as FILE.py:CLASS,
+of softdyn.controllers.Tuning); or a class of your own as FILE.py:CLASS,
 built once as CLASS(model), or CLASS(model, table) with --gains, and called as
 controller(state, reference); what it returns needs an attribute u.
 
@@ -32,7 +31,7 @@ controller(state, reference); what it returns needs an attribute u.
 ellipse is scaled to its length, the summed joint offsets from base to tip, as for the finger
 (L/3 by L/8, its far end at distance L below and before the origin); --target needs no length.
 
---gains FILE is TOML with the fields of controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
+--gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
 Bundled robots have the paper's gains by default; others need some.
 
 exit codes: 0 the loop ended closer to its reference than it began; 1 it failed or diverged;
@@ -85,8 +84,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Build, simulate, report."""
-    from controllers.registry import blamed
-    from validation import simulate
+    from softdyn.controllers.registry import blamed
+    from softdyn.validation import simulate
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
     model = cli.load_robot(arguments)
@@ -110,8 +109,8 @@ def command(arguments: argparse.Namespace) -> int:
     if arguments.log is not None:
         log.save(arguments.log)
     if arguments.html is not None:
-        from validation.files import write_text
-        from validation.replay import replay
+        from softdyn.validation.files import write_text
+        from softdyn.validation.report.replay import replay
 
         write_text(arguments.html, replay(log, model).html())
     text = summary(log)
@@ -134,8 +133,8 @@ def shown(
         return
     from dataclasses import replace
 
-    from softdyn.viewer import Viewer
-    from validation.live import WAIT, Show, live_page
+    from softdyn.validation.report.live import WAIT, Show, live_page
+    from softdyn.view.server import Viewer
 
     if arguments.duration is not None:
         experiment = replace(experiment, duration=arguments.duration)
@@ -154,7 +153,7 @@ def make_experiment(model: SoftModel, arguments: argparse.Namespace) -> Experime
     """The paper's experiment for a bundled robot; one of its own size for any other."""
     from dataclasses import replace
 
-    from validation import paper
+    from softdyn.validation.studies import paper
 
     setup = paper.setup_of(model)
     if arguments.period is not None:
@@ -168,9 +167,9 @@ def make_experiment(model: SoftModel, arguments: argparse.Namespace) -> Experime
 
 def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
     """A controller by its command-line name, or a user's class as FILE.py:CLASS."""
-    from controllers import CONTROLLERS, Gains, find_controller
-    from controllers.registry import own_error
     from softdyn import InputError, SoftdynError
+    from softdyn.controllers import CONTROLLERS, Gains, find_controller
+    from softdyn.controllers.registry import own_error
 
     table = None if gains is None else cli.read_toml(gains)
     cls = find_controller(name)
@@ -192,7 +191,7 @@ def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
 
 def report(log: Log) -> dict[str, Any]:
     """The figures of a run under the names of the JSON contract."""
-    from validation import metrics
+    from softdyn.validation.loop import metrics
 
     return {
         "robot": log.robot,
@@ -212,7 +211,8 @@ def report(log: Log) -> dict[str, Any]:
 
 def summary(log: Log) -> str:
     """The same for people, the paper's figures beside ours where it has some."""
-    from validation import metrics, paper
+    from softdyn.validation.loop import metrics
+    from softdyn.validation.studies import paper
 
     if log.theta is not None:
         goal = f"set point at {log.theta:g} pi"

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import cli
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
     import numpy as np
@@ -102,8 +102,8 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Search, judge, report."""
     from softdyn.statics import StaticsError
-    from validation.files import check_writable
-    from validation.statics_figure import check_path
+    from softdyn.validation.files import check_writable
+    from softdyn.validation.report.statics_figure import check_path
 
     if arguments.map is not None:
         check_writable(check_path(arguments.map))
@@ -143,8 +143,8 @@ def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from softdyn import statics
-    from softdyn.static_inputs import STATIONS
-    from validation import statics_figure
+    from softdyn.statics.tip_search import STATIONS
+    from softdyn.validation.report import statics_figure
 
     goals = targets(model, arguments)
     guesses = [] if arguments.log is None else [last_state(model, arguments.log)]
@@ -173,7 +173,7 @@ def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
 def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
     """(q, u) at the end of a logged run."""
     from softdyn import InputError
-    from validation import Log
+    from softdyn.validation import Log
 
     log = Log.load(path)
     if log.joint_names != model.joint_names or not log.steps:
@@ -187,7 +187,7 @@ def targets(
     """(θ or None, point) of every target asked for."""
     import numpy as np
 
-    from validation import paper
+    from softdyn.validation.studies import paper
 
     if arguments.target is not None:
         return [(None, np.array(arguments.target))]
@@ -200,7 +200,7 @@ def ellipse(model: SoftModel) -> np.ndarray | None:
     """Points (·, 3) of the paper's ellipse at the robot's size; None for one of no length."""
     import numpy as np
 
-    from validation import paper
+    from softdyn.validation.studies import paper
 
     setup = paper.setup_of(model)
     if setup.length == 0:
@@ -235,7 +235,7 @@ def row(
 
 def figures(one: Equilibrium, hold_s: float) -> dict[str, Any]:
     """An equilibrium in numbers, the twin's verdict among them."""
-    from validation.statics import hold
+    from softdyn.validation.crosschecks.rests import hold
 
     drift, nudged = hold(one, hold_s), hold(one, hold_s, nudge=NUDGE)
     held = [name for name, held in zip(one.model.joint_names, one.held, strict=True) if held]

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cli  # beside this script
+from softdyn.commands import cli  # beside this script
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
@@ -56,12 +56,12 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Measure what is asked for, then tables and figures."""
     import softdyn
-    from controllers import find_controller
-    from validation import step_plots, step_report
-    from validation.benchmark import safe
-    from validation.files import to_json, write_text
-    from validation.recording import recorded
-    from validation.step_time import SAMPLES, MachineLoad, Subject, measure
+    from softdyn.controllers import find_controller
+    from softdyn.validation.files import to_json, write_text
+    from softdyn.validation.studies.benchmark import safe
+    from softdyn.validation.timing import step_plots, step_report
+    from softdyn.validation.timing.recording import recorded
+    from softdyn.validation.timing.step_time import SAMPLES, MachineLoad, Subject, measure
 
     out = Path(arguments.out)
     cli.make_folder(out / "states")
@@ -88,12 +88,12 @@ def command(arguments: argparse.Namespace) -> int:
             rows.append({**size, **times.row()})
     report: dict[str, Any] = {"rows": rows}
     if arguments.scaling:
-        from validation.step_scaling import scaling
+        from softdyn.validation.timing.step_scaling import scaling
 
         progress.start("chains", 20)
         report["scaling"] = scaling(rounds=20, tick=progress.tick)
     if arguments.throughput:
-        from validation.throughput import throughput
+        from softdyn.validation.timing.throughput import throughput
 
         progress.start("closed loops", len(models))
         report["throughput"] = [throughput(model, DRIVER) for model in models.values()]
@@ -116,7 +116,7 @@ def paper_stack() -> Callable[[str], Any] | None:
     None without the extra ``bench``.
     """
     try:
-        from validation.paper_stack import PROGRAMMES, PaperStack
+        from softdyn.validation.oracles.paper_stack import PROGRAMMES, PaperStack
     except ImportError:
         print("note: no cvxpy, so the paper's stack is left out: pip install '.[bench]'",
               file=sys.stderr)  # fmt: skip

@@ -9,11 +9,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import cli  # beside this script
+from softdyn.commands import cli  # beside this script
 
 if TYPE_CHECKING:
-    from validation.sweep import Sweep
-    from validation.sweep_run import Task
+    from softdyn.validation.studies.sweep import Sweep
+    from softdyn.validation.studies.sweep_run import Task
 
 EPILOG = """\
 FILE is TOML, described in docs/sweeps.md; for example
@@ -63,8 +63,8 @@ def command(arguments: argparse.Namespace) -> int:
     """Run what is missing, then the tables."""
     from tqdm import tqdm
 
-    from validation import sweep_report, sweep_run
-    from validation.sweep_file import read
+    from softdyn.validation.studies import sweep_report, sweep_run
+    from softdyn.validation.studies.sweep_file import read
 
     began = perf_counter()
     sweep = read(arguments.file)
@@ -107,8 +107,8 @@ def command(arguments: argparse.Namespace) -> int:
 
 def write_reports(sweep: Sweep, rows: list[Any], out: Path) -> list[Path]:
     """The table as CSV, the best cases as Markdown; returns their files."""
-    from validation import sweep_report
-    from validation.files import write_text
+    from softdyn.validation.files import write_text
+    from softdyn.validation.studies import sweep_report
 
     write_text(out / "sweep.csv", sweep_report.to_csv(rows))
     write_text(out / "sweep.md", sweep_report.to_markdown(sweep, rows))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-import cli
+from softdyn.commands import cli
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48). CMA-ES in the logarithms of the gains and
@@ -55,8 +55,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def command(arguments: argparse.Namespace) -> int:
     """Search for both stages, decide, write the trace as it grows and the schedule at the end."""
-    from validation import tuning
-    from validation.files import write_json, write_text
+    from softdyn.validation.files import write_json, write_text
+    from softdyn.validation.studies import tuning
 
     cli.check_outputs(arguments.out, arguments.trace)
     schedule = start(arguments.robot, arguments.gains)
@@ -91,7 +91,7 @@ def search(
     keep: Callable[[dict[str, Any]], None],
 ) -> list[dict[str, Any]]:
     """Schedules with other values in one stage, the best first; none without a generation."""
-    from validation import tuning
+    from softdyn.validation.studies import tuning
 
     generations = getattr(arguments, stage)
     if generations == 0:
@@ -123,10 +123,10 @@ def changed(schedule: dict[str, Any], stage: str, values: Mapping[str, float]) -
 def start(robot: str, file: str | None) -> dict[str, Any]:
     """The tables of the schedule to begin with."""
     import softdyn
-    from controllers import Schedule, SoftIdClfQp, Stage
-    from controllers.hold import horizon
-    from controllers.schedule import make_schedule, tuned
-    from validation import paper, tuning
+    from softdyn.controllers import Schedule, SoftIdClfQp, Stage
+    from softdyn.controllers.programmes.horizon import horizon
+    from softdyn.controllers.schedule import make_schedule, tuned
+    from softdyn.validation.studies import paper, tuning
 
     model = softdyn.load(robot)
     length = paper.setup_of(model).length

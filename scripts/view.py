@@ -6,8 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-import cli
-import live
+from softdyn.commands import cli, live
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
@@ -41,8 +40,8 @@ def command(arguments: argparse.Namespace) -> int:
     import threading
 
     with live.ends_cleanly():
-        from softdyn.rest_sweep import rest_page
-        from validation.files import write_text
+        from softdyn.validation.files import write_text
+        from softdyn.view.rest_sweep import rest_page
 
         cli.check_outputs(arguments.html)
         page = rest_page(cli.load_robot(arguments))
@@ -50,7 +49,7 @@ def command(arguments: argparse.Namespace) -> int:
             write_text(arguments.html, page.html())
             print(arguments.html)
             return cli.PASSED
-        from softdyn.viewer import Viewer
+        from softdyn.view.server import Viewer
 
         with Viewer(page, arguments.port) as viewer:
             print(f"{viewer.url}\nCtrl-C ends it", flush=True)

@@ -8,14 +8,14 @@ import sys
 from time import thread_time_ns
 from typing import Any
 
-import cli
+from softdyn.commands import cli
 
 EPILOG = """\
 Every controller of every robot is called with states and references full of NaN, infinities, huge
-and denormal numbers, singular Jacobians and input matrices (validation/hostile.py). The time is the
-processor's, not the clock's, and of the repetitions of a call the fastest counts, which takes out
-what the machine was doing besides; of all calls the slowest is shown. An answer that is not finite
-or not within bounds is a failure.
+and denormal numbers, singular Jacobians and input matrices (validation/timing/hostile.py). The time
+is the processor's, not the clock's, and of the repetitions of a call the fastest counts, which
+takes out what the machine was doing besides; of all calls the slowest is shown. An answer that is
+not finite or not within bounds is a failure.
 
 exit codes: 0 all answers finite, within bounds and within the limit; 1 not; 2 bad input.
 """
@@ -40,8 +40,8 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Measure and report."""
     import softdyn
-    from controllers import CONTROLLERS, find_controller
     from softdyn import bundled_names
+    from softdyn.controllers import CONTROLLERS, find_controller
 
     rows: list[dict[str, Any]] = []
     for robot in arguments.robots or bundled_names():
@@ -64,7 +64,7 @@ def command(arguments: argparse.Namespace) -> int:
 def cases(model: Any) -> Any:
     """(name, state, reference) of every hostile call."""
     from softdyn import SetPoint
-    from validation import hostile
+    from softdyn.validation.timing import hostile
 
     found = dict(hostile.states(model))
     good = found["inside, v ~ 1"]

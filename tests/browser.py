@@ -131,8 +131,8 @@ class Browser:
         """What is on the page (h, w, 3), or on one canvas of it."""
         self.settle()
         if selector is not None:
-            self.run("softdyn.viewer.render()")
-            text = self.run("softdyn.viewer.capture_image()").partition(",")[2]
+            self.run("softdyn.view.server.render()")
+            text = self.run("softdyn.view.server.capture_image()").partition(",")[2]
         else:
             text = self._call("Page.captureScreenshot", {"format": "png"})["data"]
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"), int)

@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import softdyn
-from controllers import Gains, SoftIdClfQp
 from softdyn import SetPoint, SoftModel, State
-from softdyn.integrators import step_implicit
-from validation import paper
+from softdyn.controllers import Gains, SoftIdClfQp
+from softdyn.dynamics.integrators import step_implicit
+from softdyn.validation.studies import paper
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
 GAINS = Gains(Kp=100.0, eps=0.1)  # for robots without published ones

@@ -10,8 +10,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from softdyn.description.urdf import parse
 from softdyn.exceptions import UrdfError
-from softdyn.urdf import parse
 
 INERTIAL = (
     '<inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>'

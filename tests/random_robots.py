@@ -1,5 +1,5 @@
 """The generator that tests share; it lives in validation/, where a command needs it too."""
 
-from validation.random_robots import random_urdf, write_robot
+from softdyn.validation.crosschecks.random_robots import random_urdf, write_robot
 
 __all__ = ["random_urdf", "write_robot"]

@@ -9,12 +9,12 @@ import pytest
 from control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from textbook import Programme, solve_quadprog, textbook
 
-from controllers import SoftIdClfQp, Status
-from controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimits, Sphere
-from controllers.hold import over_hold
-from controllers.task_qp import BACKOFF
 from softdyn import InputError, SetPoint, SoftModel, State
-from validation import simulate
+from softdyn.controllers import SoftIdClfQp, Status
+from softdyn.controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimits, Sphere
+from softdyn.controllers.programmes.horizon import over_hold
+from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.validation import simulate
 
 TAU = 0.03
 ROBOTS = ("finger", "helix", "spirob", "sliding and turning")

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from validation import benchmark, fingerprint, paper
-from validation.benchmark import Case
-from validation.processes import WorkerKilled, in_processes
+from softdyn.validation.processes import WorkerKilled, in_processes
+from softdyn.validation.studies import benchmark, fingerprint, paper
+from softdyn.validation.studies.benchmark import Case
 
 SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "benchmark.py"
 OWN = """
@@ -92,9 +92,8 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def call(folder, monkeypatch, capsys):
     """Run the command in this process: exit code, stdout, stderr."""
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    import benchmark as script
-    import cli
+    from softdyn.commands import benchmark as script
+    from softdyn.commands import cli
 
     monkeypatch.setattr(cli, "one_thread", lambda: None)
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
@@ -247,7 +246,7 @@ def test_interrupted(folder):
 
 def test_workers_end_with_their_parent():
     code = (
-        "import os; from validation.processes import in_processes\n"
+        "import os; from softdyn.validation.processes import in_processes\n"
         "for _ in in_processes(os.getpid, [()], 2): os.kill(os.getpid(), 9)"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)

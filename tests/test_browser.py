@@ -11,11 +11,12 @@ import pytest
 from browser import Browser, required
 
 import softdyn
-from softdyn.figure import Figure
-from softdyn.page import Page, Run, Track, frames
-from softdyn.viewer import Viewer
-from validation import Log, paper, simulate
-from validation.replay import comparison, replay
+from softdyn.validation import Log, simulate
+from softdyn.validation.report.replay import comparison, replay
+from softdyn.validation.studies import paper
+from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.scene import Figure
+from softdyn.view.server import Viewer
 
 pytestmark = required()
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,7 +39,7 @@ def logs(tmp_path_factory):
             self.u = np.zeros(model.nu)
             return self
 
-    from controllers import SoftIdClfQp
+    from softdyn.controllers import SoftIdClfQp
 
     goal = paper.set_point("spirob", 1.0)
     made = [

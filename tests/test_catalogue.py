@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 import softdyn
-from softdyn import InputError, catalogue
-from softdyn.catalogue import BUNDLED, bundled_name, bundled_names, example_robots, find
+from softdyn import InputError
+from softdyn.description import library as catalogue
+from softdyn.description.library import BUNDLED, bundled_name, bundled_names, example_robots, find
 
 
 def test_bundled_names_are_the_four_robots() -> None:

@@ -7,9 +7,9 @@ import pytest
 import scipy.optimize
 from control_cases import BUNDLED, drawn, recorded, robot
 
-from controllers import ClfQp
-from controllers.clf_qp import Linearisation
-from controllers.task import Task
+from softdyn.controllers import ClfQp
+from softdyn.controllers.clf_qp import Linearisation
+from softdyn.controllers.programmes.task import Task
 
 SQRT3 = np.sqrt(3.0)
 

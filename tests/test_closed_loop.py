@@ -14,9 +14,10 @@ import pytest
 
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
-from validation import Log, Twin, paper, simulate
-from validation.closed_loop import MAX_STEPS, Schedule
-from validation.units import input_unit
+from softdyn.validation import Log, Twin, simulate
+from softdyn.validation.loop.closed_loop import MAX_STEPS, Schedule
+from softdyn.validation.loop.units import input_unit
+from softdyn.validation.studies import paper
 
 MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
 NAN, INF = math.nan, math.inf

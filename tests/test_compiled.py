@@ -11,8 +11,9 @@ import pytest
 from control_cases import BUNDLED, MICRO, drawn, recorded, robot
 
 import softdyn.compiled
-from controllers import CONTROLLERS
-from controllers.linear_algebra import (
+from softdyn.compiled import compiled
+from softdyn.controllers import CONTROLLERS
+from softdyn.controllers.programmes.linear_algebra import (
     cholesky,
     eliminate,
     extend,
@@ -23,7 +24,6 @@ from controllers.linear_algebra import (
     substitute_back,
     triangular,
 )
-from softdyn.compiled import compiled
 
 pytestmark = pytest.mark.skipif(
     not softdyn.compiled.COMPILES, reason="Numba is absent: there is nothing to compare"
@@ -34,7 +34,7 @@ import sys; sys.path.insert(0, {tests!r})
 import numpy as np
 import softdyn.compiled
 from control_cases import drawn, recorded, robot
-from controllers import CONTROLLERS
+from softdyn.controllers import CONTROLLERS
 assert not softdyn.compiled.COMPILES
 found = []
 for which in {robots!r}:

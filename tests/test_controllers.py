@@ -13,10 +13,20 @@ import pytest
 from control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 
 import softdyn
-from controllers import CONTROLLERS, Command, Gains, InputGuard, Schedule, Stage, Staged, Status
-from controllers.gains import PUBLISHED
-from controllers.schedule import tuned
-from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, SoftModel, catalogue
+from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, SoftModel
+from softdyn.controllers import (
+    CONTROLLERS,
+    Command,
+    Gains,
+    InputGuard,
+    Schedule,
+    Stage,
+    Staged,
+    Status,
+)
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.schedule import tuned
+from softdyn.description import library as catalogue
 
 PATIENCE = 1.0  # s per call; a hang takes 25 s and more, at every call
 CLASSES = sorted(CONTROLLERS)

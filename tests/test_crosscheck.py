@@ -14,9 +14,9 @@ from random_robots import write_robot
 
 import softdyn
 from softdyn import InputError
-from validation.crosscheck import QUANTITIES, crosscheck, relative_error
-from validation.trajectories import damping_couples_branches
-from validation.twin import Twin
+from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
+from softdyn.validation.crosschecks.trajectories import damping_couples_branches
+from softdyn.validation.twin.twin import Twin
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "crosscheck.py"
 SOLID = (
@@ -364,10 +364,7 @@ def test_script_prints_one_json_object(tmp_path):
 
 
 def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    import crosscheck as script  # the script, not the package's module
-
-    import validation
+    from softdyn.commands import crosscheck as script  # the script, not the package's module
 
     assert script.main(["finger", "--samples", "1", "--json", str(tmp_path / "x.json")]) == 0
     printed = capsys.readouterr().out
@@ -376,7 +373,7 @@ def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys):
     assert json.loads((tmp_path / "x.json").read_text())["passed"] is True
 
     faulty = Twin(write(tmp_path, FAULTY.replace('gear="3"', 'gear="-3"'), "faulty"))
-    monkeypatch.setattr(validation, "Twin", lambda *_, **__: faulty)
+    monkeypatch.setattr(softdyn.validation, "Twin", lambda *_, **__: faulty)
     assert script.main([str(write(tmp_path, FAULTY)), "--samples", "1"]) == 1
     assert "FAILED: B, qdd, trajectory" in capsys.readouterr().out
 

@@ -7,7 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel
-from softdyn.derivatives import (
+from softdyn.dynamics.derivatives import (
     acceleration_derivatives,
     gravity_stiffness,
     joint_force_derivatives,

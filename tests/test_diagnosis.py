@@ -6,13 +6,14 @@ import json
 import math
 from pathlib import Path
 
-import check_urdf
 import numpy as np
 import pytest
 from control_cases import robot
 
 import softdyn
-from softdyn import SoftModel, diagnosis, parse
+from softdyn import SoftModel, parse
+from softdyn.commands import check_urdf
+from softdyn.statics import diagnosis
 
 MASS, LEVER, STIFFNESS, G = 0.3, 0.2, 0.7, 9.81
 

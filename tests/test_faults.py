@@ -20,11 +20,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import run
 
 from softdyn import InputError
-from validation import Log
-from validation.files import atomic, write_json, write_text
+from softdyn.commands import run
+from softdyn.validation import Log
+from softdyn.validation.files import atomic, write_json, write_text
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
@@ -118,7 +118,7 @@ def test_killed_while_writing(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_bytes(b"before")
     code = (
-        "import sys, time\nfrom validation.files import atomic\n"
+        "import sys, time\nfrom softdyn.validation.files import atomic\n"
         f"with atomic({str(path)!r}) as file:\n"
         "    file.write(b'half')\n    file.flush()\n    print('now', flush=True)\n"
         "    time.sleep(60)"
@@ -140,7 +140,7 @@ SLOW = """
 from pathlib import Path
 from time import sleep
 import numpy as np
-from controllers import Command
+from softdyn.controllers import Command
 
 class Slow:
     def __init__(self, model):
@@ -217,8 +217,8 @@ def comma(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 COMMA = """
 import locale, sys
 import numpy as np, softdyn
-from validation import Twin
-from validation.files import to_json
+from softdyn.validation import Twin
+from softdyn.validation.files import to_json
 def numbers():
     model = softdyn.load("spirob")
     state = model.state(np.full(model.nv, 0.1), np.full(model.nv, 0.2))

@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn.figure import Figure, tension_colour
-from softdyn.rest_sweep import TRAVEL, rest_sweep
+from softdyn.view.rest_sweep import TRAVEL, rest_sweep
+from softdyn.view.scene import Figure, tension_colour
 
 STICKS = """<robot name="sticks">
   <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from validation.files import atomic, check_writable, to_json, write_json, write_text
+from softdyn.validation.files import atomic, check_writable, to_json, write_json, write_text
 
 
 def test_a_file_appears_when_it_is_done(tmp_path):

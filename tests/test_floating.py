@@ -10,10 +10,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
+from softdyn.validation import StateMap, Twin, crosscheck, simulate
+from softdyn.validation.crosschecks.crosscheck import random_state
+from softdyn.validation.twin.free_base import FreeBase, rk4_on_rotations
 from tests.micro import FLOATING, GRIPPER, SOLID, joint, write
-from validation import StateMap, Twin, crosscheck, simulate
-from validation.crosscheck import random_state
-from validation.free_base import FreeBase, rk4_on_rotations
 
 ALONE = f'<robot name="brick"><link name="brick">{SOLID}</link></robot>'
 

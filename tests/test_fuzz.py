@@ -6,14 +6,22 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import fuzz
 import numpy as np
 import pytest
-from fuzz_inputs import mutant
-from fuzz_verdict import ACCEPTED, EXCEPTION, FINDINGS, LOST, MESSAGE, REFUSED, judge
-from second_reading import differences
 
 from softdyn import Robot, SoftdynError, parse
+from softdyn.commands import fuzz
+from softdyn.validation.fuzzing.inputs import mutant
+from softdyn.validation.fuzzing.verdict import (
+    ACCEPTED,
+    EXCEPTION,
+    FINDINGS,
+    LOST,
+    MESSAGE,
+    REFUSED,
+    judge,
+)
+from softdyn.validation.oracles.second_reading import differences
 from tests.fragile import fragile
 from tests.misuses import ARM, MISUSES
 from tests.random_robots import random_urdf

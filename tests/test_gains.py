@@ -8,9 +8,9 @@ from dataclasses import FrozenInstanceError, fields
 import pytest
 from control_cases import BUNDLED, GAINS, robot
 
-from controllers import CONTROLLERS, Gains
-from controllers.gains import PUBLISHED, resolve
 from softdyn import InputError, SoftdynError
+from softdyn.controllers import CONTROLLERS, Gains
+from softdyn.controllers.gains import PUBLISHED, resolve
 
 # tab:controller_params, retyped: K_p, ε, w1, w2, w3, w4, ρ; None where the table has a dash
 TABLE = {

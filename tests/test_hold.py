@@ -13,9 +13,9 @@ from random_robots import write_robot
 from textbook import solve_quadprog, textbook
 
 import softdyn
-from controllers import SoftIdClfQp
-from controllers.hold import elastic_stiffness, over_hold
 from softdyn import InputError
+from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.programmes.horizon import elastic_stiffness, over_hold
 
 ROBOTS = ("finger", "spirob", "n < 3 + m", "sliding and turning")
 

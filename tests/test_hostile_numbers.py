@@ -12,16 +12,17 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-import worst_step
 from control_cases import BUNDLED, GAINS, drawn, robot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from controllers import CONTROLLERS, Command, Gains, Status
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State
-from softdyn.integrators import step_implicit, step_rk4
-from softdyn.robot import Actuator
-from validation import hostile, simulate
+from softdyn.commands import worst_step
+from softdyn.controllers import CONTROLLERS, Command, Gains, Status
+from softdyn.description.robot import Actuator
+from softdyn.dynamics.integrators import step_implicit, step_rk4
+from softdyn.validation import simulate
+from softdyn.validation.timing import hostile
 
 ROBOTS = ("finger", "spirob", "sliding and turning", "two identical tendons", "a fixed input")
 every_controller = pytest.mark.parametrize("name", sorted(CONTROLLERS))

@@ -26,13 +26,13 @@ from textbook import (
     with_input,
 )
 
-from controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
-from controllers.soft_inverse_dynamics import SoftInverseDynamics
-from controllers.task import Task
-from controllers.task_qp import BACKOFF
 from softdyn import InputError, SetPoint, SoftModel, State
-from softdyn.integrators import step_implicit
-from validation import paper
+from softdyn.controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
+from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.dynamics.integrators import step_implicit
+from softdyn.validation.studies import paper
 
 RIDGE = 1e-7  # of the proximal iteration on semidefinite programmes
 every_robot = pytest.mark.parametrize("name", BUNDLED + MICRO)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from control_cases import BUNDLED, drawn, gains_of, recorded, robot
 
-from controllers import Impedance, UnderactuatedImpedance
-from controllers.impedance import task_inertia
 from softdyn import Reference, State
+from softdyn.controllers import Impedance, UnderactuatedImpedance
+from softdyn.controllers.impedance import task_inertia
 
 LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 import softdyn
 from softdyn import UrdfError
-from softdyn.inertia import Inertia, rotation_rpy
-from softdyn.robot import moving_bodies
-from softdyn.urdf import parse
+from softdyn.description.inertia import Inertia, rotation_rpy
+from softdyn.description.robot import moving_bodies
+from softdyn.description.urdf import parse
+from softdyn.validation import Twin, crosscheck
 from tests.misuses import INERTIAL, LIMIT
-from validation import Twin, crosscheck
 
 SEEDS = st.integers(0, 2**32 - 1)
 

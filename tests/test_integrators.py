@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.integrators import step_implicit, step_rk4
+from softdyn.dynamics.integrators import step_implicit, step_rk4
 
 # A sliding mass on a spring and damper, pulled by one cable: m x'' + d x' + k x = f
 SLIDER = """<robot name="slider"><link name="world"/><link name="a"><inertial><mass value="{m}"/>

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from softdyn.catalogue import example_files, example_robots
-from validation import catalogue
-from validation.catalogue import FIXED, FLOATING, REPAIRED, Row
-from validation.files import to_json
+from softdyn.description.library import example_files, example_robots
+from softdyn.validation.crosschecks import batch as catalogue
+from softdyn.validation.crosschecks.batch import FIXED, FLOATING, REPAIRED, Row
+from softdyn.validation.files import to_json
 
 
 def jobs_of(*stems: str) -> list[catalogue.Job]:
@@ -81,8 +81,7 @@ def test_a_hundred_random_robots(block):
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "scripts"))
-    import crosscheck as script
+    from softdyn.commands import crosscheck as script
 
     out = tmp_path / "rows.json"
     arguments = ["--random", "3", "--samples", "1", "--seed", "7", "--jobs", "1"]

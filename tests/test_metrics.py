@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from validation import Log, metrics
+from softdyn.validation import Log
+from softdyn.validation.loop import metrics
 
 
 def make_log(t, error, **changes):

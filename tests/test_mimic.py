@@ -11,11 +11,11 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
-from softdyn.catalogue import find
-from softdyn.mimic import MimicModel
-from softdyn.urdf import parse
+from softdyn.description.library import find
+from softdyn.description.urdf import parse
+from softdyn.dynamics.mimic import MimicModel
+from softdyn.validation import StateMap, Twin, crosscheck
 from tests.micro import GRIPPER, write
-from validation import StateMap, Twin, crosscheck
 
 
 @pytest.fixture

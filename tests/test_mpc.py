@@ -12,12 +12,14 @@ from control_cases import BUNDLED, MICRO, drawn, robot
 from test_controllers import ask, hostile_references
 
 import softdyn
-from controllers import Mpc, Status, Tuning, find_controller
-from controllers.mpc import KNOTS
-from controllers.prediction import one_period, programme, ramps, respond, stacked
-from softdyn import InputError, Reference, SetPoint, SoftdynError, catalogue
-from softdyn.derivatives import tangent_dynamics
-from validation import paper, simulate
+from softdyn import InputError, Reference, SetPoint, SoftdynError
+from softdyn.controllers import Mpc, Status, Tuning, find_controller
+from softdyn.controllers.mpc import KNOTS
+from softdyn.controllers.programmes.prediction import one_period, programme, ramps, respond, stacked
+from softdyn.description import library as catalogue
+from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.validation import simulate
+from softdyn.validation.studies import paper
 
 every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
 
@@ -225,7 +227,7 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
     # 20 % more gravity than the controller's model says
     model, heavy = robot("finger"), robot("finger")
     goal = paper.set_point("finger", 0.5)
-    from validation.trials import Plant
+    from softdyn.validation.studies.trials import Plant
 
     log = simulate(model, Mpc(heavy), goal, duration=4, twin=Plant(mass=1.2).twin)
     assert 100 * np.linalg.norm(log.error[-1]) < 0.05

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import softdyn
-from controllers import Gains, SoftIdClfQp
 from softdyn import UrdfError
-from softdyn.urdf import parse
+from softdyn.controllers import Gains, SoftIdClfQp
+from softdyn.description.urdf import parse
+from softdyn.validation import crosscheck, simulate
+from softdyn.validation.studies import paper
 from tests.misuses import ARM
-from validation import crosscheck, paper, simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -134,8 +135,7 @@ def test_a_urdf_with_a_block_takes_no_overlay(tmp_path):
 
 @pytest.mark.parametrize("script", ["crosscheck", "run"])
 def test_commands_exit_with_code_2_and_one_line(script, tmp_path, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    main = importlib.import_module(script).main
+    main = importlib.import_module(f"softdyn.commands.{script}").main
     path = overlay(tmp_path, '<joint name="thumb"/>')
     goal = ["ic", "--theta", "0"] if script == "run" else []
     assert main(["double_pendulum", *goal, "--annotations", str(path)]) == 2

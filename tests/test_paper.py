@@ -9,7 +9,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
-from validation import paper
+from softdyn.validation.studies import paper
 
 LENGTH = {"finger": 0.24, "helix": 0.45, "spirob": 0.50, "spirob48": 0.50}
 PERIOD = {"finger": 0.005, "helix": 0.0075, "spirob": 0.002, "spirob48": 0.002}

@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 import pytest
 
-from validation.plain import plain
+from softdyn.validation.plain import plain
 
 
 class Tuning:

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from validation import benchmark, figures, input_figure, plot_data, plot_style, plots
-from validation.benchmark import Case
-from validation.log import Log
-from validation.plot_data import Run, lyapunov_band, thin, thin_path
+from softdyn.validation.loop.log import Log
+from softdyn.validation.report import figures, input_figure, plot_data, plot_style, plots
+from softdyn.validation.report.plot_data import Run, lyapunov_band, thin, thin_path
+from softdyn.validation.studies import benchmark
+from softdyn.validation.studies.benchmark import Case
 
 SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "benchmark.py"
 NU = {"finger": 2, "helix": 9, "spirob": 3}
@@ -190,9 +191,8 @@ def test_figures_of_an_earlier_grid_go(tmp_path):
 @pytest.fixture
 def call(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(SCRIPT.parent))
-    import benchmark as script
-    import cli
+    from softdyn.commands import benchmark as script
+    from softdyn.commands import cli
 
     monkeypatch.setattr(cli, "one_thread", lambda: None)
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from textbook import Programme, solve_daqp, solve_quadprog
 
-from controllers.qp import ACCEPTED, DenseQp, Problem, Solution, polish, residuals
+from softdyn.controllers.programmes.qp import (
+    ACCEPTED,
+    DenseQp,
+    Problem,
+    Solution,
+    polish,
+    residuals,
+)
 
 PATIENCE = 1.0  # s; a hang takes 25 s and more
 INF = np.inf

@@ -42,7 +42,7 @@ def test_the_commands_that_write_pages_run(tmp_path, monkeypatch, capsys):
     commands = [shlex.split(line, comments=True) for line in block.splitlines()]
     monkeypatch.chdir(tmp_path)
     for _, script, *arguments in commands:
-        module = importlib.import_module(Path(script).stem)
+        module = importlib.import_module(f"softdyn.commands.{Path(script).stem}")
         if "--html" in arguments or "--log" in arguments:
             assert module.main(arguments) == 0, capsys.readouterr().err
         else:  # serves until it is ended

@@ -11,9 +11,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from validation import Log, paper, simulate
-from validation.comparison_figure import compare
-from validation.replay import comparison, replay, replays, track
+from softdyn.validation import Log, simulate
+from softdyn.validation.report.comparison_figure import compare
+from softdyn.validation.report.replay import comparison, replay, replays, track
+from softdyn.validation.studies import paper
 
 
 class Idle:
@@ -133,7 +134,7 @@ def test_several_runs_are_chosen_from_a_list(model, log):
 
 def test_the_page_names_no_host(model, log):
     page = replay(log, model).html()
-    own = page.replace(softdyn.page.library_file().read_text(encoding="utf-8"), "")
+    own = page.replace(softdyn.view.page.library_file().read_text(encoding="utf-8"), "")
     assert not re.findall(r"(?:https?:)?//[a-z0-9.]+\.[a-z]{2,}", own)
 
 
@@ -144,7 +145,7 @@ def call(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def run(name, *arguments):
-        code = importlib.import_module(name).main([str(a) for a in arguments])
+        code = importlib.import_module(f"softdyn.commands.{name}").main([str(a) for a in arguments])
         return code, *capsys.readouterr()
 
     return run
@@ -191,7 +192,7 @@ def test_replay_s_bad_input_is_one_line(call, log, tmp_path, arguments):
 
 def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
     """Live without a browser: the loop waits for none, keeps its pace, and reports its frames."""
-    monkeypatch.setattr("validation.live.WAIT", 0.0)
+    monkeypatch.setattr("softdyn.validation.report.live.WAIT", 0.0)
     common = ("finger", "ic", "--theta", "0.5", "--duration", "0.5", "--json", "-")
     code, plain, _ = call("run", *common, "--html", "run.html")
     assert code in (0, 1)

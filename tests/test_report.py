@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from browser import Browser, required
 
-from validation import benchmark, report
-from validation.benchmark import Case
+from softdyn.validation.report import index as report
+from softdyn.validation.studies import benchmark
+from softdyn.validation.studies.benchmark import Case
 
 OWN = """
 import math
@@ -52,7 +53,7 @@ def results(tmp_path_factory):
     """A small grid run by the command, one run of which fails."""
     folder = tmp_path_factory.mktemp("report")
     (folder / "own & only.py").write_text(OWN)
-    script = importlib.import_module("benchmark")
+    script = importlib.import_module("softdyn.commands.benchmark")
     names = ["ic", f"{folder}/own & only.py:Nan"]
     arguments = ["--robots", "finger", "--controllers", *names, "--thetas", "0.5", "--omegas"]
     with pytest.MonkeyPatch.context() as patch:

@@ -5,14 +5,22 @@ import math
 import warnings
 from dataclasses import replace
 
-import cli
 import mujoco
 import numpy as np
 import pytest
-import reproduce
-import reproduction
-from reference_laws import AngularTask, make_law, optional
-from reproduction import (
+
+import softdyn
+from softdyn import InputError, Reference, State
+from softdyn.commands import cli, reproduce
+from softdyn.controllers import Command, Impedance, find_controller
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation import Log, StateMap, Twin
+from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.loop import metrics
+from softdyn.validation.oracles.reference_laws import AngularTask, make_law, optional
+from softdyn.validation.studies import paper, reproduction
+from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies.reproduction import (
     CHANGES,
     REFERENCE,
     Shown,
@@ -26,14 +34,6 @@ from reproduction import (
     with_friction,
     wrong_sign,
 )
-
-import softdyn
-from controllers import Command, Impedance, find_controller
-from controllers.gains import PUBLISHED
-from softdyn import InputError, Reference, State
-from validation import Log, StateMap, Twin, metrics, paper
-from validation.benchmark import Case
-from validation.judge import Judge
 
 ROBOTS = ("finger", "helix", "spirob")
 

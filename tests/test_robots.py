@@ -6,11 +6,8 @@ neither the URDF, nor its generator, nor its parser with what it judges.
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import mujoco
@@ -33,18 +30,6 @@ TIPS = {  # nv, nu, tip at rest [m]
 ROBOTS = sorted(TIPS)
 TOLERANCE = 1e-11
 """Relative, of two engines on one robot."""
-
-
-def generator() -> ModuleType:
-    """Import ``scripts/make_robots.py``, which is not part of a package."""
-    name = "make_robots"
-    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
-    assert spec
-    assert spec.loader
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(ROOT / "scripts"))  # its neighbours
-    spec.loader.exec_module(module)
-    return module
 
 
 def annotation(name: str) -> Any:
@@ -125,7 +110,8 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_generator_writes_what_is_committed() -> None:
-    module = generator()
+    from softdyn.commands import make_robots as module
+
     content = module.files()
     for name, expected in content.items():
         assert (URDF / name).read_bytes() == expected, name
@@ -137,7 +123,8 @@ def test_generator_writes_what_is_committed() -> None:
 def test_check_names_the_file_that_differs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = generator()
+    from softdyn.commands import make_robots as module
+
     content = module.files()
     monkeypatch.setattr(module, "URDF", tmp_path)
     monkeypatch.setattr(module, "files", lambda: content)

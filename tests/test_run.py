@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from validation import Log, metrics, paper, simulate
+from softdyn.validation import Log, simulate
+from softdyn.validation.loop import metrics
+from softdyn.validation.studies import paper
 
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 KEYS = {
@@ -77,9 +79,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def call(folder, monkeypatch, capsys):
     """Run a command in this process: exit code, stdout, stderr."""
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    import cli
-    import run
+    from softdyn.commands import cli, run
 
     monkeypatch.setattr(cli, "one_thread", lambda: None)
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
@@ -322,7 +322,7 @@ def test_a_robot_without_length_takes_a_target(call):
 
 def test_the_script_and_the_library_agree(call):
     import softdyn
-    from controllers import SoftIdClfQp
+    from softdyn.controllers import SoftIdClfQp
 
     model = softdyn.load("finger")
     log = simulate(model, SoftIdClfQp(model), paper.set_point("finger", 1.0), duration=0.2)

@@ -13,10 +13,21 @@ import pytest
 from control_cases import GAINS, drawn, recorded, robot
 
 import softdyn
-from controllers import Gains, Mpc, Schedule, SoftIdClfQp, Stage, Staged, Status, find_controller
-from controllers.schedule import make_schedule, tuned
-from softdyn import InputError, SetPoint, catalogue
-from validation import paper, simulate, tuning
+from softdyn import InputError, SetPoint
+from softdyn.controllers import (
+    Gains,
+    Mpc,
+    Schedule,
+    SoftIdClfQp,
+    Stage,
+    Staged,
+    Status,
+    find_controller,
+)
+from softdyn.controllers.schedule import make_schedule, tuned
+from softdyn.description import library as catalogue
+from softdyn.validation import simulate
+from softdyn.validation.studies import paper, tuning
 
 SLOW, FAST = Gains(Kp=50.0, eps=0.2), Gains(Kp=900.0, eps=0.02)
 SCHEDULE = Schedule(Stage(FAST, 0.02), Stage(SLOW, 0.1), arrive=0.01, leave=0.05, dwell=0.1)

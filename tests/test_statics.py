@@ -7,14 +7,14 @@ import pickle
 
 import numpy as np
 import pytest
-import statics as command
 from scipy.optimize import brentq
 
 import softdyn
 from softdyn import InputError, SoftModel, statics
+from softdyn.commands import statics as command
+from softdyn.validation.crosschecks.rests import hold
 from tests.oracles import gradient, relative
 from tests.random_robots import write_robot
-from validation.statics import hold
 
 G = 9.81
 STIFFNESS = 0.5

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 
 import softdyn
-from controllers import CONTROLLERS, SoftIdClfQp
 from softdyn import InputError
-from validation import paper, step_scaling
-from validation.chains import chain_urdf
-from validation.recording import Recording, record, recorded
-from validation.step_scaling import chain
-from validation.step_time import Subject, measure
-from validation.throughput import throughput
+from softdyn.controllers import CONTROLLERS, SoftIdClfQp
+from softdyn.validation.studies import paper
+from softdyn.validation.timing import step_scaling
+from softdyn.validation.timing.chains import chain_urdf
+from softdyn.validation.timing.recording import Recording, record, recorded
+from softdyn.validation.timing.step_scaling import chain
+from softdyn.validation.timing.step_time import Subject, measure
+from softdyn.validation.timing.throughput import throughput
 
 SCRIPT = Path(__file__).resolve().parent.parent / "scripts" / "step_time.py"
 CONTRACT = {
@@ -115,7 +116,9 @@ def test_parts_and_floor(finger, states):
 
 
 def test_the_papers_stack_finds_the_same_inputs(finger, states):
-    paper_stack = pytest.importorskip("validation.paper_stack", exc_type=ImportError)
+    paper_stack = pytest.importorskip(
+        "softdyn.validation.oracles.paper_stack", exc_type=ImportError
+    )
     scale = finger.u_max - finger.u_min
     for name in paper_stack.PROGRAMMES:
         ours = CONTROLLERS[name](finger)

@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 
 import softdyn
-from controllers import Gains
-from controllers.gains import PUBLISHED
 from softdyn import InputError
-from validation import Log, paper, simulate, sweep_case, sweep_report, sweep_run
-from validation.sweep_file import MAX_CASES, draw, read
+from softdyn.controllers import Gains
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation import Log, simulate
+from softdyn.validation.studies import paper, sweep_case, sweep_report, sweep_run
+from softdyn.validation.studies.sweep_file import MAX_CASES, draw, read
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = ROOT / "scripts"
@@ -109,8 +110,7 @@ def written(folder):
 @pytest.fixture
 def call(folder, monkeypatch, capsys):
     """Run the command in this process: exit code, stdout, stderr."""
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    import sweep as command
+    from softdyn.commands import sweep as command
 
     def call(*arguments):
         try:
@@ -343,7 +343,7 @@ def test_results_are_those_of_simulate(folder, call):
     model = softdyn.load("finger")
     for result in results(Path("out")):
         inputs = result["inputs"]
-        from controllers import Impedance
+        from softdyn.controllers import Impedance
 
         log = simulate(
             model,

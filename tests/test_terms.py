@@ -10,7 +10,7 @@ import pytest
 from control_cases import BUNDLED, MICRO, robot
 
 import softdyn
-from softdyn.terms import Live
+from softdyn.dynamics.kernels import Live
 from tests.oracles import relative
 from tests.random_robots import write_robot
 

@@ -15,9 +15,9 @@ import yourdfpy
 
 import softdyn
 from softdyn import UrdfError, parse
+from softdyn.validation import Twin
+from softdyn.validation.twin.twin import SimulationError
 from tests.misuses import ARM, INERTIAL, LIMIT
-from validation import Twin
-from validation.twin import SimulationError
 
 
 def joint(name: str, parent: str, child: str, axis: str = "0 1 0") -> str:

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tune
 from control_cases import robot
 
 import softdyn
-from controllers import Command
-from controllers.schedule import make_schedule, tuned
 from softdyn import Reference, SetPoint
-from validation import Twin, beyond, paper, tuning
-from validation.trials import Degraded, Plant, Trial, run
+from softdyn.commands import tune
+from softdyn.controllers import Command
+from softdyn.controllers.schedule import make_schedule, tuned
+from softdyn.validation import Twin
+from softdyn.validation.studies import beyond, paper, tuning
+from softdyn.validation.studies.trials import Degraded, Plant, Trial, run
 
 
 def test_a_plant_of_other_numbers() -> None:

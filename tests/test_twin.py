@@ -13,8 +13,8 @@ from random_robots import write_robot
 
 import softdyn
 from softdyn import InputError, UrdfError
-from validation.state_map import StateMap
-from validation.twin import SimulationError, Twin
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import SimulationError, Twin
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
 

@@ -18,9 +18,10 @@ from lxml import etree
 
 import softdyn
 from softdyn import SoftdynError, SoftModel, UrdfError
-from softdyn.catalogue import BUNDLED
-from softdyn.robot import Robot, poses
-from softdyn.urdf import MAX_DOF, MAX_LINKS, moving_bodies, parse
+from softdyn.description.library import BUNDLED
+from softdyn.description.robot import Robot, poses
+from softdyn.description.urdf import MAX_DOF, MAX_LINKS, moving_bodies, parse
+from softdyn.validation.twin.bodies import read_bodies
 from tests.misuses import (
     ARM,
     FORMAT,
@@ -32,7 +33,6 @@ from tests.misuses import (
     documented,
     tables,
 )
-from validation.bodies import read_bodies
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -104,9 +104,8 @@ def test_commands_exit_with_code_2_and_one_line(
 ) -> None:
     error = misuse.error(tmp_path)
     path = str(tmp_path / "arm.urdf")
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
-    main = importlib.import_module(script).main
+    main = importlib.import_module(f"softdyn.commands.{script}").main
     rest = [] if script == "crosscheck" else ["soft-id-clf-qp", "--target", "0", "0", "0"]
     assert main([path, *rest]) == 2
     out, err = capfd.readouterr()

@@ -19,9 +19,9 @@ import psutil
 import pytest
 
 import softdyn
-from softdyn.figure import Figure
-from softdyn.page import Page, Run, Track
-from softdyn.viewer import Viewer
+from softdyn.view.page import Page, Run, Track
+from softdyn.view.scene import Figure
+from softdyn.view.server import Viewer
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -77,8 +77,8 @@ def test_view_listens_on_loopback_only_and_ends_cleanly(number):
 
 
 def test_a_taken_port_is_one_line(monkeypatch, capsys):
-    view = importlib.import_module("view")
-    monkeypatch.setattr("softdyn.rest_sweep.rest_page", blank)
+    view = importlib.import_module("softdyn.commands.view")
+    monkeypatch.setattr("softdyn.view.rest_sweep.rest_page", blank)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 import softdyn
-from softdyn.catalogue import find
-from softdyn.meshes import MAX_FACES, MeshError, locate
-from softdyn.visuals import Box, Cylinder, Mesh, Sphere, triangles, visuals
+from softdyn.description.library import find
+from softdyn.description.meshes import MAX_FACES, MeshError, locate
+from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, triangles, visuals
 
 INERTIAL = (
     '<inertial><mass value="1"/>'

@@ -13,8 +13,8 @@ import numpy as np
 import quadprog
 import scipy.linalg
 
-from controllers import Gains
 from softdyn import Reference, State
+from softdyn.controllers import Gains
 
 RANK_TOLERANCE = 1e-6  # the one stated threshold: singular values below this share count as zero
 SQRT3 = np.sqrt(3.0)

@@ -1,15 +1,15 @@
 """Soft ID-CLF-QP over the hold, for `scripts/run.py ROBOT docs/examples/hold_law.py:OverHold`.
 
-With ``--gains FILE``, fields of `controllers.Gains` in TOML replace the published ones, but not in
+With ``--gains FILE``, fields of `Gains` in TOML replace the published ones, but not in
 the horizon.
 """
 
 from dataclasses import replace
 from typing import Any
 
-from controllers import SoftIdClfQp
-from controllers.hold import horizon
 from softdyn import SoftModel
+from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.programmes.horizon import horizon
 
 
 class OverHold(SoftIdClfQp):

@@ -1,0 +1,1 @@
+"""What the laws share: task error, Lyapunov condition, condensed programmes, the QP solver."""

@@ -1,0 +1,286 @@
+"""Small dense quadratic programs on ProxQP, with answers that know their own residuals.
+
+    minimise ½ xᵀ H x + gᵀ x   subject to   lower ≤ A x ≤ upper
+
+The only file that imports ProxSuite. Bad numbers never reach it: NaN in H, g or A holds it (and
+the GIL) for up to a minute, NaN in a bound is dropped in silence, lower > upper spins.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from proxsuite import proxqp
+
+from softdyn.compiled import compiled
+from softdyn.controllers.programmes.linear_algebra import eliminate
+
+# What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
+# finds the optimum; and where it does not, the optimum itself.
+COARSE, FINE = 1e-3, 1e-9
+MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
+ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
+# Ordinary problems take up to 32 iterations, one or two inner ones each; what takes more is not
+# going to be solved, and must end within milliseconds.
+MAX_ITERATIONS, MAX_INNER = 60, 5
+POLISH_STEPS = 8
+NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
+WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+
+
+class Problem(NamedTuple):
+    """min ½ xᵀHx + gᵀx s.t. lower ≤ A x ≤ upper."""
+
+    H: np.ndarray  # (n, n) symmetric, positive semidefinite
+    g: np.ndarray  # (n,)
+    A: np.ndarray  # (rows, n)
+    lower: np.ndarray  # (rows,), -inf where open
+    upper: np.ndarray  # (rows,), +inf where open
+
+    @classmethod
+    def empty(cls, variables: int, rows: int) -> Problem:
+        """Room for a problem of this size."""
+        A, (lower, upper) = np.zeros((rows, variables)), np.zeros((2, rows))
+        return cls(np.zeros((variables, variables)), np.zeros(variables), A, lower, upper)
+
+
+class Solution(NamedTuple):
+    """An answer with the residuals of its optimality conditions, recomputed from the problem.
+
+    Attributes
+    ----------
+    x : (n,) the minimiser.
+    multipliers : (rows,) positive at an upper bound, negative at a lower one.
+    primal, dual, gap : scaled residuals; all at most `ACCEPTED` in a solved problem.
+    """
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    primal: float
+    dual: float
+    gap: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether every residual is small enough; NaN is not."""
+        return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
+
+
+def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
+    """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it.
+
+    A row whose bounds are closer than 1 is judged in units of that width.
+    """
+    return _residuals(*problem, x, z)
+
+
+def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The exact optimum on the active set that an approximate (x, z) points at, or None.
+
+    Solves the optimality conditions with the active rows as equalities (as in Stellato et al.
+    2020, OSQP, section 5.2): the answer then depends neither on the warm start nor on the
+    tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
+    it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
+    """
+    x, z = np.array(x, float), np.array(z, float)
+    return (x, z) if _polish(*problem, x, z) else None
+
+
+class DenseQp:
+    """A persistent ProxQP workspace for problems of one size.
+
+    Variables are scaled to a unit Hessian diagonal, rows to unit norm and the answer to the order
+    of one first: entries of a decrease row are ~1/ε, those of a nearly singular input map larger
+    still, and ProxQP's own test is absolute. ProxQP is asked for a coarse answer, which mostly
+    tells the active set, and goes on to a fine one where the polished answer is not the optimum.
+    Every problem starts from scratch: the answer depends on nothing but the problem.
+    """
+
+    def __init__(self, variables: int, rows: int) -> None:
+        self._qp = proxqp.dense.QP(
+            variables, 0, rows, False,
+            proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
+        )  # fmt: skip
+        settings = self._qp.settings
+        settings.eps_rel = 0.0
+        settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
+        settings.default_mu_in = MU_IN
+        settings.compute_preconditioner = False
+        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        self._scaled = Problem.empty(variables, rows)
+        self._scale, self._norms = np.ones(variables), np.ones(rows)
+        _, g, A, lower, upper = self._scaled
+        self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
+        self._qp.solve()
+        # views of ProxQP's memory, which every solve refreshes
+        self._x, self._z = self._qp.results.x, self._qp.results.z
+        if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
+            raise RuntimeError("this ProxSuite hands out copies of its results")
+
+    def solve(self, problem: Problem) -> Solution | None:
+        """The answer, whatever its quality; None where no solver may see the problem."""
+        H, g, A, lower, upper = scaled = self._scaled
+        sane, size = _scale(*problem, *scaled, self._scale, self._norms)
+        if not sane:
+            return None
+        qp = self._qp
+        qp.update(H, g, None, None, A, lower, upper, False)
+        qp.solve()
+        answer = Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        if max(answer[2:]) <= FINE:  # NaN is not
+            return answer
+        settings = qp.settings
+        settings.eps_abs, settings.initial_guess = FINE, WARM
+        qp.solve()
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        return Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+
+
+@compiled
+def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
+    """Fill the scaled problem and the scales of variables and rows: (sane, size of the answer).
+
+    Sane is what a solver may see: finite data, bounds that are ordered and not NaN.
+    """
+    n, rows = len(g), len(lower)
+    size = 1.0
+    for i in range(n):
+        scale[i] = 1.0 / np.sqrt(H[i, i]) if H[i, i] > 0 else 1.0
+        g2[i] = g[i] * scale[i]
+        if not abs(g2[i]) <= size:
+            size = abs(g2[i])
+    for i in range(rows):
+        square = 0.0
+        for j in range(n):
+            A2[i, j] = A[i, j] * scale[j]
+            square += A2[i, j] * A2[i, j]
+        norms[i] = np.sqrt(square) if square != 0 else 1.0
+        lower2[i], upper2[i] = lower[i] / norms[i], upper[i] / norms[i]
+        size = max(size, lower2[i], -upper2[i])
+    sane = size < np.inf
+    for i in range(n):
+        g2[i] /= size
+        sane = sane and abs(g2[i]) < np.inf
+        for j in range(n):
+            H2[i, j] = H[i, j] * (scale[i] * scale[j])
+            sane = sane and abs(H2[i, j]) < np.inf
+    for i in range(rows):
+        lower2[i], upper2[i] = lower2[i] / size, upper2[i] / size
+        sane = sane and lower2[i] <= upper2[i]
+        for j in range(n):
+            A2[i, j] /= norms[i]
+            sane = sane and abs(A2[i, j]) < np.inf
+    return sane, size
+
+
+@compiled
+def _residuals(H, g, A, lower, upper, x, z):
+    n, rows = len(x), len(z)
+    quadratic, linear, support = 0.0, 0.0, 0.0
+    dual, dual_scale = 0.0, 1.0
+    for i in range(n):
+        Hx, Atz = 0.0, 0.0
+        for j in range(n):
+            Hx += H[i, j] * x[j]
+        for j in range(rows):
+            Atz += A[j, i] * z[j]
+        quadratic += x[i] * Hx
+        linear += x[i] * g[i]
+        dual = _larger(dual, abs(Hx + g[i] + Atz))
+        dual_scale = max(dual_scale, abs(Hx), abs(g[i]), abs(Atz))
+    Ax, largest = np.zeros(rows), 1.0
+    for i in range(rows):
+        for j in range(n):
+            Ax[i] += A[i, j] * x[j]
+        largest = _larger(largest, abs(Ax[i]))
+    primal = 0.0
+    for i in range(rows):
+        excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
+        width = upper[i] - lower[i]
+        # a narrow row is judged in the units of its own range
+        primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
+        # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
+        if z[i] > 0:
+            support += z[i] * upper[i]
+        elif z[i] < 0:
+            support += z[i] * lower[i]
+    gap = abs(quadratic + linear + support)
+    if gap < np.inf:
+        gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
+    else:  # a multiplier on an open bound, or no number
+        gap = np.inf
+    return primal, dual / dual_scale, gap
+
+
+@compiled
+def _larger(a, b):
+    """The larger of two, NaN where one is."""
+    return b if not b <= a else a
+
+
+@compiled
+def _polish(H, g, A, lower, upper, x, z):
+    """A step of `polish` in place; False where it fails."""
+    n, rows = len(x), len(z)
+    active, count = np.empty(rows, np.int64), 0
+    target = np.empty(n + rows)
+    for i in range(n):
+        target[i] = -g[i]
+    for i in range(rows):
+        Ax = 0.0
+        for j in range(n):
+            Ax += A[i, j] * x[j]
+        if z[i] > upper[i] - Ax:
+            target[n + count] = upper[i]
+        elif -z[i] > Ax - lower[i]:
+            target[n + count] = lower[i]
+        else:
+            continue
+        active[count] = i
+        count += 1
+    kkt = np.zeros((n + count, n + count))
+    for i in range(n):
+        for j in range(n):
+            kkt[i, j] = H[i, j]
+    for k in range(count):
+        for j in range(n):
+            kkt[j, n + k] = kkt[n + k, j] = A[active[k], j]
+    if not eliminate(kkt, target[: n + count]):
+        return False
+    for i in range(n):
+        x[i] = target[i]
+    for i in range(rows):
+        z[i] = 0.0
+    for k in range(count):
+        z[active[k]] = target[n + k]
+    return True
+
+
+@compiled
+def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
+    """The polished answer if that is the optimum, else (x, z), unscaled; with its residuals."""
+    x, z = x.copy(), z.copy()
+    primal = dual = gap = np.inf
+    if np.isfinite(x).all() and np.isfinite(z).all():
+        for i in range(len(z)):
+            # an open bound has no multiplier; what is left there counts as a dual residual
+            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
+                z[i] = 0.0
+        x2, z2, optimal = x.copy(), z.copy(), False
+        for _ in range(POLISH_STEPS):
+            if not _polish(H, g, A, lower, upper, x2, z2):
+                break
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
+            optimal = primal <= FINE and dual <= FINE and gap <= FINE  # NaN is not
+            if optimal:
+                x, z = x2, z2
+                break
+        if not optimal:
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+    for i in range(len(x)):
+        x[i] *= scale[i] * size
+    for i in range(len(z)):
+        z[i] = z[i] / norms[i] * size
+    return x, z, primal, dual, gap

@@ -1,0 +1,148 @@
+"""The soft inverse-dynamics programme, condensed: exact, and of a size that n does not enter.
+
+Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
+
+    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u0‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
+
+subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h) (+ a free null input where B loses
+rank): U (M q̈ + h) = U B u, with the rows of U an orthonormal basis of range(B).
+`docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with c = w4 D / (w2 + w4) and the
+rows of Z an orthonormal basis of the rows of [U M; J]. The actuated rows give the first part of z
+in terms of u; the unknowns are u and the rest, at most three. u0 is 0 in the paper.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import State
+from softdyn.compiled import compiled
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.programmes.linear_algebra import (
+    dot,
+    extend,
+    inner,
+    row_space,
+    substitute,
+    triangular,
+)
+from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.programmes.task_qp import Condensed
+
+
+class SoftInverseDynamics:
+    """Builds the condensed programme; keeps the range of B while B does not change.
+
+    `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
+    """
+
+    def __init__(self, gains: Gains, nu: int, u0: np.ndarray | None = None) -> None:
+        self.size = 3 + nu
+        self._pull = None if u0 is None or not u0.any() else 2 * gains.w3 * u0
+        total = gains.w2 + gains.w4
+        # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
+        c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
+        self._weights = np.array([gains.w1, gains.w2, gains.w3, gains.w4, c], float)
+        self._B: np.ndarray | None = None
+        self._span = self._span_B = np.empty((0, 0))
+        self._condensed = Condensed.empty(self.size)
+
+    def condense(self, state: State, task: Task) -> Condensed:
+        """The programme at this state."""
+        if state.B is not self._B:
+            self._span, self._span_B = range_of(state.B.T)
+            self._B = state.B
+        _condense(
+            state.M, state.h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
+            task.mu_ref, task.yddot, self._weights, *self._condensed,
+        )  # fmt: skip
+        if self._pull is not None:
+            self._condensed.g[: len(self._pull)] -= self._pull
+        return self._condensed
+
+
+@compiled
+def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
+    span = row_space(Bt)
+    return span, inner(span, Bt)
+
+
+@compiled
+def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g, mu_map, mu_0):
+    w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
+    a, m = span_B.shape
+    n, size = len(v), m + 3
+    reach = row_space(J)
+    r = len(reach)
+    Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
+    if a:
+        # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
+        # is. They read triangle z[:a] = span (B u - h + c M v).
+        actuated = inner(span, M)  # M is symmetric
+        triangular(actuated, Z, triangle)
+        for i in range(a):
+            for j in range(m):
+                right[i, j] = span_B[i, j]
+            right[i, m] = c * dot(actuated[i], v) - dot(span[i], h)
+        substitute(triangle, right)
+    k = extend(Z, a, reach)
+
+    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
+    # `along` gives J Zᵀ and R = reach Zᵀ.
+    along, R = inner(J, Z[:k]), inner(reach, Z[:k])
+    RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
+    _through(R, right, a, k, RY, Rz)
+    _through(along, right, a, k, mu_map, mu_0)
+    for x in range(r):
+        Rv[x] = dot(reach[x], v)
+    short = np.empty(3)
+    for x in range(3):
+        mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
+        short[x] = mu_0[x] - mu_ref[x]
+
+    # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(reach q̇) + const
+    both = w2 + w4
+    used = m + k - a
+    for i in range(size):
+        slope = 0.0
+        for x in range(3):
+            slope += w1 * mu_map[x, i] * short[x]
+        for x in range(r):
+            slope -= RY[x, i] * (w4 * Rz[x] + w2 * c * Rv[x])
+        if i < m:
+            for x in range(a):
+                slope += both * right[x, i] * right[x, m]
+        g[i] = 2 * slope
+        for j in range(i + 1):
+            value = 0.0
+            for x in range(3):
+                value += w1 * mu_map[x, i] * mu_map[x, j]
+            for x in range(r):
+                value -= w4 * RY[x, i] * RY[x, j]
+            if i < m:
+                for x in range(a):
+                    value += both * right[x, i] * right[x, j]
+            H[i, j] = H[j, i] = 2 * value
+        if i < m:
+            H[i, i] += 2 * w3
+        elif i < used:
+            H[i, i] += 2 * both
+        else:
+            H[i, i] = 1.0  # unused: zero at the optimum
+
+
+@compiled
+def _through(rows, right, a, k, product, constant):
+    """rows (p, k) times Y into `product` (p, size) and times z_0 into `constant` (p,)."""
+    m = right.shape[1] - 1
+    for x in range(len(rows)):
+        for j in range(product.shape[1]):
+            product[x, j] = 0.0
+        constant[x] = 0.0
+        for i in range(a):
+            for j in range(m):
+                product[x, j] += rows[x, i] * right[i, j]
+            constant[x] += rows[x, i] * right[i, m]
+        for i in range(a, k):
+            product[x, m + i - a] = rows[x, i]

@@ -1,0 +1,123 @@
+"""What the QP controllers share: an objective in few unknowns, input bounds, the decrease row."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.compiled import compiled
+from softdyn.controllers.barriers import BarrierRows
+from softdyn.controllers.controller import Command, InputGuard, Status, rehearse
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.programmes.qp import DenseQp, Problem
+from softdyn.controllers.programmes.task import Task
+
+# The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
+# that its answer lies inside the true ones without clipping.
+BACKOFF = 1e-8
+
+
+class Condensed(NamedTuple):
+    """An objective ½ xᵀHx + gᵀx over unknowns x of which u is the first m.
+
+    Attributes
+    ----------
+    H, g : (k, k), (k,) the objective.
+    mu_map, mu_0 : (3, k), (3,) so that μ = mu_0 + mu_map x.
+    """
+
+    H: np.ndarray
+    g: np.ndarray
+    mu_map: np.ndarray
+    mu_0: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> Condensed:
+        """Room for `size` unknowns."""
+        return cls(np.zeros((size, size)), np.zeros(size), np.zeros((3, size)), np.zeros(3))
+
+
+class Objective(Protocol):
+    """Turns a state into an objective; `size` unknowns, always."""
+
+    size: int
+
+    def condense(self, state: State, task: Task) -> Condensed:
+        """The objective at this state; in memory that the next call may use again."""
+        ...
+
+
+class TaskQp:
+    """min objective (+ ρ δ²) subject to u_min ≤ u ≤ u_max (and the decrease row V̇ ≤ -V/ε + δ).
+
+    δ ≥ 0 needs no row: a negative δ costs ρ δ² and only tightens the condition.
+
+    Parameters
+    ----------
+    decrease : whether the decrease condition is a constraint; V is reported either way.
+    barriers : further rows on u.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains,
+        objective: Objective,
+        *,
+        decrease: bool,
+        barriers: BarrierRows | None = None,
+    ) -> None:
+        self.guard = InputGuard(model.u_min, model.u_max)
+        self._objective, self._task = objective, Task(gains)
+        self._rho, self._decrease, self._barriers = float(gains.rho), decrease, barriers
+        size, m = objective.size, model.nu
+        self._nu, self._size = m, size
+        self._qp = DenseQp(size + decrease, m + decrease)
+        # x = (u, …, δ); what the steps do not change is written once
+        self._problem = Problem.empty(size + decrease, m + decrease)
+        margin = BACKOFF * (model.u_max - model.u_min)
+        self._problem.lower[:m], self._problem.upper[:m] = (
+            model.u_min + margin,
+            model.u_max - margin,
+        )
+        self._problem.A[:m, :m] = np.eye(m)
+        if decrease:
+            self._problem.lower[m], self._problem.A[m, size] = -np.inf, -1.0
+        rehearse(self.command, model, self.guard)
+
+    def command(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The bounded input, or the guard's fallback."""
+        task, problem = self._task, self._problem
+        task.update(state, reference)
+        condensed = self._objective.condense(state, task)
+        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
+        solution = self._qp.solve(problem)
+        if self._barriers is not None:
+            solution = self._barriers.enforce(problem, solution, state)
+        if solution is None:
+            return self.guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+        delta = float(solution.x[self._size]) if self._decrease else np.nan
+        if not solution.solved:
+            return self.guard.fall_back(Status.NOT_SOLVED, task.V, delta)
+        return self.guard.accept(solution.x[: self._nu], task.V, delta)
+
+
+@compiled
+def _write(H, g, mu_map, mu_0, row, bound, rho, decrease, m, H2, g2, A, lower, upper):
+    """The objective, and the decrease row·μ - δ ≤ bound below the bounds on u."""
+    k = len(g)
+    for i in range(k):
+        g2[i] = g[i]
+        for j in range(k):
+            H2[i, j] = H[i, j]
+    if decrease:
+        H2[k, k] = 2 * rho
+        upper[m] = bound[0]
+        for x in range(3):
+            upper[m] -= row[x] * mu_0[x]
+        for j in range(k):
+            A[m, j] = 0.0
+            for x in range(3):
+                A[m, j] += row[x] * mu_map[x, j]

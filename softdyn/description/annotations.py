@@ -1,0 +1,193 @@
+"""What softdyn adds to a URDF: springs and the ``<softdyn>`` block, format version 1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from softdyn.description.robot import Actuator, Joint, JointTerm, Link, Robot, Site, Tendon, poses
+from softdyn.description.strict_xml import Element
+
+BLOCK, VERSION = "softdyn", "1"
+COINCIDENT = 1e-9  # metres between two sites that count as one point
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Content of ``<softdyn>``; all of it may be missing."""
+
+    tendons: tuple[Tendon, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    task: str | None = None
+
+
+def read_block(
+    block: Element, links: dict[str, Link], joints: dict[str, Joint], *, overlay: bool
+) -> Block:
+    """Read the block, and write armatures into `joints`.
+
+    `overlay` : the block stands in a file of its own, where a joint may be given a spring and a
+    damper too; they replace those of the URDF.
+    """
+    if block.text("version") != VERSION:
+        raise block.error(f'version="{VERSION}"', repr(block.text("version")))
+    block.allow("version", children=("joint", "tendon", "actuator", "task"))
+    compliance = _compliance if overlay else _armature
+    joints.update(block.unique("joint", lambda element: compliance(element, joints)))
+    tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
+    actuators = block.unique("actuator", lambda element: _actuator(element, tendons))
+    return Block(tuple(tendons.values()), tuple(actuators.values()), _task(block, links))
+
+
+def read_springs(root: Element, joints: dict[str, Joint]) -> None:
+    """Write the joints' springs into `joints`; all statements about one must agree."""
+    found: dict[tuple[str, str], float] = {}
+    for element, name, field, value in _spring_statements(root, joints):
+        if found.setdefault((name, field), value) != value:
+            got = f"{found[name, field]} and {value}"
+            raise element.error(f"one {field} of joint {name!r}", got)
+        if field == "stiffness" and value > 0:
+            _check_springy(element, joints[name])
+    for name, joint in joints.items():
+        stiffness, rest = (found.get((name, field), 0.0) for field in ("stiffness", "rest"))
+        joints[name] = replace(joint, stiffness=stiffness, rest=rest)
+
+
+def _spring_statements(
+    root: Element, joints: dict[str, Joint]
+) -> Iterator[tuple[Element, str, str, float]]:
+    """(element, joint, ``stiffness`` or ``rest``, value) from <dynamics> and from <gazebo>."""
+    for element in root.children("joint"):
+        dynamics = element.child("dynamics")
+        for alias in ("stiffness", "spring_stiffness"):
+            if dynamics is not None and dynamics.node.get(alias) is not None:
+                yield dynamics, element.text("name"), "stiffness", dynamics.non_negative(alias)
+    for element in root.children("gazebo"):
+        for tag, field in (("springStiffness", "stiffness"), ("springReference", "rest")):
+            for child in element.children(tag):
+                name = element.text("reference")
+                if name not in joints:
+                    raise element.error("reference to a joint", repr(name))
+                value = child.to_number(str(child.node.xpath("string()")).strip(), tag)
+                if field == "stiffness" and value < 0:
+                    raise child.error("springStiffness >= 0", value)
+                yield child, name, field, value
+
+
+def _check_springy(element: Element, joint: Joint) -> None:
+    """A spring needs a position with a unique value: not that of a continuous or fixed joint."""
+    if joint.kind not in ("revolute", "prismatic"):
+        raise element.error(
+            "a spring on a revolute or prismatic joint", f"{joint.kind} joint {joint.name!r}"
+        )
+
+
+def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
+    name = element.text("name")
+    if name not in joints:
+        raise element.error("the name of a joint", repr(name))
+    if not joints[name].moves:
+        raise element.error("a joint that moves", f"fixed joint {name!r}")
+    return joints[name]
+
+
+def _link_name(element: Element, attribute: str, links: dict[str, Link]) -> str:
+    name = element.text(attribute)
+    if name not in links:
+        raise element.error("the name of a link", repr(name))
+    return name
+
+
+def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
+    element.allow("name", "armature")
+    return replace(_moving_joint(element, joints), armature=element.non_negative("armature"))
+
+
+def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
+    """A joint of an overlay: what is not given stays as the URDF has it."""
+    element.allow("name", "armature", "stiffness", "damping", "rest")
+    joint = _moving_joint(element, joints)
+    joint = replace(
+        joint,
+        armature=element.non_negative("armature", joint.armature),
+        stiffness=element.non_negative("stiffness", joint.stiffness),
+        damping=element.non_negative("damping", joint.damping),
+        rest=element.number("rest", joint.rest),
+    )
+    if joint.stiffness > 0:
+        _check_springy(element, joint)
+    return joint
+
+
+def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Tendon:
+    element.allow("name", "stiffness", "damping", "rest", children=("joint", "site"))
+    terms = element.unique("joint", lambda part: _term(part, joints))
+    sites = tuple(_site(part, links) for part in element.children("site"))
+    if terms and sites:
+        raise element.error("a path of <joint> or of <site> elements", "both")
+    if not terms and not sites:
+        raise element.error("at least one <joint> or two <site> elements", "an empty tendon")
+    if len(sites) == 1:
+        raise element.error("at least two <site> elements", "one")
+    tendon = Tendon(
+        element.text("name"),
+        tuple(terms.values()),
+        sites,
+        element.non_negative("stiffness"),
+        element.non_negative("damping"),
+        None if element.node.get("rest") is None else element.number("rest"),
+    )
+    if tendon.stiffness > 0:
+        for term in tendon.terms:
+            _check_springy(element, joints[term.joint])
+    if tendon.sites and tendon.rest is not None and tendon.rest < 0:
+        raise element.error("rest >= 0, the length of a path", tendon.rest)
+    return tendon
+
+
+def _term(element: Element, joints: dict[str, Joint]) -> JointTerm:
+    element.allow("name", "coef")
+    return JointTerm(_moving_joint(element, joints).name, element.number("coef"))
+
+
+def _site(element: Element, links: dict[str, Link]) -> Site:
+    element.allow("link", "xyz")
+    return Site(_link_name(element, "link", links), element.vector("xyz"))
+
+
+def _actuator(element: Element, tendons: dict[str, Tendon]) -> Actuator:
+    element.allow("name", "tendon", "gear", "lower", "upper")
+    tendon = element.text("tendon")
+    if tendon not in tendons:
+        raise element.error("the name of a tendon", repr(tendon))
+    gear, lower, upper = (
+        element.number("gear", 1.0),
+        element.number("lower"),
+        element.number("upper"),
+    )
+    if lower > upper:
+        raise element.error("lower <= upper", f"lower={lower} upper={upper}")
+    return Actuator(element.text("name"), tendon, gear, lower, upper)
+
+
+def _task(block: Element, links: dict[str, Link]) -> str | None:
+    task = block.child("task")
+    if task is None:
+        return None
+    task.allow("frame")
+    return _link_name(task, "frame", links)
+
+
+def check_paths(block: Element, robot: Robot) -> None:
+    """Consecutive sites on different links must be apart, or the cable has no direction there."""
+    placed = poses(robot)
+    tendons = {tendon.name: tendon for tendon in robot.tendons}
+    for element in block.children("tendon"):
+        for a, b in pairwise(tendons[element.text("name")].sites):
+            ends = [placed[s.link][0] @ s.xyz + placed[s.link][1] for s in (a, b)]
+            if a.link != b.link and np.linalg.norm(ends[1] - ends[0]) < COINCIDENT:
+                got = f"sites of {a.link!r} and {b.link!r} at the same point"
+                raise element.error("consecutive sites on different links apart at q = 0", got)

@@ -1,0 +1,63 @@
+"""Where robots come from: the bundled files, a path, or the example-robot-data package."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from softdyn.exceptions import InputError
+
+BUNDLED = (Path(__file__).parent.parent / "robots").resolve()
+
+
+def bundled_names() -> tuple[str, ...]:
+    """Names of the robots that ship with softdyn."""
+    return tuple(sorted(path.stem for path in BUNDLED.glob("*.urdf")))
+
+
+def bundled_name(path: Path) -> str | None:
+    """The name of a bundled robot's own file; None for any other file, whatever it is called."""
+    own = path.resolve()
+    return own.stem if own.parent == BUNDLED and own.suffix == ".urdf" else None
+
+
+def example_files() -> tuple[Path, ...]:
+    """All URDFs of example-robot-data; the package has no Python module of its own."""
+    try:
+        package = distribution("example-robot-data")
+    except PackageNotFoundError:
+        return ()
+    files = sorted(str(file) for file in package.files or () if str(file).endswith(".urdf"))
+    return tuple(Path(str(package.locate_file(file))).resolve() for file in files)
+
+
+def example_robots() -> dict[str, Path]:
+    """URDFs of example-robot-data by file stem; of several with one stem the last."""
+    return {path.stem: path for path in example_files()}
+
+
+def find(source: str | Path) -> Path:
+    """The URDF file behind a bundled name, a path, or an example-robot-data name.
+
+    Raises
+    ------
+    InputError
+        When nothing answers to it.
+    """
+    text = str(source)
+    if text in bundled_names():
+        return BUNDLED / f"{text}.urdf"
+    path = Path(text)
+    if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
+        return path
+    if path.suffix or len(path.parts) != 1:
+        raise InputError("robot", "an existing URDF file", text)
+    examples = example_robots()
+    for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf
+        if name in examples:
+            return examples[name]
+    known = [*bundled_names(), *examples]
+    near = difflib.get_close_matches(text, known, 3) or bundled_names()
+    raise InputError("robot", f"a URDF file or a name such as {', '.join(near)}", text)

@@ -1,0 +1,241 @@
+"""What an annotated URDF says, as frozen data, and the tree that its joints span.
+
+Everything here is at q = 0 and free of any engine; `softdyn.description.urdf` fills it from a file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softdyn.description.inertia import Inertia
+
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link and its inertia, expressed in the link frame."""
+
+    name: str
+    inertia: Inertia
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: q = multiplier · q_leader + offset (rad, m)."""
+
+    leader: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint with its compliance; SI units, radians or metres.
+
+    `rotation` (3, 3) and `translation` (3,) place the joint in the parent link's frame; `axis` (3,)
+    is a unit vector in the joint's own; dry `friction` is the plant's only. A joint with a `mimic`
+    moves with another one and is no degree of freedom of its own; its limits are not used.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    rotation: np.ndarray
+    translation: np.ndarray
+    axis: np.ndarray
+    lower: float = -math.inf
+    upper: float = math.inf
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+    armature: float = 0.0
+    friction: float = 0.0
+    mimic: Mimic | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is no weld; a follower moves too."""
+        return self.kind in MOVING
+
+
+@dataclass(frozen=True)
+class JointTerm:
+    """One term ``coef · q_joint`` of a fixed tendon's length."""
+
+    joint: str
+    coef: float
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A point of a spatial tendon's path, `xyz` (m) in the frame of `link`."""
+
+    link: str
+    xyz: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Tendon:
+    """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
+
+    The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` acts both ways; `rest` None is ℓ at q = 0.
+    """
+
+    name: str
+    terms: tuple[JointTerm, ...] = ()
+    sites: tuple[Site, ...] = ()
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float | None = None
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An input u in [lower, upper] that acts with force ``gear · u`` along a tendon."""
+
+    name: str
+    tendon: str
+    gear: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One parsed file: the tree, its compliance and its annotations.
+
+    Attributes
+    ----------
+    task : the link whose origin is the tip.
+    xml : the tree with its inertias as plain URDF, every number spelled as in the file: what an
+        engine needs to be given, and nothing that was not judged.
+    floating : whether the root link moves freely, on six degrees of freedom of its own.
+    mended : the whole file as text with its inertias repaired, for an engine to read in its place;
+        empty where nothing was repaired.
+    """
+
+    name: str
+    path: Path
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    tendons: tuple[Tendon, ...]
+    actuators: tuple[Actuator, ...]
+    task: str
+    warnings: tuple[str, ...]
+    xml: str = ""
+    floating: bool = False
+    mended: str = ""
+
+    @property
+    def moving_joints(self) -> tuple[Joint, ...]:
+        """Joints that move, followers included, in the file's order."""
+        return tuple(joint for joint in self.joints if joint.moves)
+
+    @property
+    def followers(self) -> tuple[Joint, ...]:
+        """Mimic joints, in the file's order."""
+        return tuple(joint for joint in self.joints if joint.mimic is not None)
+
+    def chain(self, link: str) -> tuple[Joint, ...]:
+        """The joints from the root to `link`, root first."""
+        above = {joint.child: joint for joint in self.joints}
+        path: deque[Joint] = deque()
+        while link in above:
+            path.appendleft(above[link])
+            link = path[0].parent
+        return tuple(path)
+
+    @property
+    def length(self) -> float:
+        """Summed joint offsets from the base to the tip (m), the robot's size."""
+        return float(sum(np.linalg.norm(joint.translation) for joint in self.chain(self.task)))
+
+
+def children(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
+    """The joints that leave each link."""
+    below: dict[str, list[Joint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    return below
+
+
+def levels(root: str, joints: Iterable[Joint]) -> Iterator[list[str]]:
+    """Links by their number of joints from the root, the root first; never leaves a tree."""
+    below = children(joints)
+    level = [root]
+    while level:
+        yield level
+        level = [joint.child for link in level for joint in below.get(link, ())]
+
+
+def root(robot: Robot) -> str:
+    """The one link without a parent."""
+    moved = {joint.child for joint in robot.joints}
+    return next(link.name for link in robot.links if link.name not in moved)
+
+
+def deepest_leaf(robot: Robot) -> str:
+    """The link with the most joints between it and the root; the first in the file of equals."""
+    *_, deepest = levels(root(robot), robot.joints)
+    return next(link.name for link in robot.links if link.name in deepest)
+
+
+def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Pose (rotation, translation) of every link in the root's frame at q = 0."""
+    below = children(robot.joints)
+    front = [root(robot)]
+    placed = {front[0]: (np.eye(3), np.zeros(3))}
+    while front:
+        link = front.pop()
+        rotation, translation = placed[link]
+        for joint in below.get(link, ()):
+            placed[joint.child] = (
+                rotation @ joint.rotation,
+                rotation @ joint.translation + translation,
+            )
+            front.append(joint.child)
+    return placed
+
+
+def carriers(robot: Robot) -> dict[str, str]:
+    """For every link the link it is welded to that a joint moves, or the root: maybe itself."""
+    above = {joint.child: joint for joint in robot.joints}
+    found = {}
+    for link in robot.links:
+        name = link.name
+        while name in above and not above[name].moves:
+            name = above[name].parent
+        found[link.name] = name
+    return found
+
+
+def moving_bodies(robot: Robot) -> dict[str, Inertia]:
+    """Inertia of every moving body in its own frame, keyed by the link its joint moves.
+
+    Links fixed to a moving one are lumped into it; what is fixed to a base that does not float is
+    left out.
+    """
+    placed = poses(robot)
+    bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
+    if robot.floating:
+        bodies = {root(robot): Inertia.zero()} | bodies
+    carrier = carriers(robot)
+    for link in robot.links:
+        name = carrier[link.name]
+        if name in bodies:
+            (body_rotation, body_translation), (rotation, translation) = (
+                placed[name],
+                placed[link.name],
+            )
+            bodies[name] += link.inertia.moved(
+                body_rotation.T @ rotation, body_rotation.T @ (translation - body_translation)
+            )
+    return bodies

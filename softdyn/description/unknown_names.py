@@ -1,0 +1,110 @@
+"""Names that nothing reads: a misspelt or misplaced element would be lost without a word.
+
+URDF tolerates foreign elements and attributes, and so does softdyn. What is refused here is what
+can hardly be foreign: a standard name in a place where it has no meaning, and a name that is a slip
+of the pen away from one that would have been read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from softdyn.description.strict_xml import Element
+
+ORIGIN = ("xyz", "rpy")
+# What is read, or known and skipped, inside each element: its children and its attributes.
+KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "robot": (("link", "joint", "gazebo", "softdyn", "material", "transmission"), ("name",)),
+    "link": (("inertial", "visual", "collision", "origin"), ("name", "type")),
+    "inertial": (("origin", "mass", "inertia"), ()),
+    "mass": ((), ("value",)),
+    "inertia": ((), ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+    "joint": (
+        (
+            "origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration",
+            "safety_controller",
+        ),
+        ("name", "type"),
+    ),
+    "origin": ((), ORIGIN),
+    "axis": ((), ("xyz",)),
+    "parent": ((), ("link",)),
+    "child": ((), ("link",)),
+    "limit": ((), ("lower", "upper", "effort", "velocity")),
+    "dynamics": ((), ("damping", "friction", "stiffness", "spring_stiffness")),
+    "mimic": ((), ("joint", "multiplier", "offset")),
+    "gazebo": (("springStiffness", "springReference"), ("reference",)),
+}  # fmt: skip
+# Where these stand, somebody meant them to be read.
+MEANT = {
+    "robot", "link", "joint", "inertial", "mass", "inertia", "origin", "parent", "child", "axis",
+    "limit", "dynamics", "mimic", "gazebo", "softdyn", "springStiffness", "springReference",
+    "tendon", "actuator", "task", "site",
+}  # fmt: skip
+FREE = ("gazebo",)  # a container of other tools' elements, which may have any of these names
+
+
+def check_strays(robot: Element) -> None:
+    """Refuse misplaced and misspelt elements and attributes of standard URDF.
+
+    The ``<softdyn>`` block refuses every unknown name by itself.
+
+    Raises
+    ------
+    UrdfError
+        The first of them.
+    """
+    for block in robot.node.iter("softdyn"):
+        if block is not robot.node and block.getparent() is not robot.node:
+            stray = Element(robot.file, block, "<softdyn>")
+            raise stray.error("<softdyn> right inside <robot>", f"inside <{_tag(block)}>")
+    _check(robot)
+
+
+def _check(element: Element) -> None:
+    children, attributes = KNOWN[element.tag]
+    for name in element.node.attrib:
+        meant = _slip(text := str(name), attributes)
+        if meant:
+            raise element.error(f'attribute {meant}="…"', f"{text} (misspelt?)")
+    for child in element.children():
+        if child.tag in children:
+            if child.tag in KNOWN:
+                _check(child)
+            continue
+        meant = _slip(child.tag, children)
+        if meant:
+            raise child.error(f"<{meant}>", f"<{child.tag}> (misspelt?)")
+        if child.tag in MEANT and element.tag not in FREE:
+            raise child.error("another place", f"<{child.tag}> right inside <{element.tag}>")
+
+
+def _tag(node: object) -> str:
+    return str(getattr(node.getparent(), "tag", ""))  # type: ignore[attr-defined]
+
+
+def _slip(name: str, known: Iterable[str]) -> str | None:
+    """The known name that `name` is a slip of the pen away from, or None if it is one or none."""
+    if name in known:
+        return None
+    for right in known:
+        allowed = 2 if len(right) > 6 else 1 if len(right) > 3 else 0
+        if abs(len(name) - len(right)) <= allowed and (
+            _distance(name.lower(), right.lower()) <= allowed
+        ):
+            return right
+    return None
+
+
+def _distance(a: str, b: str) -> int:
+    """Edits between two words: letters inserted, removed, replaced, or two neighbours swapped."""
+    before: list[int] = []
+    row = list(range(len(b) + 1))
+    for i, x in enumerate(a, 1):
+        before, last, row = row, before, [i]
+        for j, y in enumerate(b, 1):
+            best = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (x != y))
+            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
+                best = min(best, last[j - 2] + 1)
+            row.append(best)
+    return row[-1]

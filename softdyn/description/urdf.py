@@ -1,0 +1,348 @@
+"""The annotated URDF, format version 1: one strict parse into frozen data.
+
+What reaches an engine is judged here first: a file that two parsers could read differently is
+refused. The format, with the error for each misuse, is described in ``docs/format.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from softdyn.description.annotations import BLOCK, Block, check_paths, read_block, read_springs
+from softdyn.description.inertia import Inertia, rotation_rpy
+from softdyn.description.robot import (
+    MOVING,
+    Actuator,
+    Joint,
+    JointTerm,
+    Link,
+    Mimic,
+    Robot,
+    Site,
+    Tendon,
+    carriers,
+    deepest_leaf,
+    levels,
+    moving_bodies,
+)
+from softdyn.description.robot import root as root_of
+from softdyn.description.strict_xml import Element, read
+from softdyn.description.unknown_names import check_strays
+from softdyn.exceptions import UrdfError
+
+# Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
+MAX_DOF = 256
+MAX_LINKS = 1024
+RESERVED = "universe"  # Pinocchio's own joint: a fixed one of that name loses its link there
+MOMENTS = {
+    (0, 0): "ixx", (0, 1): "ixy", (0, 2): "ixz", (1, 1): "iyy", (1, 2): "iyz", (2, 2): "izz"
+}  # fmt: skip
+# Tags, attributes and children of `Robot.xml`: all that has been judged below.
+JUDGED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "robot": (("name",), ("link", "joint")),
+    "link": (("name",), ("inertial",)),
+    "inertial": ((), ("origin", "mass", "inertia")),
+    "mass": (("value",), ()),
+    "inertia": (("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), ()),
+    "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit")),
+    "origin": (("xyz", "rpy"), ()),
+    "parent": (("link",), ()),
+    "child": (("link",), ()),
+    "axis": (("xyz",), ()),
+    "limit": (("lower", "upper", "effort", "velocity"), ()),
+}
+
+
+def parse(
+    path: str | Path,
+    *,
+    annotations: str | Path | None = None,
+    floating: bool = False,
+    repair_inertia: bool = False,
+) -> Robot:
+    """Read an annotated URDF.
+
+    Parameters
+    ----------
+    path : the URDF file.
+    annotations : a file that holds the ``<softdyn>`` block, for a URDF without one.
+    floating : let the root link move freely.
+    repair_inertia : replace what makes a moving body's inertia impossible by the nearest inertia
+        that is possible, with a warning each.
+
+    Raises
+    ------
+    UrdfError
+        For every misuse of the format, naming file, line, element, expected and got.
+    """
+    path = Path(path)
+    root = read(path)
+    if root.tag != "robot":
+        raise root.error("the root element <robot>", f"<{root.tag}>")
+    check_strays(root)
+    name = root.text("name")
+    links = root.unique("link", _link)
+    if not 0 < len(links) <= MAX_LINKS:
+        raise root.error(f"1 to {MAX_LINKS} links", len(links))
+    joints = root.unique("joint", lambda element: _joint(element, links))
+    freedoms = sum(joint.moves for joint in joints.values()) + (6 if floating else 0)
+    if freedoms > MAX_DOF:
+        raise root.error(f"at most {MAX_DOF} degrees of freedom", freedoms)
+    _check_mimics(root, joints)
+    _check_tree(root, links, joints)
+    read_springs(root, joints)
+    robot = Robot(
+        name, path, tuple(links.values()), tuple(joints.values()), (), (), "", (), "", floating
+    )
+    repairs = _repair(root, robot) if repair_inertia else ()
+    if repairs:
+        links = root.unique("link", _link)
+    element = root.child(BLOCK)
+    if annotations is not None:
+        if element is not None:
+            got = f"a block here and another in {annotations}"
+            raise element.error(f"no <{BLOCK}> in a URDF that is annotated by a file", got)
+        element = read(Path(annotations), "annotations")
+        if element.tag != BLOCK:
+            raise element.error(f"the root element <{BLOCK}>", f"<{element.tag}>")
+    block = Block()
+    if element is not None:
+        block = read_block(element, links, joints, overlay=annotations is not None)
+    robot = replace(
+        robot,
+        links=tuple(links.values()),
+        joints=tuple(joints.values()),
+        tendons=block.tendons,
+        actuators=block.actuators,
+        task=block.task or deepest_leaf(robot),
+        xml=etree.tostring(_judged(root.node), encoding="unicode"),
+        mended=etree.tostring(root.node, encoding="unicode") if repairs else "",
+    )
+    if element is not None:
+        check_paths(element, robot)
+    return replace(robot, warnings=(*repairs, *_check_bodies(root, robot)))
+
+
+def _judged(node: etree._Element) -> etree._Element:
+    """A copy of the tree that holds nothing but what was judged, numbers verbatim."""
+    attributes, children = JUDGED[node.tag]
+    if node.get("type") == "fixed":
+        children = ("origin", "parent", "child")
+    copy = etree.Element(node.tag)
+    for attribute in attributes:
+        if (value := node.get(attribute)) is not None:
+            copy.set(attribute, value)
+    copy.extend(_judged(child) for child in node if child.tag in children)
+    return copy
+
+
+def _origin(element: Element) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and translation (3,) of an element's optional ``<origin>``."""
+    origin = element.child("origin")
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    # Not even an unknown attribute: URDF 1.1's quat_xyzw overrides rpy in some engines only.
+    origin.allow("xyz", "rpy")
+    zero = (0.0, 0.0, 0.0)
+    return rotation_rpy(origin.vector("rpy", zero)), origin.vector("xyz", zero)
+
+
+def _link(element: Element) -> Link:
+    inertial = element.child("inertial")
+    if inertial is None:
+        return Link(element.text("name"), Inertia.zero())
+    return Link(element.text("name"), _inertia(inertial).moved(*_origin(inertial)))
+
+
+def _inertia(inertial: Element) -> Inertia:
+    """An ``<inertial>`` in the frame of its own ``<origin>``."""
+    mass, tensor = inertial.child("mass"), inertial.child("inertia")
+    if mass is None or tensor is None:
+        raise inertial.error(
+            "<mass> and <inertia>", "no <mass>" if mass is None else "no <inertia>"
+        )
+    moments = np.empty((3, 3))
+    for (i, j), attribute in MOMENTS.items():
+        moments[i, j] = moments[j, i] = tensor.number(attribute)
+    return Inertia(mass.non_negative("value", None), np.zeros(3), moments)
+
+
+def _joint(element: Element, links: dict[str, Link]) -> Joint:
+    name, kind = element.text("name"), element.text("type")
+    if name == RESERVED:
+        raise element.error("another name, this one being Pinocchio's own", repr(name))
+    if kind not in (*MOVING, "fixed"):
+        raise element.error(f"type {', '.join(MOVING)} or fixed", repr(kind))
+    parent, child = (_end(element, tag, links) for tag in ("parent", "child"))
+    rotation, translation = _origin(element)
+    joint = Joint(name, kind, parent, child, rotation, translation, np.zeros(3))
+    if not joint.moves:
+        return joint
+    lower, upper = _limits(element, kind)
+    dynamics = element.child("dynamics")
+    return replace(
+        joint,
+        axis=_axis(element),
+        lower=lower,
+        upper=upper,
+        damping=dynamics.non_negative("damping") if dynamics else 0.0,
+        friction=dynamics.non_negative("friction") if dynamics else 0.0,
+        mimic=_mimic(element.child("mimic")),
+    )
+
+
+def _mimic(element: Element | None) -> Mimic | None:
+    if element is None:
+        return None
+    element.allow("joint", "multiplier", "offset")
+    multiplier, offset = element.number("multiplier", 1.0), element.number("offset", 0.0)
+    return Mimic(element.text("joint"), multiplier, offset)
+
+
+def _end(element: Element, tag: str, links: dict[str, Link]) -> str:
+    end = element.child(tag)
+    if end is None:
+        raise element.error(f"<{tag}>", "none")
+    if end.text("link") not in links:
+        raise end.error("the name of a link", repr(end.text("link")))
+    return end.text("link")
+
+
+def _axis(element: Element) -> np.ndarray:
+    axis = element.child("axis")
+    if axis is None:
+        return np.array([1.0, 0.0, 0.0])
+    vector = axis.vector("xyz")
+    norm = float(np.linalg.norm(vector))
+    if not 1e-6 < norm < 1e6:
+        raise axis.error("a non-zero vector", repr(axis.text("xyz")))
+    return vector / norm
+
+
+def _limits(element: Element, kind: str) -> tuple[float, float]:
+    """Position limits; URDF demands a <limit> of revolute and prismatic joints."""
+    limit = element.child("limit")
+    if limit is None:
+        if kind != "continuous":
+            raise element.error('<limit lower="…" upper="…" effort="…" velocity="…"/>', "none")
+        return -math.inf, math.inf
+    for attribute in ("effort", "velocity"):
+        limit.non_negative(attribute, None)
+    lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+    if lower > upper:
+        raise limit.error("lower <= upper", f"lower={lower} upper={upper}")
+    return (-math.inf, math.inf) if kind == "continuous" else (lower, upper)
+
+
+def _check_mimics(root: Element, joints: dict[str, Joint]) -> None:
+    """A follower has one leader, whose position is one number: no chains, no full turns."""
+    for element in root.children("joint"):
+        mimic = joints[element.text("name")].mimic
+        if mimic is None:
+            continue
+        leader = joints.get(mimic.leader)
+        expected = "the name of a revolute or prismatic joint that follows no other"
+        if leader is None:
+            raise element.error(f"in <mimic> {expected}", repr(mimic.leader))
+        if leader.mimic is not None or leader.kind not in ("revolute", "prismatic"):
+            kind = "mimic" if leader.mimic is not None else leader.kind
+            raise element.error(f"in <mimic> {expected}", f"{kind} joint {mimic.leader!r}")
+
+
+def _check_tree(root: Element, links: dict[str, Link], joints: dict[str, Joint]) -> None:
+    """One root, one parent a link, no cycle."""
+    above: dict[str, str] = {}
+    for element in root.children("joint"):
+        joint = joints[element.text("name")]
+        if joint.child in above:
+            got = f"joints {above[joint.child]!r} and {joint.name!r}"
+            raise element.error(f"one parent of link {joint.child!r}", got)
+        above[joint.child] = joint.name
+    roots = [name for name in links if name not in above]
+    if len(roots) != 1:
+        got = f"{len(roots)}: {', '.join(roots)}" if roots else "a cycle"
+        raise root.error("one root link, every other one joined to it", got)
+    reached = sum(len(level) for level in levels(roots[0], joints.values()))
+    if reached != len(links):
+        raise root.error("a tree", f"a cycle: {len(links) - reached} links out of the root's reach")
+
+
+def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
+    """Mend the inertias of impossible moving bodies in the XML, link by link; say what was done.
+
+    A sum of possible inertias is possible, so mending the links mends the body.
+    """
+    defective = {link for link, body in moving_bodies(robot).items() if body.defect()}
+    carrier = carriers(robot)
+    elements = {element.text("name"): element for element in root.children("link")}
+    records = []
+    for link in robot.links:
+        inertial = elements[link.name].child("inertial")
+        if carrier[link.name] not in defective or not link.inertia.defect() or inertial is None:
+            continue
+        tensor = inertial.child("inertia")
+        assert tensor is not None  # _link has read it
+        mended = _inertia(inertial).nearest_physical()
+        for (i, j), attribute in MOMENTS.items():
+            tensor.node.set(attribute, repr(float(mended.tensor[i, j])))
+        before, after = (
+            ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(inertia.tensor))
+            for inertia in (link.inertia, mended)
+        )
+        records.append(
+            f"{robot.path}: {elements[link.name].label}: inertia repaired: "
+            f"principal moments {before} -> {after} kg m^2"
+        )
+    return tuple(records)
+
+
+def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
+    """Judge the inertia of each moving body, its fixed links lumped in; return warnings.
+
+    That lump is what the dynamics see: the defect of one link inside it is only a warning.
+    """
+    elements = {element.text("name"): element for element in root.children("link")}
+    bodies, carrier = moving_bodies(robot), carriers(robot)
+    defects = {link.name: defect for link in robot.links if (defect := link.inertia.defect())}
+    for name, body in bodies.items():
+        defect = body.defect()
+        if defect:
+            culprits = [link for link in defects if carrier[link] == name]
+            expected = "a physical inertia, with its fixed links"
+            if culprits and name not in culprits:
+                expected += f" such as {culprits[0]!r}"
+            raise elements[name].error(expected, defect)
+    massive = _massive(robot, {name for name, body in bodies.items() if body.mass > 0})
+    for joint in robot.joints:
+        driven = [joint.child]
+        if joint.moves and joint.mimic is None:
+            driven += [f.child for f in robot.followers if f.mimic and f.mimic.leader == joint.name]
+            if massive.isdisjoint(driven):
+                got = f"none on or beyond joint {joint.name!r}"
+                raise elements[joint.child].error("a positive mass that the joint moves", got)
+    if robot.floating and root_of(robot) not in massive:
+        raise root.error("a positive mass on a floating base", "none")
+    return tuple(f"{robot.path}: {elements[link].label}: {defects[link]}" for link in defects)
+
+
+def _massive(robot: Robot, bodies: set[str]) -> set[str]:
+    """The links on or beyond which a body of `bodies` is."""
+    above = {joint.child: joint.parent for joint in robot.joints}
+    massive: set[str] = set()
+    for name in bodies:
+        link: str | None = name
+        while link is not None and link not in massive:
+            massive.add(link)
+            link = above.get(link)
+    return massive
+
+
+__all__ = [
+    "Actuator", "Joint", "JointTerm", "Link", "Robot", "Site", "Tendon", "UrdfError",
+    "moving_bodies", "parse",
+]  # fmt: skip

@@ -1,0 +1,138 @@
+"""What a robot looks like: the shapes that its URDF hangs on its links.
+
+``<visual>`` shapes; of a link without any, its ``<collision>`` shapes; of a robot without either,
+nothing (`softdyn.view.scene` then draws its joints and links as sticks).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.description.inertia import rotation_rpy
+from softdyn.description.meshes import Mesh, MeshError, locate
+from softdyn.description.meshes import read as read_mesh
+from softdyn.description.robot import Robot
+from softdyn.description.strict_xml import Element, read
+
+Rgba = tuple[float, ...]
+GREY: Rgba = (0.62, 0.64, 0.68, 1.0)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box with edges `size` (m), centred."""
+
+    size: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along z, centred (m)."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere (m), centred."""
+
+    radius: float
+
+
+Shape = Box | Cylinder | Sphere | Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """A shape on a link: `pose` (4, 4) in the link's frame, a mesh's scale included."""
+
+    link: str
+    pose: np.ndarray
+    shape: Shape
+    rgba: Rgba
+
+
+def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
+    """The shapes of all links, and a line for each that cannot be shown.
+
+    Raises
+    ------
+    UrdfError
+        For a number in a shape that is none.
+    """
+    root = read(robot.path)
+    named = {m.text("name"): colour for m in root.children("material") if (colour := _colour(m))}
+    found: list[Visual] = []
+    problems: list[str] = []
+    for link in root.children("link"):
+        shapes = list(link.children("visual")) or list(link.children("collision"))
+        for shape in shapes:
+            try:
+                found += _shapes(robot, link.text("name"), shape, named)
+            except MeshError as error:
+                problems.append(f"{robot.path}: {link.label}: {error}")
+    return tuple(found), tuple(dict.fromkeys(problems))
+
+
+def triangles(visual: Visual) -> np.ndarray:
+    """Triangles (n, 3, 3) of a shape in its link's frame; round ones are faceted."""
+    import trimesh.creation
+
+    shape = visual.shape
+    if isinstance(shape, Mesh):
+        found = np.asarray(shape.vertices, float)[shape.faces]
+    elif isinstance(shape, Box):
+        found = trimesh.creation.box(shape.size).triangles
+    elif isinstance(shape, Cylinder):
+        found = trimesh.creation.cylinder(shape.radius, shape.length, sections=24).triangles
+    else:
+        found = trimesh.creation.icosphere(2, shape.radius).triangles
+    return np.asarray(found) @ visual.pose[:3, :3].T + visual.pose[:3, 3]
+
+
+def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -> list[Visual]:
+    pose = np.eye(4)
+    origin = element.child("origin")
+    if origin is not None:
+        zero = (0.0, 0.0, 0.0)
+        pose[:3, :3] = rotation_rpy(origin.vector("rpy", zero))
+        pose[:3, 3] = origin.vector("xyz", zero)
+    material = element.child("material")
+    rgba = None
+    if material is not None:
+        rgba = _colour(material) or named.get(material.node.get("name", ""))
+    geometry = element.child("geometry")
+    if geometry is None:
+        return []
+    mesh = geometry.child("mesh")
+    if mesh is not None:
+        pose = pose @ np.diag([*mesh.vector("scale", (1.0, 1.0, 1.0)), 1.0])
+        parts = read_mesh(locate(robot.path, mesh.text("filename")))
+        # a colour in the URDF goes before the mesh's own
+        return [Visual(link, pose, part, rgba or part.rgba or GREY) for part in parts]
+    shape: Shape
+    if (box := geometry.child("box")) is not None:
+        x, y, z = box.vector("size").tolist()
+        shape = Box((x, y, z))
+    elif (cylinder := geometry.child("cylinder")) is not None:
+        shape = Cylinder(
+            cylinder.non_negative("radius", None), cylinder.non_negative("length", None)
+        )
+    elif (sphere := geometry.child("sphere")) is not None:
+        shape = Sphere(sphere.non_negative("radius", None))
+    else:
+        raise MeshError("expected a <box>, <cylinder>, <sphere> or <mesh>, got another shape")
+    return [Visual(link, pose, shape, rgba or GREY)]
+
+
+def _colour(material: Element) -> Rgba | None:
+    colour = material.child("color")
+    if colour is None:
+        return None
+    words = colour.text("rgba").split()
+    if len(words) != 4:
+        raise colour.error("four numbers as rgba", repr(colour.node.get("rgba")))
+    return tuple(min(max(colour.to_number(word, "rgba"), 0.0), 1.0) for word in words)

@@ -1,0 +1,1 @@
+"""From a few parameters to a robot's file and meshes."""

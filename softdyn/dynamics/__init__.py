@@ -1,0 +1,1 @@
+"""The analytic dynamics on Pinocchio: model, State, tendons, derivatives, integrators."""

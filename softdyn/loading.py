@@ -1,0 +1,44 @@
+"""From a name or a file to a model: `softdyn.load`."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from softdyn.description.library import bundled_name, find
+from softdyn.description.urdf import parse
+from softdyn.dynamics.mimic import build
+from softdyn.dynamics.model import SoftModel
+
+
+def load(
+    source: str | Path,
+    *,
+    annotations: str | Path | None = None,
+    floating: bool = False,
+    repair_inertia: bool = False,
+) -> SoftModel:
+    """Load a robot: a bundled name, a path to an annotated URDF, or an example-robot-data name.
+
+    Parameters
+    ----------
+    source : which robot.
+    annotations : a file that holds the ``<softdyn>`` block, for a URDF without one.
+    floating : let the root link move freely: q then starts with its position and a quaternion
+        (x, y, z, w), v with its velocity and angular velocity in its own axes.
+    repair_inertia : replace impossible inertias by the nearest possible ones, with a warning each.
+
+    Raises
+    ------
+    InputError
+        No such robot.
+    UrdfError
+        A file that cannot be used; the message names file, element, expected and got.
+    """
+    path = find(source)
+    robot = parse(path, annotations=annotations, floating=floating, repair_inertia=repair_inertia)
+    # published gains belong to the bundled file as it is
+    model = build(robot, None if annotations or floating else bundled_name(path))
+    for warning in robot.warnings:
+        warnings.warn(warning, stacklevel=2)
+    return model

@@ -1,0 +1,1 @@
+"""The robot in the browser: scene, tendon paths, pages, the server on the loopback."""

@@ -1,0 +1,185 @@
+"""One HTML page that shows robots in motion, with its own timeline, cables, trails and legend.
+
+The page needs no network: Meshcat's script is either inside it or a file beside it.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.view.scene import TENSION, Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One robot's motion.
+
+    Attributes
+    ----------
+    figure : index of the robot among the page's figures.
+    frames : (N, 1 + nv + nu + 6) float32, see `frames`; empty for what comes live.
+    label, note : text in the legend; `note` e.g. why the run failed.
+    colour : CSS colour of the trail and in the legend; the page's own by default.
+    tint : whether the robot itself takes that colour.
+    opacity : of the robot.
+    offset : (3,) where it stands (m).
+    aims : whether it has a target, an error and a trail.
+    path : (K, 3) the reference's path, None where there is none.
+    failed : whether it ended before its time.
+    full : (nu,) input that cables show as full tension; by default its bound.
+    balls : obstacles, (x, y, z, radius) each (m).
+    """
+
+    figure: int
+    frames: np.ndarray
+    label: str
+    note: str = ""
+    colour: str | None = None
+    tint: bool = False
+    opacity: float = 1.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    aims: bool = True
+    path: np.ndarray | None = None
+    failed: bool = False
+    full: np.ndarray | None = None
+    balls: tuple[tuple[float, float, float, float], ...] = ()
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The track as JSON."""
+        return {
+            "figure": self.figure,
+            "frames": base64.b64encode(self.frames.astype("<f4").tobytes()).decode(),
+            "label": self.label,
+            "note": self.note,
+            "colour": self.colour,
+            "tint": self.colour if self.tint else None,
+            "opacity": self.opacity,
+            "offset": list(self.offset),
+            "aims": self.aims,
+            "path": None if self.path is None else np.round(self.path, 5).tolist(),
+            "failed": self.failed,
+            "full": None if self.full is None else np.asarray(self.full).tolist(),
+            "balls": [list(ball) for ball in self.balls],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Tracks that are shown together; `notes` are (time (s), text) shown from then on."""
+
+    title: str
+    tracks: tuple[Track, ...]
+    duration: float = 0.0
+    loop: bool = False
+    notes: tuple[tuple[float, str], ...] = ()
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The run as JSON."""
+        return {
+            "title": self.title,
+            "tracks": [track.data for track in self.tracks],
+            "duration": self.duration,
+            "loop": self.loop,
+            "notes": [list(note) for note in self.notes],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """Robots and their runs; a live one connects to the server that it came from."""
+
+    title: str
+    figures: tuple[Figure, ...]
+    runs: tuple[Run, ...]
+    live: bool = False
+
+    def html(self, library: str | None = None) -> str:
+        """The page as text; `library` is the URL of Meshcat's script, by default inside the page.
+
+        Raises
+        ------
+        InputError
+            When Meshcat is not installed.
+        """
+        if library is None:
+            script = f"<script>\n{library_file().read_text(encoding='utf-8')}\n</script>"
+        else:
+            script = f'<script src="{html.escape(library)}"></script>'
+        scene = {
+            "title": self.title,
+            "tension": [[stop, *rgb] for stop, rgb in TENSION],
+            "figures": [figure.data for figure in self.figures],
+            "runs": [run.data for run in self.runs],
+            "live": self.live,
+        }
+        # "</script>" in a robot's name must not end the script that holds it
+        text = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+        return Template(_asset("page.html")).substitute(
+            title=html.escape(self.title),
+            style=_asset("style.css"),
+            library=script,
+            player=_asset("player.js"),
+            scene=text,
+        )
+
+    def _repr_html_(self) -> str:
+        """The page inside a notebook."""
+        inside = html.escape(self.html())
+        return f'<iframe srcdoc="{inside}" style="width:100%;height:520px;border:0"></iframe>'
+
+
+def frames(
+    model: SoftModel,
+    t: Sequence[float] | np.ndarray,
+    q: np.ndarray,
+    u: np.ndarray,
+    y: np.ndarray,
+    y_ref: np.ndarray,
+) -> np.ndarray:
+    """Frames (N, 1 + nv + nu + 6): time (s), joint coordinates, input, tip, reference (m).
+
+    Parameters
+    ----------
+    q : (N, nq) configurations; the others accordingly.
+    """
+    coordinates = np.array([model.coordinates(row) for row in q]).reshape(len(q), model.nv)
+    columns = (np.reshape(t, (-1, 1)), coordinates, u, y, y_ref)
+    return np.concatenate(columns, axis=1, dtype=np.float32)
+
+
+@cache
+def library_file() -> Path:
+    """Meshcat's script, found without importing Meshcat.
+
+    Raises
+    ------
+    InputError
+        When Meshcat is not installed.
+    """
+    spec = find_spec("meshcat")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        script = Path(folder) / "viewer" / "dist" / "main.min.js"
+        if script.is_file():
+            return script
+    raise InputError("viewer", "the package meshcat", "none")
+
+
+@cache
+def _asset(name: str) -> str:
+    return (files("softdyn.view") / "web" / name).read_text(encoding="utf-8")

@@ -1,0 +1,164 @@
+"""What each input does: the robot's own response, from its rest, to one input after the other."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel
+from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.scene import Figure
+
+STEP = 0.005  # s
+SETTLE = 8.0  # s, the longest wait for rest
+RAMP, HOLD = 0.9, 0.5  # s
+TRAVEL = 0.25  # of the robot's length that the tip should move
+BEND = 0.5  # rad, the largest that a joint should turn
+LIMIT_RATE = 400.0  # rad/s of a joint against its stop: hard beside gravity, damped by the step
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """`t` (N,), `q` (N, nq), `u` (N, nu), `y` (N, 3), and what begins when."""
+
+    t: np.ndarray
+    q: np.ndarray
+    u: np.ndarray
+    y: np.ndarray
+    notes: tuple[tuple[float, str], ...]
+
+
+def rest_page(model: SoftModel) -> Page:
+    """The robot at rest and its response to one input after the other, as a page.
+
+    Warns of shapes that cannot be shown.
+    """
+    figure = Figure.of(model)
+    for problem in figure.problems:
+        warnings.warn(problem, stacklevel=2)
+    sweep = rest_sweep(model)
+    moved = bool(sweep.u.any())
+    track = Track(
+        0,
+        frames(model, sweep.t, sweep.q, sweep.u, sweep.y, sweep.y),
+        f"one {'input' if moved else 'joint'} after the other",
+        aims=False,
+        full=np.abs(sweep.u).max(axis=0) if moved else None,
+    )
+    run = Run("", (track,), loop=True, notes=sweep.notes)
+    return Page(model.bundled or model.name, (figure,), (run,))
+
+
+def rest_sweep(model: SoftModel) -> Sweep:
+    """Let the robot come to rest without input, then raise and lower each input in turn.
+
+    A robot with inputs follows its analytic dynamics, joint limits as stiff springs; amplitudes
+    are such that the tip should move `TRAVEL` of the robot's length and no joint turn more than
+    `BEND`, by the stiffness at rest, within the bounds. One without inputs, or with nothing to hold
+    it, is at q = 0, and each joint moves in turn.
+    """
+    if not model.nu or model.robot.floating:
+        return _joints(model)
+    q, v, zero = model.q0, np.zeros(model.nv), np.zeros(model.nu)
+    for _ in range(round(SETTLE / STEP)):
+        q, v = _step(model, q, v, zero)
+        if float(np.abs(v).max()) < 1e-3:
+            break
+    sizes = _amplitudes(model, q)
+    rows = []
+    notes: list[tuple[float, str]] = [(0.0, "rest")]
+    shape = np.concatenate((_ramp(RAMP), np.ones(round(HOLD / STEP)), _ramp(RAMP)[::-1],
+                            np.zeros(round(HOLD / STEP))))  # fmt: skip
+    t = 0.0
+    rows.append((t, q, zero, model.state(q, v).y))
+    for i, actuator in enumerate(model.robot.actuators):
+        for bound, size in zip((model.u_max[i], model.u_min[i]), sizes[i], strict=True):
+            if size == 0:
+                continue
+            notes.append((t, f"{actuator.name} = {np.copysign(size, bound):.3g}"))
+            for part in shape:
+                u = zero.copy()
+                u[i] = part * np.copysign(size, bound)
+                q, v = _step(model, q, v, u)
+                t += STEP
+                rows.append((t, q, u, model.state(q, v).y))
+    return _sweep(rows[::6], notes)  # 33 frames a second
+
+
+def _step(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Linearly implicit Euler, (M + h D + h² K') a = B u - h(q + h v, v) to first order."""
+    state = model.state(q, v)
+    x = model.coordinates(q)
+    beyond = np.minimum(x - model.lower, 0) + np.maximum(x - model.upper, 0)
+    inertia = np.diag(state.M)
+    stop = np.where(beyond != 0, inertia * LIMIT_RATE**2, 0)
+    force = state.B @ u - state.h - stop * beyond
+    stiff = model.stiffness + stop
+    damp = state.D + np.diag(2 * inertia * LIMIT_RATE * (beyond != 0))
+    A = state.M + STEP * damp + np.diag(STEP**2 * stiff)
+    v = v + np.linalg.solve(A, STEP * (force - (damp - state.D) @ v - STEP * stiff * v))
+    return model.integrate(q, STEP * v), v
+
+
+def _amplitudes(model: SoftModel, q: np.ndarray) -> list[tuple[float, float]]:
+    """How far to raise and lower each input, from the linear response at rest."""
+    state = model.state(q, np.zeros(model.nv))
+    stiffness = np.array(model.tangent_stiffness(q))
+    eps = 1e-6
+    for j in range(model.nv):
+        step = np.eye(model.nv)[j] * eps
+        change = model.gravity(model.integrate(q, step)) - model.gravity(model.integrate(q, -step))
+        stiffness[:, j] += change / (2 * eps)
+    # where nothing holds a joint, some response is better than an infinite one
+    soft = 1e-6 * float(np.abs(np.diag(stiffness)).max()) or 1.0
+    response = np.linalg.lstsq(stiffness + soft * np.eye(model.nv), state.B, rcond=None)[0]
+    kinds = {joint.name: joint.kind for joint in model.robot.joints}
+    turns = np.array([kinds[name] != "prismatic" for name in model.joint_names])
+    size = max(model.robot.length, 1e-3)
+    found = []
+    for i in range(model.nu):
+        travel = float(np.linalg.norm(state.J @ response[:, i])) / (TRAVEL * size)
+        turn = float(np.abs(response[turns, i]).max(initial=0.0)) / BEND
+        enough = 1 / max(travel, turn, 1e-12)
+        found.append((
+            min(enough, float(max(model.u_max[i], 0))), min(enough, float(max(-model.u_min[i], 0)))
+        ))  # fmt: skip
+    return found
+
+
+def _joints(model: SoftModel) -> Sweep:
+    """Each joint of a robot without inputs, there and back."""
+    lower, upper = (np.clip(b, -1e3, 1e3) for b in (model.lower, model.upper))
+    rest = np.clip(model.coordinates(model.q0), lower, upper)
+    kinds = {joint.name: joint.kind for joint in model.robot.joints}
+    turns = np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
+    reach = np.where(turns, BEND, 0.1 * max(model.robot.length, 1e-3))
+    rows, notes, t = [], [], 0.0
+    shape = np.concatenate((_ramp(RAMP / 2), _ramp(RAMP / 2)[::-1]))[::6]
+    for j, name in enumerate(model.joint_names):
+        if name not in kinds:  # a floating base
+            continue
+        notes.append((t, name))
+        up, down = upper[j] - rest[j], rest[j] - lower[j]
+        size = min(reach[j], up) if up >= min(down, reach[j]) else -min(reach[j], down)
+        for part in shape:
+            x = rest.copy()
+            x[j] += part * size
+            q = model.configuration(x)
+            rows.append((t, q, np.zeros(model.nu), model.state(q, np.zeros(model.nv)).y))
+            t += 6 * STEP
+    return _sweep(rows, notes)
+
+
+def _ramp(seconds: float) -> np.ndarray:
+    """From 0 to 1, smoothly."""
+    return (1 - np.cos(np.linspace(0, np.pi, round(seconds / STEP)))) / 2
+
+
+def _sweep(rows: list, notes: list[tuple[float, str]]) -> Sweep:
+    t, q, u, y = (np.array(column) for column in zip(*rows, strict=True))
+    return Sweep(t, q, u, y, tuple(notes))

@@ -1,0 +1,270 @@
+"""A robot as the viewer draws it: links, joints, shapes and cables as plain data.
+
+The page poses it from the coordinates alone (`SoftModel.coordinates`), so a frame is as short as
+(q, u), and cables follow from their sites.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softdyn.description.robot import Joint, Robot, levels, poses, root
+from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
+from softdyn.dynamics.model import SoftModel
+from softdyn.view.tendon_paths import Path, fixed_path
+
+# Colours of a cable over its tension, from full on one side of a signed input over slack to full on
+# the other: dark blue, grey, dark red; lightness tells them apart for every kind of colour vision.
+TENSION = (
+    (-1.0, (8, 48, 107)), (-0.5, (43, 123, 186)), (0.0, (150, 162, 176)), (0.5, (239, 138, 43)),
+    (1.0, (150, 20, 30)),
+)  # fmt: skip
+STICK = (0.45, 0.52, 0.6, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Cable:
+    """A polyline over `sites`, each a link and a point (3,) in its frame.
+
+    Its tension is ``weights · u``, positive where it pulls, at most `limit`. `side` is +1 or -1
+    where it shows only that sign of it (two antagonists that one signed input stands for), else 0.
+    """
+
+    name: str
+    sites: Path
+    weights: np.ndarray
+    limit: float
+    side: int
+
+    def part(self, u: np.ndarray) -> float:
+        """Tension as a part of full, in [-1, 1], under the input u (nu,)."""
+        force = float(self.weights @ u)
+        if self.side:
+            force = self.side * max(0.0, self.side * force)
+        return force / self.limit if self.limit > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """Everything that the viewer needs to know of a robot; `problems` are shapes left out."""
+
+    model: SoftModel
+    shapes: tuple[Visual, ...]
+    cables: tuple[Cable, ...]
+    problems: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: SoftModel) -> Figure:
+        """The figure of a robot.
+
+        Raises
+        ------
+        UrdfError
+            For a shape whose numbers are none.
+        """
+        shapes, problems = visuals(model.robot)
+        if not shapes:
+            shapes = tuple(_sticks(model.robot))
+        return cls(model, shapes, tuple(_cables(model, shapes)), problems)
+
+    @property
+    def size(self) -> float:
+        """A length (m) it fits in: from the base to the tip, or to the farthest link at q = 0."""
+        farthest = max(float(np.linalg.norm(t)) for _, t in poses(self.model.robot).values())
+        return max(self.model.robot.length, farthest) or 0.1
+
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link at the configuration q (nq,)."""
+        robot, model = self.model.robot, self.model
+        values = dict(zip(model.joint_names, model.coordinates(q), strict=True))
+        base = np.eye(4)
+        if robot.floating:
+            place = list(values.values())[:6]
+            base[:3, 3], base[:3, :3] = place[:3], _rotation(np.array(place[3:]))
+        placed = {root(robot): base}
+        depth = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
+        for joint in sorted(robot.joints, key=lambda joint: depth[joint.child]):
+            move = np.eye(4)
+            if joint.moves:
+                follows = joint.mimic
+                x = values[joint.name] if follows is None else (
+                    follows.multiplier * values[follows.leader] + follows.offset)  # fmt: skip
+                if joint.kind == "prismatic":
+                    move[:3, 3] = x * joint.axis
+                else:
+                    move[:3, :3] = _rotation(x * joint.axis)
+            placed[joint.child] = placed[joint.parent] @ _matrix(joint) @ move
+        return placed
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The figure as JSON; matrices column by column, meshes in base64."""
+        robot, model = self.model.robot, self.model
+        links = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
+        meshes: dict[int, Mesh] = {id(s.shape): s.shape for s in self.shapes
+                                   if isinstance(s.shape, Mesh)}  # fmt: skip
+        number = {key: i for i, key in enumerate(meshes)}
+        order = {name: i for i, name in enumerate(model.joint_names)}
+        joints = sorted(robot.joints, key=lambda joint: links[joint.child])
+        return {
+            "name": robot.name,
+            "size": self.size,
+            "links": len(links),
+            "tip": links[robot.task],
+            "dof": model.nv,
+            "floating": robot.floating,
+            "root": links[root(robot)],
+            "joints": [
+                {
+                    "parent": links[joint.parent],
+                    "child": links[joint.child],
+                    "pose": _columns(_matrix(joint)),
+                    "axis": joint.axis.tolist(),
+                    "slides": joint.kind == "prismatic",
+                    "turns": joint.kind == "continuous",
+                    **_coordinate(joint, order),
+                }
+                for joint in joints
+            ],
+            "inputs": [
+                {"name": a.name, "lower": a.lower, "upper": a.upper} for a in robot.actuators
+            ],
+            "meshes": [_packed(mesh) for mesh in meshes.values()],
+            "shapes": [
+                {
+                    "link": links[shape.link],
+                    "pose": _columns(shape.pose),
+                    "rgba": list(shape.rgba),
+                    **_size(shape, number),
+                }
+                for shape in self.shapes
+            ],
+            "cables": [
+                {
+                    "name": cable.name,
+                    "sites": [
+                        [links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites
+                    ],
+                    "weights": cable.weights.tolist(),
+                    "limit": cable.limit,
+                    "side": cable.side,
+                }
+                for cable in self.cables
+            ],
+        }
+
+
+def tension_colour(part: float) -> tuple[float, ...]:
+    """RGB in 0 … 1 of a tension as a part of full; the cube root, as most are a few per cent."""
+    at = float(np.cbrt(np.clip(part, -1, 1)))
+    stops = [stop for stop, _ in TENSION]
+    return tuple(
+        float(np.interp(at, stops, [rgb[k] / 255 for _, rgb in TENSION])) for k in range(3)
+    )
+
+
+def _levels(robot: Robot) -> Iterator[list[str]]:
+    return levels(root(robot), robot.joints)
+
+
+def _matrix(joint: Joint) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = joint.rotation, joint.translation
+    return pose
+
+
+def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
+    """Which of the coordinates moves a joint, and how: q_joint = gain · q[index] + offset."""
+    if joint.mimic is None:
+        return {"index": order.get(joint.name, -1), "gain": 1, "offset": 0}
+    follows = joint.mimic
+    return {"index": order[follows.leader], "gain": follows.multiplier, "offset": follows.offset}
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) of a rotation vector (3,), by Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def _columns(matrix: np.ndarray) -> list[float]:
+    return [round(float(x), 9) for x in matrix.T.ravel()]
+
+
+def _size(shape: Visual, number: dict[int, int]) -> dict[str, Any]:
+    form = shape.shape
+    if isinstance(form, Box):
+        return {"box": list(form.size)}
+    if isinstance(form, Cylinder):
+        return {"cylinder": [form.radius, form.length]}
+    if isinstance(form, Sphere):
+        return {"sphere": form.radius}
+    return {"mesh": number[id(form)]}
+
+
+def _packed(mesh: Mesh) -> dict[str, Any]:
+    """Vertices as 16-bit parts of the bounding box, 1/65535 of it exact; faces as 16 or 32 bit."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    span = np.where(high > low, high - low, 1)
+    vertices = np.round((mesh.vertices - low) / span * 65535).astype("<u2")
+    faces = mesh.faces.astype("<u2" if len(vertices) < 65536 else "<u4")
+    return {
+        "low": low.tolist(),
+        "span": span.tolist(),
+        "vertices": base64.b64encode(vertices.tobytes()).decode(),
+        "faces": base64.b64encode(faces.tobytes()).decode(),
+        "bytes": faces.itemsize,
+    }
+
+
+def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
+    robot = model.robot
+    for tendon in robot.tendons:
+        spatial = bool(tendon.sites)
+        # a spatial tendon pulls with -gear u; a fixed one is drawn on the side where gear u pulls
+        weights = np.array(
+            [(-a.gear if spatial else a.gear) * (a.tendon == tendon.name) for a in robot.actuators]
+        )
+        ends = np.array([weights * model.u_min, weights * model.u_max]).reshape(2, -1)
+        low, high = float(ends.min(axis=0).sum()), float(ends.max(axis=0).sum())
+        limit = max(-low, high)
+        if spatial:
+            path = [(site.link, site.xyz) for site in tendon.sites]
+            yield Cable(tendon.name, path, weights, limit, 0)
+            continue
+        for side in (1, -1):
+            if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
+                continue  # nothing ever pulls on that side
+            for path in fixed_path(robot, tendon, shapes, side):
+                yield Cable(tendon.name, path, weights, limit, side if low < 0 < high else 0)
+
+
+def _sticks(robot: Robot) -> Iterator[Visual]:
+    """A cylinder from every link's origin to each of its joints, and a ball at each joint."""
+    size = max(robot.length, 1e-3)
+    for joint in robot.joints:
+        length = float(np.linalg.norm(joint.translation))
+        if length > 0:
+            pose = np.eye(4)
+            pose[:3, :3] = _towards(joint.translation / length)
+            pose[:3, 3] = joint.translation / 2
+            yield Visual(joint.parent, pose, Cylinder(0.018 * size, length), STICK)
+        if joint.moves or joint.child == robot.task:
+            yield Visual(joint.child, np.eye(4), Sphere(0.03 * size), STICK)
+
+
+def _towards(direction: np.ndarray) -> np.ndarray:
+    """A rotation (3, 3) that turns z into `direction` (3,)."""
+    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    x = np.cross(other, direction)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(direction, x), direction], axis=1)

@@ -1,0 +1,1 @@
+"""Pinocchio against MuJoCo, term by term and along trajectories."""

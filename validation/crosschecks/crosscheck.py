@@ -1,0 +1,316 @@
+"""The cross-check: Pinocchio against MuJoCo, quantity by quantity and along trajectories.
+
+Both engines read the same file by different parsers. At random states every term of the dynamics is
+computed by each, and
+
+    error = max|a - b| / max(|a|, |b|, scale),
+
+the norms being largest absolute values and the scale saying what counts as nothing, so that zeros
+compare. Limits, contacts and dry friction are off: they are the plant's, not the model's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError, SoftdynError
+from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.crosschecks.trajectories import (
+    Ladder,
+    Run,
+    compare_trajectories,
+    input_window,
+)
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import Twin
+
+SPEED = 1.0  # rad/s, or m/s of a prismatic joint, at most
+TOLERANCE = 1e-10
+TOLERANCE_SPATIAL = 1e-9  # where moment arms come from directions between sites
+TOLERANCE_TRAJECTORY = 1e-11
+QUANTITIES = (
+    "tip", "J", "Jdot", "M", "bias", "g", "K", "D", "B", "length", "qdd", "energy", "trajectory",
+)  # fmt: skip
+SCALES = {
+    "tip": "length of the robot",
+    "J": "length of the robot per rad",
+    "Jdot": "length of the robot per rad times the largest speed",
+    "M": "largest entry of M",
+    "bias": "largest entry of M times 1 rad/s²",
+    "g": "largest entry of M times 1 rad/s²",
+    "K": "largest entry of M times 1 rad/s²",
+    "D": "largest entry of M times 1/s",
+    "B": "largest gear times the length of the robot per rad",
+    "length": "length of the robot",
+    "qdd": "1 rad/s²",
+    "energy": "total mass times 9.81 m/s² times the length of the robot",
+    "trajectory": "1 rad and 1 rad/s",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """The verdict on one quantity; `reason` says what went wrong other than a plain difference."""
+
+    quantity: str
+    max_error: float
+    tolerance: float
+    scale: str
+    reason: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is a number within the tolerance."""
+        return not self.reason and self.max_error <= self.tolerance  # false for NaN
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """What `crosscheck` found.
+
+    Attributes
+    ----------
+    checks : one verdict a quantity, in the order of `QUANTITIES`; without the last one where no
+        trajectories were asked for.
+    condition : the largest condition number of M met. Where two engines agree on M to rounding ε,
+        the best they can do on q̈ is about ε times that.
+    runs : the trajectories compared.
+    ladders : convergence of both schemes under step halving.
+    """
+
+    robot: str
+    nv: int
+    nu: int
+    samples: int
+    seed: int
+    checks: tuple[Check, ...]
+    condition: float
+    runs: tuple[Run, ...]
+    ladders: tuple[Ladder, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the quantities that failed."""
+        return tuple(check.quantity for check in self.checks if not check.passed)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data; figures that are not finite are None."""
+        return {
+            "robot": self.robot,
+            "nv": self.nv,
+            "nu": self.nu,
+            "passed": self.passed,
+            "condition": finite(self.condition),
+            "samples": self.samples,
+            "seed": self.seed,
+            "checks": [
+                {
+                    "quantity": check.quantity,
+                    "max_error": finite(check.max_error),
+                    "tolerance": check.tolerance,
+                    "passed": check.passed,
+                    "scale": check.scale,
+                    "reason": check.reason,
+                }
+                for check in self.checks
+            ],
+            "trajectories": [run.to_dict() for run in self.runs],
+            "ladders": [ladder.to_dict() for ladder in self.ladders],
+        }
+
+
+@dataclass
+class Tally:
+    """Largest error of each quantity so far, and the first thing that went wrong with it."""
+
+    errors: dict[str, float] = field(default_factory=lambda: dict.fromkeys(QUANTITIES, 0.0))
+    reasons: dict[str, str] = field(default_factory=dict)
+    condition: float = 1.0
+
+    def fail(self, reason: str, *quantities: str) -> None:
+        """Give up on quantities, with the reason."""
+        for quantity in quantities or QUANTITIES:
+            self.errors[quantity] = math.nan
+            self.reasons.setdefault(quantity, reason)
+
+    def compare(self, quantity: str, a: np.ndarray, b: np.ndarray, scale: float) -> None:
+        """Take in one comparison of the model's `a` with the twin's `b`."""
+        a, b = np.asarray(a, float), np.asarray(b, float)
+        if a.shape != b.shape:
+            self.fail(f"shape {a.shape} of the model, {b.shape} of the twin", quantity)
+        elif not (np.isfinite(a).all() and np.isfinite(b).all()):
+            whose = "twin" if np.isfinite(a).all() else "model"
+            self.fail(f"a number of the {whose} is not finite", quantity)
+        elif quantity not in self.reasons:
+            self.errors[quantity] = max(self.errors[quantity], relative_error(a, b, scale))
+
+    @contextmanager
+    def guard(self, *quantities: str) -> Iterator[None]:
+        """Turn whatever an engine raises into the failure of `quantities`."""
+        try:
+            with np.errstate(all="ignore"):
+                yield
+        except (SoftdynError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            self.fail(str(error), *quantities)
+
+
+def relative_error(a: np.ndarray, b: np.ndarray, scale: float) -> float:
+    """max|a - b| / max(|a|, |b|, scale); zero where both are zero or empty."""
+    difference = float(np.abs(a - b).max(initial=0.0))
+    size = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0), scale)
+    return difference / float(size) if difference else 0.0
+
+
+def crosscheck(
+    model: SoftModel,
+    twin: Twin | None = None,
+    *,
+    samples: int = 20,
+    seed: int = 0,
+    trajectories: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> CrossCheck:
+    """Compare a model with its twin, or with the twin of another file.
+
+    Parameters
+    ----------
+    model : the analytic model.
+    twin : built from the model's own file unless given. Only its MuJoCo model is used, a copy of
+        it: no state of the twin changes.
+    samples : number of random states.
+    seed : of the random states and inputs.
+    trajectories : whether to compare them too, which takes most of the time.
+    progress : called with a word on what is being done.
+
+    Returns
+    -------
+    CrossCheck
+        Differences, crashes and misfits of the twin are failed checks, never exceptions.
+
+    Raises
+    ------
+    InputError
+        For fewer than one sample.
+    UrdfError
+        When the twin of the model's own file cannot be built.
+    """
+    if not isinstance(samples, int) or samples < 1:
+        raise InputError("samples", "an integer >= 1", samples)
+    twin = Twin(model, limits=False) if twin is None else twin
+    tally = Tally()
+    runs: tuple[Run, ...] = ()
+    ladders: tuple[Ladder, ...] = ()
+    try:
+        judge = Judge(twin, StateMap(model, twin))
+    except InputError as error:
+        tally.fail(str(error))
+    else:
+        if judge.nu != model.nu:
+            reason = f"{model.nu} actuators of the model, {judge.nu} of the twin"
+            tally.fail(reason, "B", "qdd", "trajectory")
+        rng = np.random.default_rng(seed)
+        for k in range(samples):
+            if progress:
+                progress(f"state {k + 1} of {samples}")
+            _compare_at(
+                tally, model, judge, *random_state(model, rng), rng.uniform(*input_window(model))
+            )
+        if trajectories and "trajectory" not in tally.reasons:
+            with tally.guard("trajectory"):
+                runs, ladders = compare_trajectories(model, judge, rng, progress)
+                errors = [run.max_error for run in runs]
+                errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
+                tally.errors["trajectory"] = float(np.max(errors))
+    tolerances = _tolerances(model)
+    checks = tuple(
+        Check(name, tally.errors[name], tolerances[name], SCALES[name], tally.reasons.get(name, ""))
+        for name in (QUANTITIES if trajectories else QUANTITIES[:-1])
+    )
+    return CrossCheck(
+        model.name, model.nv, model.nu, samples, seed, checks, tally.condition, runs, ladders
+    )
+
+
+def _tolerances(model: SoftModel) -> dict[str, float]:
+    """Tolerance of each quantity; what spatial tendons enter gets the wider one."""
+    found = dict.fromkeys(QUANTITIES, TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
+    spatial = [tendon for tendon in model.robot.tendons if tendon.sites]
+    driven = {actuator.tendon for actuator in model.robot.actuators}
+    for quantity, enters in (
+        ("B", any(tendon.name in driven for tendon in spatial)),
+        ("K", any(tendon.stiffness for tendon in spatial)),
+        ("D", any(tendon.damping for tendon in spatial)),
+    ):
+        if enters:
+            found[quantity] = TOLERANCE_SPATIAL
+    return found
+
+
+def random_state(model: SoftModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A random configuration q (nq,) inside the limits and velocity v (nv,).
+
+    Unlimited joints, and limits further out than that, are drawn within ±π (rad or m).
+    """
+    lower, upper = window(model)
+    q = model.configuration(rng.uniform(lower, upper))
+    reach = SPEED * np.clip(upper - lower, 0.1, 1.0)
+    return q, rng.uniform(-reach, reach)
+
+
+def window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper (nv,) coordinates to draw from."""
+    lower, upper = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
+    outside = lower > upper  # limits that lie beyond ±π altogether
+    return np.where(outside, model.lower, lower), np.where(outside, model.upper, upper)
+
+
+def _compare_at(
+    tally: Tally, model: SoftModel, judge: Judge, q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> None:
+    """Compare every pointwise quantity at one state."""
+    with tally.guard(*QUANTITIES[:-1]):
+        judge.place(q, v)
+        length = model.robot.length or 1.0
+        inertia = float(np.abs(judge.M()).max())
+        gear = max((abs(a.gear) for a in model.robot.actuators), default=0.0)
+        weight = 9.81 * judge.mass * length
+        state = model.state(q, v)
+        speed = float(np.abs(v).max())
+        tally.condition = max(tally.condition, float(np.linalg.cond(state.M)))
+        energy = model.kinetic_energy(q, v) + model.gravity_energy(q) + model.elastic_energy(q)
+        pairs: dict[str, tuple[Any, Callable[[], Any], float]] = {
+            "tip": (state.y, judge.tip, length),
+            "J": (state.J, judge.J, length),
+            "Jdot": (state.Jdot, judge.Jdot, length * speed),
+            "M": (state.M, judge.M, inertia),
+            "bias": (state.bias, judge.bias, inertia),
+            "g": (state.g, judge.g, inertia),
+            "K": (state.K, judge.K, inertia),
+            "D": (state.D, judge.D, inertia),
+            "length": (state.lengths, judge.lengths, length),
+            "energy": (energy, judge.energy, weight),
+        }
+        if judge.nu == model.nu:
+            pairs["B"] = (state.B, judge.B, gear * length)
+            qdd = model.forward_dynamics(q, v, u)
+            pairs["qdd"] = (qdd, lambda: judge.qdd(u), 1.0)
+        for quantity, (ours, oracle, scale) in pairs.items():
+            with tally.guard(quantity):
+                tally.compare(quantity, ours, oracle(), scale)
+
+
+def finite(value: float) -> float | None:
+    """`value`, or None where JSON has no word for it."""
+    return value if math.isfinite(value) else None

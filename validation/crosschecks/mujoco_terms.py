@@ -1,0 +1,241 @@
+"""MuJoCo's own answer to each term of the dynamics, in the model's order of joints.
+
+Each answer comes from MuJoCo's pipeline alone: forces of unit velocities and unit inputs give D and
+B column by column, the parts of its passive forces give K and D, `mj_jacDot` gives J̇.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+
+from softdyn.validation.twin.free_base import rk4_on_rotations
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import INTEGRATORS, Twin, check_warnings, disabled
+
+
+class Judge:
+    """A twin stripped to its smooth dynamics: no limits, contacts, friction or input clamp.
+
+    Parameters
+    ----------
+    twin : where the MuJoCo model comes from; it is copied.
+    states : the convention map from the model's states to the twin's.
+
+    Attributes
+    ----------
+    nu, mass : number of actuators, mass of all moving bodies (kg).
+    """
+
+    def __init__(self, twin: Twin, states: StateMap) -> None:
+        self.states = states
+        self._model = copy.copy(twin.model)
+        self._site = twin.task_site
+        self._data = mujoco.MjData(self._model)
+        off = disabled(limits=False, contacts=False, friction=False)
+        off |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+        self._model.opt.disableflags = off
+        self._model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        self.nv, self.nu = len(states.dofs), self._model.nu
+        self._tied = self.nv < self._model.nv
+        paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
+        self._damping_varies = paths and bool(self._model.tendon_damping.any())
+        self.mass = float(self._model.body_mass[1:].sum())
+
+    # -- at one state --------------------------------------------------------------------------
+
+    def place(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Go to the model's state q (nq,), v (nv,)."""
+        qpos, self._qvel = self.states.to_twin(q, v)
+        self._v = np.array(v, float)
+        self._map = self.states.velocity_map(qpos)
+        self._rate = self.states.velocity_map_rate(qpos, self._qvel)
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(self._model, self._data)
+        self._velocity(self._qvel)
+
+    def _velocity(self, qvel: np.ndarray) -> None:
+        self._data.qvel[:] = qvel
+        mujoco.mj_fwdVelocity(self._model, self._data)
+
+    def tip(self) -> np.ndarray:
+        """Task frame in the world (3,), m."""
+        return self._data.site_xpos[self._site].copy()
+
+    def J(self) -> np.ndarray:
+        """Linear Jacobian of the tip (3, nv)."""
+        return self._J() @ self._map
+
+    def _J(self) -> np.ndarray:
+        jacobian = np.zeros((3, self._model.nv))
+        mujoco.mj_jacSite(self._model, self._data, jacobian, None, self._site)
+        return jacobian
+
+    def Jdot(self) -> np.ndarray:
+        """Time derivative (3, nv) of J."""
+        jacobian = np.zeros((3, self._model.nv))
+        body = self._model.site_bodyid[self._site]
+        point = self._data.site_xpos[self._site]
+        mujoco.mj_jacDot(self._model, self._data, jacobian, None, point, body)
+        return jacobian @ self._map + self._J() @ self._rate
+
+    def M(self) -> np.ndarray:
+        """Mass matrix (nv, nv)."""
+        return self._map.T @ self._M() @ self._map
+
+    def _M(self) -> np.ndarray:
+        matrix = np.zeros((self._model.nv, self._model.nv))
+        mujoco.mj_fullM(self._model, self._data, matrix)
+        return matrix
+
+    def bias(self) -> np.ndarray:
+        """C q̇ + g (nv,), with what M does to the twin's own accelerations at constant v."""
+        return self._map.T @ (self._data.qfrc_bias + self._M() @ (self._rate @ self._v))
+
+    def g(self) -> np.ndarray:
+        """Gravity force (nv,): the bias at rest."""
+        self._velocity(np.zeros(self._model.nv))
+        gravity = self._map.T @ self._data.qfrc_bias
+        self._velocity(self._qvel)
+        return gravity
+
+    def K(self) -> np.ndarray:
+        """Spring forces (nv,) of joints and tendons, on the left-hand side."""
+        return -self._map.T @ self._data.qfrc_spring
+
+    def D(self) -> np.ndarray:
+        """Damping matrix (nv, nv): minus the damper forces of unit velocities."""
+        matrix = np.zeros((self.nv, self.nv))
+        for k, column in enumerate(self._map.T):
+            self._velocity(column)
+            matrix[:, k] = -self._map.T @ self._data.qfrc_damper
+        self._velocity(self._qvel)
+        return matrix
+
+    def B(self) -> np.ndarray:
+        """Input matrix (nv, nu): the generalized forces of unit inputs."""
+        matrix = np.zeros((self.nv, self.nu))
+        for k in range(self.nu):
+            self._data.ctrl[:] = np.eye(self.nu)[k]
+            mujoco.mj_fwdActuation(self._model, self._data)
+            matrix[:, k] = self._map.T @ self._data.qfrc_actuator
+        self._data.ctrl[:] = 0.0
+        return matrix
+
+    def lengths(self) -> np.ndarray:
+        """Tendon lengths (tendons,)."""
+        return self._data.ten_length.copy()
+
+    def qdd(self, u: np.ndarray) -> np.ndarray:
+        """Acceleration (nv,) under the input u (nu,).
+
+        MuJoCo's own; where followers are held, that of its projected forces and mass matrix.
+        """
+        self._data.ctrl[:] = u
+        mujoco.mj_forward(self._model, self._data)
+        check_warnings(self._data)
+        if not self._tied:
+            return self._map.T @ (self._data.qacc - self._rate @ self._v)
+        return np.linalg.solve(self.M(), self._map.T @ self._data.qfrc_smooth - self._turning())
+
+    def _turning(self) -> np.ndarray:
+        """Pᵀ M Ṗ v (nv,)."""
+        return self._map.T @ (self._M() @ (self._rate @ self._v))
+
+    def energy(self) -> float:
+        """Kinetic and potential energy with that of all springs (J)."""
+        mujoco.mj_energyPos(self._model, self._data)
+        mujoco.mj_energyVel(self._model, self._data)
+        return float(self._data.energy.sum())
+
+    # -- along time ----------------------------------------------------------------------------
+
+    def start(self, q: np.ndarray, v: np.ndarray, integrator: str, step: float) -> None:
+        """Prepare to `follow` a trajectory from the model's state with a scheme and a step (s)."""
+        self._model.opt.integrator = INTEGRATORS[integrator]
+        self._model.opt.timestep = step
+        self._damping: np.ndarray | None = None
+        self._step = self._tied_rk4 if integrator == "rk4" else self._tied_implicit
+        self.place(q, v)
+
+    def follow(
+        self, inputs: Sequence[np.ndarray], holds: Sequence[int]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Integrate each input (nu,) for its number of steps.
+
+        MuJoCo integrates, but where followers are held: there the judge does, by the same schemes,
+        with MuJoCo's forces, mass matrix and update of positions.
+
+        Yields
+        ------
+        Coordinates (nv,), angles not wrapped, and velocities (nv,) after each hold, in the model's
+        conventions.
+
+        Raises
+        ------
+        SimulationError
+            The state blew up.
+        """
+        data = self._data
+        for u, steps in zip(inputs, holds, strict=True):
+            data.ctrl[:] = u
+            if self._tied:
+                for _ in range(steps):
+                    self._step(self._model.opt.timestep)
+            else:
+                mujoco.mj_step(self._model, data, steps)
+            check_warnings(data)
+            yield self.states.coordinates(data.qpos), self.states.from_twin(data.qpos, data.qvel)[1]
+
+    # Velocities of a tied robot, w = v but for a floating base, where w is MuJoCo's velocity in the
+    # world's axes: qvel = E w with E constant, so that qacc = E ẇ and M̃ = Eᵀ M E, f̃ = Eᵀ f.
+
+    def _tied_forces(self, qpos: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mass matrix (nv, nv) and all forces (nv,) on the tied robot."""
+        data, E = self._data, self.states.ties
+        data.qpos[:], data.qvel[:] = qpos, E @ w
+        mujoco.mj_forward(self._model, data)
+        check_warnings(data)
+        return E.T @ self._M() @ E, E.T @ data.qfrc_smooth
+
+    def _moved(self, qpos: np.ndarray, w: np.ndarray, h: float) -> np.ndarray:
+        moved = qpos.copy()
+        mujoco.mj_integratePos(self._model, moved, self.states.ties @ w, h)
+        return moved
+
+    def _tied_rk4(self, h: float) -> None:
+        self._arrive(
+            *rk4_on_rotations(
+                self._data.qpos.copy(),
+                self._data.qvel[self.states.dofs],
+                h,
+                lambda qpos, w: np.linalg.solve(*self._tied_forces(qpos, w)),
+                lambda qpos, moved: self._moved(qpos, moved, 1.0),
+                slice(3, 6) if self.states.floating else slice(0),
+            )
+        )
+
+    def _tied_implicit(self, h: float) -> None:
+        qpos, w = self._data.qpos.copy(), self._data.qvel[self.states.dofs]
+        M, force = self._tied_forces(qpos, w)
+        if self._damping is None or self._damping_varies:
+            self._damping = self._tied_damping()
+        w = w + h * np.linalg.solve(M + h * self._damping, force)
+        self._arrive(self._moved(qpos, w, h), w)
+
+    def _tied_damping(self) -> np.ndarray:
+        """Eᵀ D E (nv, nv) at the present position."""
+        E, before = self.states.ties, self._data.qvel.copy()
+        matrix = np.zeros((self.nv, self.nv))
+        for k, column in enumerate(E.T):
+            self._velocity(column)
+            matrix[:, k] = -E.T @ self._data.qfrc_damper
+        self._velocity(before)
+        return matrix
+
+    def _arrive(self, qpos: np.ndarray, w: np.ndarray) -> None:
+        self._data.qpos[:], self._data.qvel[:] = qpos, self.states.ties @ w

@@ -1,0 +1,67 @@
+"""The twin's verdict on an equilibrium: does the robot stay there with the input frozen?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.checks import number
+from softdyn.statics import Equilibrium
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import SimulationError, Twin
+
+SAMPLE = 0.01  # s between looks at the tip
+NUDGE_SEED = 0
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How far the tip went from where it was put (m).
+
+    Attributes
+    ----------
+    largest, final : over the run, and at its end; infinite when the simulation stopped.
+    """
+
+    largest: float
+    final: float
+
+
+def hold(
+    equilibrium: Equilibrium,
+    duration: float = 10.0,
+    *,
+    timestep: float = 5e-4,
+    nudge: float = 0.0,
+) -> Drift:
+    """Put the twin, joint limits on, at an equilibrium at rest and hold the input.
+
+    Parameters
+    ----------
+    duration : of the run (s).
+    timestep : of the plant (s).
+    nudge : standard deviation of random joint displacements at the start, in rad or in parts of
+        a shorter stroke: an exact unstable equilibrium would otherwise only be left through
+        rounding.
+    """
+    model = equilibrium.model
+    steps = max(1, round(SAMPLE / number("timestep", timestep, above=0.0)))
+    samples = math.ceil(number("duration", duration, above=0.0) / (steps * timestep) - 1e-9)
+    twin = Twin(model, timestep=timestep)
+    at = model.coordinates(equilibrium.q)
+    span = np.minimum(model.upper - model.lower, 1.0)
+    off = nudge * span * np.random.default_rng(NUDGE_SEED).normal(size=model.nv)
+    off = np.clip(at + off, model.lower, model.upper) - at
+    start = model.integrate(equilibrium.q, np.where(equilibrium.held, 0.0, off))
+    twin.set_state(*StateMap(model, twin).to_twin(start, np.zeros(model.nv)))
+    largest = final = 0.0
+    for _ in range(samples):
+        try:
+            twin.advance(equilibrium.u, steps)
+        except SimulationError:
+            return Drift(math.inf, math.inf)
+        final = float(np.linalg.norm(twin.tip - equilibrium.y))
+        largest = max(largest, final)
+    return Drift(largest, final)

@@ -1,0 +1,311 @@
+"""Both engines along time: same scheme, same step, same inputs.
+
+Two exact copies of one system part company at the rate at which it amplifies rounding: an undamped
+chain of a dozen links is chaotic and forgets its initial state within seconds. So undamped robots
+are followed for a quarter of a second, and every comparison ends where the system itself, started
+1e-8 apart, has amplified the distance a thousandfold. The ladders say what agreement at one step
+cannot: that both engines converge to the same motion, at the order of the scheme.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from softdyn.dynamics.integrators import step_implicit, step_rk4
+from softdyn.dynamics.model import SoftModel
+from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.twin.free_base import step_free_implicit, step_free_rk4
+from softdyn.validation.twin.twin import SimulationError
+
+Start = tuple[np.ndarray, np.ndarray]
+SCHEMES = {"rk4": (step_rk4, "rk4", 4), "implicit": (step_implicit, "implicitfast", 1)}
+FREE_STEPS = {"rk4": step_free_rk4, "implicit": step_free_implicit}
+HORIZON = 1.0  # s, of a robot whose every joint is damped
+HORIZON_UNDAMPED = 0.25
+STEP = 5e-4  # s, at most
+MOST_STEPS = {"implicit": 2000, "rk4": 400}
+HOLD = 40  # steps an input is held
+MOST_INPUT = 1e3
+NUDGE = 1e-8
+GROWTH = 1e3
+RUNGS = 3
+RUNG_STEPS = 48
+
+
+@dataclass(frozen=True)
+class Run:
+    """One trajectory in both engines; `duration` (s) says how far it was followed, `why` why so."""
+
+    name: str
+    scheme: str
+    step: float
+    duration: float
+    max_error: float
+    why: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step size: the engines' difference, our distance from the limit, the order observed.
+
+    `order` compares with the rung before and is None where rounding hides the truncation error.
+    """
+
+    step: float
+    engine_error: float
+    truncation_error: float
+    order: float | None
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Step halving of one scheme over `duration` (s)."""
+
+    scheme: str
+    expected_order: int
+    duration: float
+    rungs: tuple[Rung, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain data."""
+        return {**vars(self), "rungs": [dict(vars(rung)) for rung in self.rungs]}
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How fast a robot moves by itself.
+
+    Attributes
+    ----------
+    damping : λmax(M⁻¹D), 1/s.
+    motion : the fastest of all else (springs, gravity, speed), 1/s.
+    damped : whether every joint is damped, so that rounding dies out.
+    """
+
+    damping: float
+    motion: float
+    damped: bool
+
+
+def compare_trajectories(
+    model: SoftModel,
+    judge: Judge,
+    rng: np.random.Generator,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[tuple[Run, ...], tuple[Ladder, ...]]:
+    """Free and forced runs with every scheme the two engines share, and their ladders.
+
+    Raises
+    ------
+    SimulationError, InputError, LinAlgError
+        A trajectory that left the finite numbers.
+    """
+    start = _start(model, rng)
+    rates = _rates(model, *start)
+    # MuJoCo's implicit schemes drop damping between branches, and of a free body that carries
+    # nothing they treat the gyroscopic force implicitly: no scheme that both engines share
+    alone = model.robot.floating and not model.robot.moving_joints
+    schemes = ["implicit", "rk4"]
+    if alone or damping_couples_branches(model, *start):
+        schemes = ["rk4"]
+    runs, ladders = [], []
+    for scheme in schemes:
+        for name, share in (("free", 0.0), ("forced", _share(model, *start))):
+            if share or name == "free":
+                if progress:
+                    progress(f"{name} trajectory, {scheme}")
+                runs.append(_run(model, judge, name, scheme, rates, start, share, rng))
+        if progress:
+            progress(f"step halving, {scheme}")
+        ladders.append(_ladder(model, judge, scheme, rates, start))
+    return tuple(runs), tuple(ladders)
+
+
+def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> bool:
+    """Whether tendon damping acts between joints of which neither carries the other.
+
+    MuJoCo's implicit schemes store M + h D in the sparsity of M and drop such terms.
+    """
+    if model.robot.followers:  # held there by the judge, who drops nothing
+        return False
+    parents = {joint.name: joint.parent for joint in model.robot.joints}
+    free = model.nv - len(parents.keys() & set(model.joint_names))  # a floating base carries all
+    names = model.joint_names[free:]
+    below = [{joint.name for joint in model.robot.chain(parents[name])} for name in names]
+    D = model.state(q, v).D[free:, free:]
+    return any(
+        D[i, j] != 0.0 and names[i] not in below[j] and names[j] not in below[i]
+        for i in range(len(names))
+        for j in range(i)
+    )
+
+
+def distance(a: Start, b: Start, circular: np.ndarray) -> float:
+    """Larger of the relative distances of positions and velocities, angles of circles mod 2π.
+
+    Relative to the largest entry, 1 rad (m) and 1 rad/s (m/s).
+    """
+    turn = np.where(circular, 2 * np.pi, np.inf)
+    gaps = a[0] - b[0]
+    gaps = np.where(circular, np.remainder(gaps + np.pi, 2 * np.pi) - np.pi, gaps)
+    sizes = np.minimum(np.abs(a[0]), turn).max(), np.minimum(np.abs(b[0]), turn).max()
+    position = np.abs(gaps).max() / max(*sizes, 1.0)
+    speed = max(np.abs(a[1]).max(), np.abs(b[1]).max(), 1.0)
+    return float(np.maximum(position, np.abs(a[1] - b[1]).max() / speed))
+
+
+def input_window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper (nu,) inputs to draw from: the bounds, within ±1000 where they are wider."""
+    lower, upper = np.clip([model.u_min, model.u_max], -MOST_INPUT, MOST_INPUT)
+    return lower, upper
+
+
+def _scheme(model: SoftModel, name: str) -> tuple[Callable[..., Start], str, int]:
+    """Our step, the integrator it is held against, and its order."""
+    step, integrator, order = SCHEMES[name]
+    return FREE_STEPS[name] if model.robot.floating else step, integrator, order
+
+
+def _start(model: SoftModel, rng: np.random.Generator) -> Start:
+    """A state in the middle half of the limits, within ±π/4, moving gently."""
+    lower, upper = np.maximum(model.lower, -np.pi / 4), np.minimum(model.upper, np.pi / 4)
+    lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
+    middle, half = (lower + upper) / 2, (upper - lower) / 4
+    reach = np.clip(upper - lower, 0.1, 1.0) / 2
+    q = model.configuration(middle + half * rng.uniform(-1, 1, model.nv))
+    return q, reach * rng.uniform(-1, 1, model.nv)
+
+
+def _rates(model: SoftModel, q: np.ndarray, v: np.ndarray) -> Rates:
+    """Fastest decay, and fastest of springs, speeds and the pull of gravity."""
+    state = model.state(q, v)
+    damping = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, state.D))).max()
+    springs = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, model.tangent_stiffness(q)))).max()
+    pull = np.abs(np.linalg.solve(state.M, state.bias + state.K)).max()
+    motion = max(np.sqrt(springs), np.sqrt(pull), np.abs(v).max(), 1.0)
+    return Rates(float(damping), float(motion), bool((np.diag(state.D) > 0).all()))
+
+
+def _share(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
+    """Share of the input range that about doubles the forces at work, at most all of it."""
+    if not model.nu:
+        return 0.0
+    state = model.state(q, v)
+    most = np.abs(state.B) @ np.abs(input_window(model)).max(axis=0)
+    pull = np.abs(state.bias + state.K).max()
+    return float(min(1.0, max(pull, 1e-3) / max(most.max(), 1e-300)))
+
+
+def _run(
+    model: SoftModel,
+    judge: Judge,
+    name: str,
+    scheme: str,
+    rates: Rates,
+    start: Start,
+    share: float,
+    rng: np.random.Generator,
+) -> Run:
+    """Follow one trajectory in both engines, input by input."""
+    step_model, integrator, _ = _scheme(model, scheme)
+    fastest = rates.motion if scheme == "implicit" else max(rates.damping, rates.motion)
+    step = min(STEP, 0.5 / fastest)
+    wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
+    total = min(wanted, MOST_STEPS[scheme])
+    holds = [min(HOLD, total - done) for done in range(0, total, HOLD)]
+    lower, upper = input_window(model)
+    inputs = [share * rng.uniform(lower, upper) for _ in holds]
+
+    judge.start(*start, integrator, step)
+    marks = _until_failure(judge.follow(inputs, holds))
+    judge.start(*_nudged(model, start), integrator, step)
+    shadow = _until_failure(judge.follow(inputs, holds))
+    circular = circles(model)
+    reach = 0
+    for mark, other in zip(marks, shadow, strict=False):
+        if reach and not distance(mark, other, circular) < GROWTH * NUDGE:
+            break
+        reach += 1
+    if not reach:
+        raise SimulationError(holds[0] * step, f"the {name} trajectory blew up at once")
+
+    (q, v), error = start, 0.0
+    for mark, u, steps in zip(marks[:reach], inputs, holds, strict=False):
+        for _ in range(steps):
+            q, v = step_model(model, q, v, u, step)
+        error = float(np.maximum(error, distance((model.coordinates(q), v), mark, circular)))
+    if reach < len(holds):
+        why = f"beyond it the motion amplifies rounding more than {GROWTH:g} times"
+    else:
+        why = "whole horizon" if total == wanted else "as many steps as the time allows"
+    return Run(name, scheme, step, sum(holds[:reach]) * step, error, why)
+
+
+def _until_failure(marks: Iterator[Start]) -> list[Start]:
+    """The states before the one that cannot be simulated any more."""
+    reached = []
+    with suppress(SimulationError):
+        for mark in marks:
+            reached.append(mark)
+    return reached
+
+
+def _nudged(model: SoftModel, start: Start) -> Start:
+    q, v = start
+    return model.integrate(q, np.full(model.nv, NUDGE)), v + NUDGE
+
+
+def circles(model: SoftModel) -> np.ndarray:
+    """(nv,) bool, true of continuous joints."""
+    kinds = {joint.name: joint.kind for joint in model.robot.joints}
+    return np.array([kinds.get(name) == "continuous" for name in model.joint_names])
+
+
+def _ladder(
+    model: SoftModel,
+    judge: Judge,
+    scheme: str,
+    rates: Rates,
+    start: Start,
+) -> Ladder:
+    """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
+    step_model, integrator, order = _scheme(model, scheme)
+    coarse = min(4e-3, 0.3 / max(rates.damping, rates.motion))
+    rest, circular = np.zeros(model.nu), circles(model)
+    finest = 2 ** (RUNGS - 1)
+    judge.start(*start, "rk4", coarse / (8 * finest))
+    limit = next(judge.follow([rest], [RUNG_STEPS * 8 * finest]))
+    rungs: list[Rung] = []
+    for k in range(RUNGS):
+        step, count = coarse / 2**k, RUNG_STEPS * 2**k
+        q, v = start
+        for _ in range(count):
+            q, v = step_model(model, q, v, rest, step)
+        judge.start(*start, integrator, step)
+        other = next(judge.follow([rest], [count]))
+        ours = model.coordinates(q), v
+        rungs.append(
+            Rung(step, distance(ours, other, circular), distance(ours, limit, circular), None)
+        )
+    return Ladder(scheme, order, RUNG_STEPS * coarse, _with_orders(rungs))
+
+
+def _with_orders(rungs: list[Rung]) -> tuple[Rung, ...]:
+    """The rungs with log2 of each error over the next; none within reach of rounding."""
+    done = rungs[:1]
+    for before, rung in pairwise(rungs):
+        measurable = min(before.truncation_error, rung.truncation_error) > 1e-12
+        order = math.log2(before.truncation_error / rung.truncation_error) if measurable else None
+        done.append(Rung(rung.step, rung.engine_error, rung.truncation_error, order))
+    return tuple(done)

@@ -1,0 +1,1 @@
+"""The closed loop of a controller and a plant, its log and its figures of merit."""

@@ -1,0 +1,175 @@
+"""The record of one closed loop."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError
+from softdyn.validation.files import atomic
+
+FORMAT = "softdyn-log-2"
+# Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
+_SHAPES = {
+    "t": ("samples",),
+    "q": ("samples", "nq"),
+    "v": ("samples", "nv"),
+    "y": ("samples", "space"),
+    "y_ref": ("samples", "space"),
+    "error": ("samples", "space"),
+    "u": ("steps", "nu"),
+    "V": ("steps",),
+    "delta": ("steps",),
+    "status": ("steps",),
+    "step_us": ("steps",),
+    "u_min": ("nu",),
+    "u_max": ("nu",),
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Log:
+    """What happened in a closed loop, and what it was.
+
+    With N control steps done there are N + 1 samples of the plant: one at the start of every
+    hold, ``t[k] = k · period``, and one at the end of the last, which is the run's final state.
+    ``u[k]`` was held from ``t[k]`` to ``t[k + 1]``. Arrays are read-only.
+
+    Attributes
+    ----------
+    t : (N + 1,) time (s).
+    q, v : (N + 1, nq), (N + 1, nv) the plant's state in the model's convention.
+    y, y_ref, error : (N + 1, 3) tip, reference and ``y - y_ref`` (m).
+    u : (N, nu) the input the plant got, inside its bounds.
+    V, delta : (N,) Lyapunov function and relaxation; NaN from a controller that has none.
+    status : (N,) text, empty from a controller that has none.
+    step_us : (N,) time of the control step, (q, v) → State → u (µs).
+    u_min, u_max : (nu,) the bounds of u.
+    u_unit : what one of u is, e.g. ``0.1 N m``.
+    robot, controller : names.
+    kind, theta, omega : the experiment's, None for a plain reference.
+    duration, period, timestep : planned length of the run, control period, plant step (s).
+    length : the robot's length (m), None when unknown.
+    joint_names : the order of v.
+    contacts : whether links could touch.
+    complete : whether the run reached its end.
+    failed, reason : whether it counts as failed (see `closed_loop`), and why.
+    not_solved, fallbacks : the controller's counts over this run.
+    max_bound_violation : largest violation of the input bounds by an answer, before clipping.
+    gains : the controller's, None if it does not expose them.
+    versions : of the packages that made this run.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    y: np.ndarray
+    y_ref: np.ndarray
+    error: np.ndarray
+    u: np.ndarray
+    V: np.ndarray
+    delta: np.ndarray
+    status: np.ndarray
+    step_us: np.ndarray
+    u_min: np.ndarray
+    u_max: np.ndarray
+    u_unit: str
+    robot: str
+    controller: str
+    kind: str | None
+    theta: float | None
+    omega: float | None
+    duration: float
+    period: float
+    timestep: float
+    length: float | None
+    joint_names: tuple[str, ...]
+    contacts: bool
+    complete: bool
+    failed: bool
+    reason: str | None
+    not_solved: int
+    fallbacks: int
+    max_bound_violation: float
+    gains: Any
+    versions: dict[str, str]
+
+    def __post_init__(self) -> None:
+        for name in _SHAPES:
+            getattr(self, name).flags.writeable = False
+
+    def __repr__(self) -> str:
+        outcome = f"failed: {self.reason}" if self.failed else "done"
+        return f"Log({self.robot}, {self.controller}, {self.steps} steps, {outcome})"
+
+    @property
+    def steps(self) -> int:
+        """Number N of control steps done."""
+        return len(self.u)
+
+    def save(self, path: str | Path) -> None:
+        """Write the log as a compressed NPZ file, whole or not at all.
+
+        Raises
+        ------
+        InputError
+            When nothing can be written there.
+        """
+        arrays = {name: getattr(self, name) for name in _SHAPES}
+        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _SHAPES}
+        text = json.dumps({"format": FORMAT, **about})
+        with atomic(path) as file:
+            np.savez_compressed(file, about=np.array(text), **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read a log exactly as it was saved.
+
+        Raises
+        ------
+        InputError
+            When the file cannot be read or is not a whole, consistent log.
+        """
+        where = str(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                about = json.loads(str(file["about"]))
+                known = _format(about) == FORMAT
+                content = {name: file[name] for name in _SHAPES} if known else {}
+        except OSError as error:
+            raise InputError(where, "a readable log", error.strerror or error) from None
+        except (KeyError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as e:
+            raise InputError(where, f"a log of format {FORMAT}", e) from None
+        _check(where, content, about)
+        about.pop("format")
+        return cls(**content, **{**about, "joint_names": tuple(about["joint_names"])})
+
+
+def _format(about: Any) -> Any:
+    return about.get("format") if isinstance(about, dict) else None
+
+
+def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
+    """Refuse what `Log.save` cannot have written, logs of other versions too."""
+    if _format(about) != FORMAT:
+        raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
+    names = {"format"} | {f.name for f in fields(Log)} - set(_SHAPES)
+    if set(about) != names:
+        raise InputError(where, f"entries {sorted(names)}", sorted(about))
+    joints = about["joint_names"]
+    if not isinstance(joints, list):
+        raise InputError(where, "a list of joint names", joints)
+    size = {"space": 3, "nv": len(joints), "samples": arrays["t"].size}
+    size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
+    for name, axes in _SHAPES.items():
+        shape = arrays[name].shape
+        expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))
+        if len(shape) != len(axes) or shape != expected:
+            raise InputError(where, f"{name} of shape ({', '.join(axes)})", f"shape {shape}")
+        if arrays[name].dtype.kind != ("U" if name == "status" else "f"):
+            raise InputError(where, f"{name} of its own type", f"type {arrays[name].dtype}")

@@ -1,0 +1,225 @@
+"""The paper's figures, each a function of the runs it may show; None where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from softdyn.validation.report import plot_style as look
+from softdyn.validation.report.plot_data import (
+    EXAMPLE,
+    OURS,
+    Run,
+    distinct,
+    lyapunov_band,
+    main_controller,
+    of,
+    preferred,
+    thin,
+    thin_path,
+)
+
+TICKS = 4  # at most, on a small panel's axis
+FINEST = 1e-4  # cm; errors below a micrometre are drawn as one
+PATH_TOLERANCE = 0.02  # cm; what paths are simplified by, less than a printed dot
+REFERENCE_WIDTH = 3.5
+WILD_LENGTHS, WILD_DECADES = 8.0, 60.0  # a curve that goes farther than that up and down is wild
+
+
+def lyapunov(runs: Sequence[Run], kind: str) -> Figure | None:
+    """V/V(0) over time, one curve and band a robot (the paper's Figs. clf_set, clf_tracking).
+
+    Trajectories last as long as their rate says, so their time counts in cycles.
+    """
+    name, runs = main_controller(of(runs, kind=kind))
+    colours = look.looks(distinct(runs, "robot"), look.ROBOTS)
+    bands = {robot: lyapunov_band(of(runs, robot)) for robot in distinct(runs, "robot")}
+    shown = {robot: band for robot, band in bands.items() if band is not None}
+    if not shown:
+        return None
+    span = 2.0 if kind == "tracking" else max(run.duration for run in runs)
+    figure, ((axes,),) = look.panels(1, 1, look.COLUMN, 2.5)
+    handles = []
+    for robot, band in shown.items():
+        colour, dashes = colours[robot]
+        axes.fill_between(span * band.s, band.low, band.high, color=colour, alpha=0.16, linewidth=0)
+        axes.semilogy(span * band.s, band.mean, color=colour, linestyle=dashes)
+        for s, value in band.ends:
+            axes.plot(span * s, value, color=colour, **look.FAILED)
+        handles.append(look.handle(look.robot_title(robot), colours[robot]))
+    if any(band.ends for band in shown.values()):
+        handles.append(look.failed_handle())
+    axes.set_xlabel("Time (cycles of the reference)" if kind == "tracking" else look.TIME)
+    axes.set_ylabel(r"$V(t)\,/\,V(0)$  (–)")
+    axes.set_xlim(0, span)
+    axes.xaxis.set_major_locator(MaxNLocator(2 * TICKS, steps=[1, 2, 5, 10]))
+    log_ticks(axes)
+    look.legend_above(figure, handles)
+    axes.set_title(f"{look.controller_title(name)}: geometric mean and range", loc="left")
+    return figure
+
+
+def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
+    """A robot's tip in x–z from rest to each set point (the paper's Fig. spirob_error)."""
+    _, runs = main_controller(of(runs, robot, kind="set_point"))
+    if not runs:
+        return None
+    width = max(look.COLUMN, 1.7 * len(runs) + 0.36)
+    spans = [np.ptp(np.vstack([run.y, run.y_ref])[:, [0, 2]], axis=0) for run in runs]
+    x, z = np.maximum(np.max(spans, axis=0), 1e-3)
+    height = np.clip((width - 0.9) / len(runs) * z / x, 0.8, 3.0) + 1.0
+    figure, (row,) = look.panels(1, len(runs), width, float(height), sharex=True, sharey=True)
+    longest = max(run.duration for run in runs)
+    norm = PowerNorm(0.4, 0, longest)  # most happens at the beginning
+    for i, (axes, run) in enumerate(zip(row, runs, strict=True)):
+        kept = thin_path(run.y[:, [0, 2]], PATH_TOLERANCE)
+        points = run.y[kept][:, [0, 2]]
+        (x, z), end = points[0], points[-1]
+        lines = LineCollection(
+            list(np.stack((points[:-1], points[1:]), axis=1)), array=run.t[kept][:-1], norm=norm,
+            cmap="viridis", capstyle="round", linewidth=1.4,
+        )  # fmt: skip
+        axes.add_collection(lines)
+        axes.plot(x, z, "o", color=look.BLACK, markerfacecolor="white", zorder=3)
+        axes.plot(*run.y_ref[-1, [0, 2]], "+", color=look.VERMILLION, markersize=9, mew=1.4)
+        if run.failed:
+            axes.plot(*end, color=look.NEUTRAL, **look.FAILED)
+        axes.set_aspect("equal")
+        final = (
+            f"‖e(T)‖ = {run.error[-1]:.2g} cm" if run.complete else f"ended at {run.t[-1]:.2g} s"
+        )
+        title = look.experiment_title("set_point", run.case.value)
+        look.letter(axes, i, f"{title}\n{final}")
+        axes.set_xlabel("x (cm)")
+        axes.xaxis.set_major_locator(MaxNLocator(TICKS))
+    row[0].set_ylabel("z (cm)")
+    bar = figure.colorbar(lines, ax=row, label=look.TIME, pad=0.01, aspect=25)
+    bar.set_ticks([longest * part for part in (0, 0.05, 0.1, 0.2, 0.5, 1)])
+    handles = [
+        look.handle("rest", (look.BLACK, ""), marker="o", markerfacecolor="white"),
+        look.handle(
+            "target $(x_d, z_d)$", (look.VERMILLION, ""), marker="+", markersize=9, mew=1.4
+        ),
+        *([look.failed_handle()] if any(run.failed for run in runs) else []),
+    ]
+    look.legend_above(figure, handles)
+    return figure
+
+
+def tracking(runs: Sequence[Run]) -> Figure | None:
+    """Tip paths of the second cycle, a panel a robot, a line a controller (Fig. tracking)."""
+    runs = of(runs, kind="tracking")
+    if not runs:
+        return None
+    rate = preferred(distinct(runs, "value"), EXAMPLE["tracking"])
+    runs = of(runs, value=rate)
+    robots, controllers = distinct(runs, "robot"), distinct(runs, "controller")
+    colours = look.looks(controllers, look.CONTROLLERS)
+    figure, (row,) = look.panels(1, len(robots), max(look.COLUMN, 2.387 * len(robots)), 2.9)
+    for i, (axes, robot) in enumerate(zip(row, robots, strict=True)):
+        draw_second_cycles(axes, of(runs, robot), colours)
+        look.letter(axes, i, look.robot_title(robot))
+    row[0].set_ylabel("z (cm)")
+    title = f"reference, {look.experiment_title('tracking', rate)}"
+    handles = [look.handle(title, (look.REFERENCE, "-"), linewidth=REFERENCE_WIDTH)]
+    handles += [look.handle(look.controller_title(name), colours[name]) for name in controllers]
+    if any(run.failed for run in runs):
+        handles.append(look.failed_handle())
+    look.legend_above(figure, handles)
+    return figure
+
+
+def draw_second_cycles(axes: Axes, runs: Sequence[Run], colours: dict[str, Any]) -> None:
+    """One robot's reference and tips from half of the planned duration on."""
+    reference = max(runs, key=lambda run: len(run.t)).y_ref[:, [0, 2]]
+    axes.plot(*reference.T, color=look.REFERENCE, linewidth=REFERENCE_WIDTH, zorder=1)
+    early = []
+    for run in runs:
+        name = run.case.controller
+        second = run.t >= run.duration / 2 * (1 - 1e-9)
+        if not second.any():
+            early.append(f"{look.controller_title(name)}, {run.t[-1]:.2g} s")
+            continue
+        path = run.y[second][:, [0, 2]]
+        path = path[thin_path(path, PATH_TOLERANCE)]
+        wild = length(path) > WILD_LENGTHS * length(reference) / 2
+        colour, dashes = colours[name]
+        axes.plot(*path.T, color=colour, linestyle=dashes, **weight(run, wild))
+        if run.failed:
+            axes.plot(*path[-1], color=colour, zorder=4, **look.FAILED)
+    if early:
+        text = "\n".join(("ended before:", *early))
+        axes.text(0.99, 0.99, text, transform=axes.transAxes, ha="right", va="top", fontsize=6)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x (cm)")
+
+
+def errors(runs: Sequence[Run], kind: str) -> Figure | None:
+    """‖e‖ over time of every run: a row a robot, a column an experiment, a line a controller."""
+    runs = of(runs, kind=kind)
+    if not runs:
+        return None
+    robots, values = distinct(runs, "robot"), distinct(runs, "value")
+    controllers = distinct(runs, "controller")
+    colours = look.looks(controllers, look.CONTROLLERS)
+    least = look.PAGE if len(values) > 2 else look.COLUMN
+    width, height = max(least, 1.36 * len(values) + 0.36), 1.35 * len(robots) + 0.65
+    figure, grid = look.panels(len(robots), len(values), width, height, sharex="col", sharey="row")
+    for row, robot in zip(grid, robots, strict=True):
+        for axes, value in zip(row, values, strict=True):
+            for run in of(runs, robot, value=value):
+                colour, dashes = colours[run.case.controller]
+                error = np.maximum(run.error, FINEST)
+                kept = thin(error, bins=200)
+                wild = np.abs(np.diff(np.log10(error[kept]))).sum() > WILD_DECADES
+                axes.semilogy(
+                    run.t[kept],
+                    error[kept],
+                    color=colour,
+                    linestyle=dashes,
+                    **weight(run, wild),
+                )
+                if run.failed:
+                    axes.plot(run.t[-1], error[-1], color=colour, zorder=4, clip_on=False,
+                              **look.FAILED)  # fmt: skip
+            axes.set_xlim(0, max(run.duration for run in of(runs, value=value)))
+            axes.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
+            log_ticks(axes)
+        row[0].set_ylabel(f"{look.robot_title(robot)}\n‖e‖ (cm)")
+    for axes, value in zip(grid[0], values, strict=True):
+        axes.set_title(look.experiment_title(kind, value))
+    for axes in grid[-1]:
+        axes.set_xlabel(look.TIME)
+    handles = [look.handle(look.controller_title(name), colours[name]) for name in controllers]
+    if any(run.failed for run in runs):
+        handles.append(look.failed_handle())
+    look.legend_above(figure, handles)
+    return figure
+
+
+def weight(run: Run, wild: bool) -> dict[str, Any]:
+    """Width and layer of a run's line: dashes over a wide solid line show both where they agree.
+
+    A `wild` curve would hide all others, so it is thin and behind them.
+    """
+    if wild:
+        return {"linewidth": 0.4, "zorder": 0.8}
+    return {"linewidth": 1.6, "zorder": 2} if run.case.controller == OURS else {"zorder": 3}
+
+
+def length(path: np.ndarray) -> float:
+    """Length of a polygon's chain of points (N, 2)."""
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
+
+
+def log_ticks(axes: Axes) -> None:
+    """Powers of ten, few enough to read."""
+    axes.yaxis.set_major_locator(LogLocator(numticks=6))
+    axes.yaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,305 @@
+"""One page that tells a benchmark's whole result, with a replay behind every picture.
+
+Below the benchmark's folder: ``index.html``, ``replays/ROBOT/CONTROLLER.html`` with all runs of a
+pair, ``replays/meshcat.js`` that these share, and ``thumbnails/``. Everything opens from the file
+system and asks nothing of the network.
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import sys
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from softdyn import SoftModel
+from softdyn.validation.files import write_text
+from softdyn.validation.loop.log import Log
+from softdyn.validation.processes import in_processes
+from softdyn.validation.report import tables
+from softdyn.validation.studies import benchmark
+from softdyn.validation.studies.benchmark import Case, log_path, safe
+from softdyn.validation.studies.fingerprint import load_model
+from softdyn.view.page import library_file
+
+PAGE = "index.html"
+REPLAYS, THUMBNAILS, LIBRARY = "replays", "thumbnails", "meshcat.js"
+RATE = 20.0  # frames a second of the replays: 162 runs must not weigh too much
+FIGURES = {
+    "tracking": "The tip along the ellipse",
+    "convergence_": "Error over time",
+    "error_set_points": "Final errors of the set points",
+    "error_trajectories": "Mean squared errors of the trajectories",
+    "lyapunov_set_points": "Lyapunov function, set points",
+    "lyapunov_trajectories": "Lyapunov function, trajectories",
+    "inputs": "Inputs",
+}
+SHOWN = 0.5  # the set point in the thumbnails, in multiples of π
+
+STYLE = """\
+:root { color-scheme: light dark; --ink: #1d2733; --quiet: #5b6876; --line: #d5dce4; --back: #fff;
+  --card: #f5f7fa; --bad: #b42318; --good: #0b6b3a; --link: #0a5ca8; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e4e9ef; --quiet: #9aa7b5; --line: #35404c;
+  --back: #14191f; --card: #1c232b; --bad: #ff8f80; --good: #6fd39b; --link: #79b8ff; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 16px; max-width: 1180px; background: var(--back); color: var(--ink);
+  font: 15px/1.5 system-ui, sans-serif; }
+h1 { font-size: 24px; margin: 8px 0; } h2 { font-size: 18px; margin: 32px 0 8px; }
+h3 { font-size: 15px; margin: 20px 0 6px; }
+a { color: var(--link); } p, li { max-width: 75ch; } .quiet { color: var(--quiet); }
+.wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; }
+table { border-collapse: collapse; width: 100%; font-size: 14px; }
+th, td { padding: 5px 10px; text-align: right; white-space: nowrap;
+  font-variant-numeric: tabular-nums; }
+th { font-weight: 600; color: var(--quiet); background: var(--card); }
+td { border-top: 1px solid var(--line); } tr.first td { border-top: 2px solid var(--line); }
+th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
+td.bad { color: var(--bad); }
+.grid { display: grid; gap: 10px; grid-template-columns: repeat(auto-fill, minmax(165px, 1fr)); }
+.grid a { display: block; padding: 8px; border: 1px solid var(--line); border-radius: 8px;
+  background: var(--card); color: inherit; text-decoration: none; }
+.grid a:hover, .grid a:focus { border-color: var(--link); }
+.grid img { width: 100%; height: auto; display: block; border-radius: 4px;
+  background: linear-gradient(#fbfdff, #dfe6ef); }
+.grid b { display: block; margin-top: 6px; font-weight: 600; }
+.grid span { display: block; font-size: 13px; color: var(--quiet); }
+.grid .bad { color: var(--bad); }
+figure { margin: 12px 0; padding: 8px; background: #fff; border: 1px solid var(--line);
+  border-radius: 8px; } figure img { max-width: min(100%, 920px); height: auto; display: block;
+  margin: auto; }
+figcaption { color: #444; font-size: 13px; }
+code { background: var(--card); padding: 1px 4px; border-radius: 4px; overflow-wrap: anywhere; }
+"""
+
+
+def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
+    """Write the page, its replays and its pictures from the files of the cases.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        When a result or a log is missing or damaged.
+    """
+    cases = list(dict.fromkeys(cases))
+    rows = benchmark.rows(cases, folder)
+    groups: dict[tuple[str, str], list[Case]] = {}
+    for case in cases:
+        groups.setdefault((case.robot, case.controller), []).append(case)
+    for kind in (REPLAYS, THUMBNAILS):
+        for robot in dict.fromkeys(case.robot for case in cases):
+            (folder / kind / safe(robot)).mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(library_file(), folder / REPLAYS / LIBRARY)
+    calls = [(group, folder) for group in groups.values()]
+    versions: dict[str, str] = {}
+    with tqdm(total=len(calls), disable=None, leave=False, desc="replays") as bar:
+        for found in in_processes(draw, calls, jobs):
+            versions |= found
+            bar.update()
+    write_text(folder / PAGE, html(rows, groups, folder, versions))
+    return folder / PAGE
+
+
+def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
+    """Replay and thumbnail of a robot with a controller; returns the runs' versions."""
+    from softdyn.validation.report.replay import controller_title, replays
+    from softdyn.validation.report.thumbnail import thumbnail
+    from softdyn.view.scene import Figure
+
+    model: SoftModel = load_model(cases[0].robot)
+    logs = [Log.load(log_path(folder, case)) for case in cases]
+    name = f"{robot_title(cases[0].robot)}, {controller_title(cases[0].controller)}"
+    page = replays(logs, model, name, RATE).html(f"../{LIBRARY}")
+    write_text(folder / replay_path(cases[0]), page)
+    shown = logs[chosen(cases)]
+    thumbnail(shown, Figure.of(model), folder / thumbnail_path(cases[0]))
+    return logs[0].versions
+
+
+def chosen(cases: Sequence[Case]) -> int:
+    """Which of the cases the thumbnail shows."""
+    found = [i for i, c in enumerate(cases) if (c.kind, c.value) == ("set_point", SHOWN)]
+    return found[0] if found else 0
+
+
+def replay_path(case: Case) -> Path:
+    """Where the runs of a robot with a controller can be seen, below the benchmark's folder."""
+    return Path(REPLAYS, safe(case.robot), f"{safe(case.controller)}.html")
+
+
+def thumbnail_path(case: Case) -> Path:
+    """The picture of a robot with a controller, below the benchmark's folder."""
+    return Path(THUMBNAILS, safe(case.robot), f"{safe(case.controller)}.png")
+
+
+def robot_title(name: str) -> str:
+    """A robot's name; of a path its last part."""
+    return Path(name).stem if "/" in name else name
+
+
+def html(
+    rows: Sequence[dict[str, Any]],
+    groups: dict[tuple[str, str], list[Case]],
+    folder: Path,
+    versions: dict[str, str],
+) -> str:
+    """The page itself."""
+    total = sum(len(group) for group in groups.values())
+    failed = sum(len(row["failed"]) for row in rows)
+    simulated = benchmark.simulated_seconds([c for g in groups.values() for c in g], folder)
+    parts = [
+        "<h1>softdyn benchmark</h1>",
+        f"<p>{total} closed loops, {simulated:.0f} s of simulated time, "
+        f'<span class="{"bad" if failed else ""}">{failed} failed</span>. '
+        "Every controller sees the analytic model; MuJoCo alone is the plant.</p>",
+        _table(rows),
+        "<h2>See the runs</h2><p>Each picture opens a replay of all runs of that robot with that "
+        "controller, with a timeline and the cables' tensions.</p>",
+        *_gallery(rows, groups),
+        *_failures(rows, groups),
+        *_figures(folder),
+        "<h2>Every run</h2>",
+        _runs(rows),
+        "<h2>How it was made</h2>",
+        f"<p><code>{escape(_command())}</code></p>",
+        "<p>" + ", ".join(f"{escape(k)} {escape(v)}" for k, v in versions.items())
+        + f", Python {sys.version_info.major}.{sys.version_info.minor}</p>",
+        '<p class="quiet">The same numbers: <a href="table.md">table.md</a>, '
+        '<a href="table.tex">table.tex</a>, <a href="results.json">results.json</a>; '
+        "logs below <code>runs/</code>.</p>",
+    ]  # fmt: skip
+    body = "\n".join(parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<link rel="icon" href="data:,"><title>softdyn benchmark</title>\n<style>\n{STYLE}</style>'
+        f"</head>\n<body>\n{body}\n</body></html>\n"
+    )
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> str:
+    lines = [_row(tables.TITLES, "th")]
+    robot = None
+    for row in rows:
+        cells = tables.cells(row)
+        first, robot = row["robot"] != robot, row["robot"]
+        marks = ["bad" if i == len(cells) - 1 and row["failed"] else "" for i in range(len(cells))]
+        lines.append(_row(cells, "td", marks, "first" if first else ""))
+    note = (
+        '<p class="quiet">SP: final error of the set points. TT: time-mean of the squared error of '
+        "the trajectories. Mean ± population standard deviation over all runs, failed ones "
+        'included; "none" where a run ended before its time.</p>'
+    )
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>{note}'
+
+
+def _gallery(
+    rows: Sequence[dict[str, Any]], groups: dict[tuple[str, str], list[Case]]
+) -> list[str]:
+    parts: list[str] = []
+    robot = ""
+    for row in rows:
+        if row["robot"] != robot:
+            parts.append("</div>" if robot else "")
+            robot = row["robot"]
+            parts.append(f'<h3>{escape(robot_title(robot))}</h3><div class="grid">')
+        cases = groups[row["robot"], row["controller"]]
+        cells = tables.cells(row)
+        bad = f'<span class="bad">{len(row["failed"])} of {len(cases)} failed</span>'
+        parts.append(
+            f'<a href="{_url(replay_path(cases[0]))}#run={chosen(cases)}">'
+            f'<img src="{_url(thumbnail_path(cases[0]))}" width="360" height="300" loading="lazy" '
+            f'alt="{escape(robot_title(robot))} with {escape(cells[1])}">'
+            f"<b>{escape(cells[1])}</b><span>SP {escape(cells[2])} cm</span>"
+            f"<span>TT {escape(cells[4])} cm²</span>{bad if row['failed'] else ''}</a>"
+        )
+    return [*parts, "</div>"]
+
+
+def _failures(
+    rows: Sequence[dict[str, Any]], groups: dict[tuple[str, str], list[Case]]
+) -> list[str]:
+    items = []
+    for row in rows:
+        cases = groups[row["robot"], row["controller"]]
+        for run in row["failed"]:
+            at = next(
+                i for i, c in enumerate(cases) if (c.kind, c.value) == (run["kind"], run["value"])
+            )
+            name = f"{tables.KINDS[run['kind']]} = {run['value']:g}π"
+            items.append(
+                f'<li><a href="{_url(replay_path(cases[0]))}#run={at}">'
+                f"{escape(robot_title(row['robot']))}, {escape(tables.cells(row)[1])}, {name}</a>: "
+                f"{escape(str(run['reason']))}</li>"
+            )
+    return ["<h2>Failed runs</h2><ul>", *items, "</ul>"] if items else []
+
+
+def _figures(folder: Path) -> list[str]:
+    parts = []
+    for stem, caption in FIGURES.items():
+        for file in sorted((folder / "figures").glob(f"{stem}*.png")):
+            if not stem.endswith("_") and file.stem != stem:
+                continue
+            robot = file.stem.removeprefix(stem)
+            words = f"{caption}, {robot}" if robot else caption
+            parts.append(
+                f'<figure><a href="figures/{_url(file.with_suffix(".pdf").name)}">'
+                f'<img src="figures/{_url(file.name)}" alt="{escape(words)}" loading="lazy"></a>'
+                f"<figcaption>{escape(words)}</figcaption></figure>"
+            )
+    return ["<h2>Figures</h2>", *parts] if parts else []
+
+
+def _runs(rows: Sequence[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    points, rates = list(rows[0]["set_points_cm"]), list(rows[0]["trajectories_cm2"])
+    titles = [
+        "Robot", "Controller", *(f"θ = {x}π (cm)" for x in points),
+        *(f"ω = {x}π (cm²)" for x in rates), "Not solved", "Fallbacks",
+    ]  # fmt: skip
+    lines = [_row(titles, "th")]
+    robot = None
+    for row in rows:
+        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
+        cells = [*tables.cells(row)[:2], *("-" if x is None else f"{x:.3g}" for x in found),
+                 f"{row['not_solved']:g}", f"{row['fallbacks']:g}"]  # fmt: skip
+        bad = {(f["kind"], benchmark.number_text(f["value"])) for f in row["failed"]}
+        keys = [("set_point", x) for x in points] + [("tracking", x) for x in rates]
+        marks = ["", "", *("bad" if key in bad else "" for key in keys), "", ""]
+        lines.append(_row(cells, "td", marks, "first" if row["robot"] != robot else ""))
+        robot = row["robot"]
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
+
+
+def _row(cells: Sequence[str], tag: str, marks: Sequence[str] = (), name: str = "") -> str:
+    marks = marks or [""] * len(cells)
+    inside = "".join(
+        f"<{tag}{_class(mark)}>{escape(cell)}</{tag}>"
+        for cell, mark in zip(cells, marks, strict=True)
+    )
+    return f"<tr{_class(name)}>{inside}</tr>\n"
+
+
+def _class(name: str) -> str:
+    return f' class="{name}"' if name else ""
+
+
+def _url(path: Path | str) -> str:
+    return escape(Path(path).as_posix())
+
+
+def _command() -> str:
+    """The command line that is running, its script without the folders above."""
+    script = Path(sys.argv[0] or "python")
+    return shlex.join(["python", "/".join(script.parts[-2:]), *sys.argv[1:]])

@@ -1,0 +1,102 @@
+"""The figure of the inputs and their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from softdyn.validation.loop.log import Log
+from softdyn.validation.report import plot_style as look
+from softdyn.validation.report.plot_data import (
+    EXAMPLE,
+    Run,
+    distinct,
+    main_controller,
+    of,
+    preferred,
+    thin,
+)
+
+
+def inputs(runs: Sequence[Run]) -> Figure | None:
+    """The input and its bounds over time, a row a robot: one set point, one trajectory."""
+    _, runs = main_controller(runs)
+    runs = [run for run in runs if run.u.size]
+    robots, kinds = distinct(runs, "robot"), distinct(runs, "kind")
+    if not runs:
+        return None
+    width = look.COLUMN if len(kinds) == 1 else look.PAGE
+    figure, grid = look.panels(len(robots), len(kinds), width, 1.6 * len(robots) + 0.3)
+    for row, robot in zip(grid, robots, strict=True):
+        shown: list[Run | Log] = []
+        for axes, kind in zip(row, kinds, strict=True):
+            found = of(runs, robot, kind=kind)
+            if not found:
+                axes.set_axis_off()
+                continue
+            value = preferred([run.case.value for run in found], EXAMPLE[kind])
+            (run,) = of(found, value=value)
+            draw_inputs(axes, run)
+            shown.append(run)
+            name = f"{look.robot_title(robot)}, {look.experiment_title(kind, value)}"
+            look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
+        for axes in row:
+            scale_inputs(axes, shown)
+        row[0].set_ylabel(f"Input u ({shown[0].u_unit})")
+        nu = shown[0].u.shape[1]
+        every = [f"$u_{{{i + 1}}}$" for i in range(nu)]
+        cycle = len(look.INPUTS)
+        names = [", ".join(every[i::cycle]) for i in range(min(cycle, nu))]
+        handles = [look.handle(n, c) for n, c in zip(names, look.INPUTS, strict=False)]
+        handles.append(look.handle("bounds", (look.NEUTRAL, look.DOTTED), linewidth=0.8))
+        if any(run.failed for run in shown):
+            handles.append(look.failed_handle())
+        row[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    for axes in grid[-1]:
+        axes.set_xlabel(look.TIME)
+    return figure
+
+
+def draw_inputs(axes: Axes, run: Run | Log) -> None:
+    """Every u_i of a run as it was held, and its bounds."""
+    for i in range(run.u.shape[1]):
+        colour, dashes = look.INPUTS[i % len(look.INPUTS)]
+        held = np.append(run.u[:, i], run.u[-1, i])[: len(run.t)]
+        kept = thin(held, bins=600)
+        axes.plot(
+            run.t[kept], held[kept], color=colour, linestyle=dashes, linewidth=0.9,
+            drawstyle="steps-post",
+        )  # fmt: skip
+    for bound in sorted({*run.u_min, *run.u_max}):
+        if np.isfinite(bound):
+            axes.axhline(bound, color=look.NEUTRAL, linestyle=look.DOTTED, linewidth=0.8)
+    if run.failed:
+        axes.plot(run.t[-1], run.u[-1, 0], color=look.NEUTRAL, clip_on=False, **look.FAILED)
+    axes.set_xlim(0, run.duration)
+    axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
+
+
+def scale_inputs(axes: Axes, runs: Sequence[Run | Log]) -> None:
+    """A vertical axis that holds the bounds; logarithmic far from 0 if inputs mostly are near it.
+
+    Between bounds that are ten times as large as the usual input a linear axis would show nothing.
+    """
+    low = min(float(run.u_min.min()) for run in runs)
+    high = max(float(run.u_max.max()) for run in runs)
+    if not np.isfinite(high - low):
+        return
+    largest = max(-low, high)
+    typical = float(np.median(np.concatenate([np.abs(run.u).ravel() for run in runs])))
+    if typical < largest / 10:
+        linear = 10.0 ** np.floor(np.log10(max(typical, largest / 1000)))
+        axes.set_yscale("symlog", linthresh=linear)
+        axes.set_ylim(
+            *(1.5 * x if x else 0.3 * side * linear for x, side in ((low, -1), (high, 1)))
+        )
+    else:
+        margin = 0.06 * (high - low)
+        axes.set_ylim(low - margin, high + margin)

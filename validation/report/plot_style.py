@@ -1,0 +1,173 @@
+"""How every figure looks: fixed sizes, one colour a robot and a controller, files without dates."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+
+from softdyn.validation.files import atomic
+from softdyn.validation.report.tables import PAPER_NAMES
+
+COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)
+PNG_DPI = 200
+TIME = "Time (s)"
+KINDS = {"set_point": "θ", "tracking": "ω"}
+
+# Okabe and Ito's palette: told apart by all common kinds of colour vision.
+BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
+SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"  # its yellow is too light for a line
+GREY, BROWN, REFERENCE, NEUTRAL = "#7F7F7F", "#7A4B2A", "#BBBBBB", "#444444"
+SOLID, DASHED, DASH_DOT, DOTTED = "-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2))
+DASH_DOT_DOT, LONG = (0, (4, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2))
+# colour and dashes, so that a print in grey still tells lines apart
+CONTROLLERS = {
+    "soft-id-clf-qp": (BLUE, SOLID),
+    "id-clf-qp": (VERMILLION, DASHED),
+    "clf-qp": (GREEN, DASH_DOT),
+    "ic": (ORANGE, DOTTED),
+    "uic": (PURPLE, DASH_DOT_DOT),
+    "ic-qp": (SKY, LONG),
+}
+ROBOTS = {
+    "finger": (BLUE, SOLID),
+    "helix": (VERMILLION, DASHED),
+    "spirob": (GREEN, DASH_DOT),
+    "spirob48": (PURPLE, DASH_DOT_DOT),
+}
+OTHERS = (
+    (BLACK, DASHED), (GREY, SOLID), (BROWN, DASH_DOT), (BLACK, DOTTED), (GREY, DASHED),
+)  # fmt: skip
+INPUTS = tuple(
+    zip(
+        (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, BROWN),
+        (SOLID, DASHED, DASH_DOT, DOTTED, DASH_DOT_DOT, LONG, SOLID, DASHED, SOLID),
+        strict=True,
+    )
+)
+ROBOT_NAMES = {
+    "finger": "Finger", "helix": "Helix", "spirob": "SpiRob", "spirob48": "SpiRob (48 DOF)",
+}  # fmt: skip
+
+RC = {
+    "font.family": "DejaVu Sans",  # ships with Matplotlib, so every machine has it
+    "font.size": 7.5,
+    "axes.labelsize": 7.5,
+    "axes.titlesize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "legend.handlelength": 3.2,
+    "legend.columnspacing": 1.4,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "ytick.minor.size": 0,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 4.5,
+    "axes.unicode_minus": True,
+    "pdf.fonttype": 42,  # outlines as fonts: text stays text
+    "savefig.dpi": PNG_DPI,
+}
+FAILED: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.3, "linestyle": ""}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Matplotlib's own defaults and this style, whatever the user's own settings are."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(RC)
+        yield
+
+
+def looks(names: Iterable[str], known: dict[str, Any]) -> dict[str, Any]:
+    """Colour and dashes of every name: its own, or the next one that nobody has."""
+    others = [name for name in dict.fromkeys(names) if name not in known]
+    return known | {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(others)}
+
+
+def robot_title(name: str) -> str:
+    """A robot's name for people; of a path its last part."""
+    return ROBOT_NAMES.get(name) or plain(Path(name).stem)
+
+
+def controller_title(name: str) -> str:
+    """A controller's name for people; of a user's FILE.py:CLASS its last part."""
+    return PAPER_NAMES.get(name) or plain(Path(name).name)
+
+
+def experiment_title(kind: str, value: float) -> str:
+    """θ of a set point or ω of a trajectory; `value` is in multiples of π."""
+    multiple = {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
+    return f"{KINDS[kind]} = {multiple}{' rad/s' if kind == 'tracking' else ''}"
+
+
+def plain(text: str) -> str:
+    """Text that Matplotlib takes for neither mathematics nor an entry to hide from a legend."""
+    text = text.replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def panels(
+    rows: int, columns: int, width: float, height: float, **options: Any
+) -> tuple[Figure, list[list[Axes]]]:
+    """A figure of `rows` × `columns` axes; `width` and `height` in inch."""
+    layout = ConstrainedLayoutEngine(compress=True, w_pad=0.03, h_pad=0.03)
+    figure = Figure(figsize=(width, height), layout=layout)
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, [list(row) for row in axes]
+
+
+def letter(axes: Axes, index: int, title: str) -> None:
+    """Name a panel: (a), (b), … and its title."""
+    axes.set_title(f"({string.ascii_lowercase[index % 26]}) {title}", loc="left")
+
+
+def handle(label: str, look: tuple[Any, Any], **options: Any) -> Line2D:
+    """A line for a legend."""
+    return Line2D([], [], color=look[0], linestyle=look[1], label=label, **options)
+
+
+def failed_handle(label: str = "failed run") -> Line2D:
+    """The mark at the end of a failed run, for a legend."""
+    return Line2D([], [], color=NEUTRAL, label=label, **FAILED)
+
+
+def legend_above(figure: Figure, handles: Sequence[Any]) -> None:
+    """One legend for all panels in a strip of its own above them, as wide as the figure allows."""
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    for rows in range(1, len(handles) + 1):
+        columns = -(-len(handles) // rows)
+        legend = figure.legend(handles=handles, loc="outside upper center", ncols=columns)
+        if legend.get_window_extent(renderer).width <= figure.bbox.width or columns == 1:
+            return
+        legend.remove()
+
+
+def save(figure: Figure, path: Path) -> list[Path]:
+    """Write `path`.pdf and `path`.png, each whole or not at all, the same bytes every time."""
+    written = []
+    for kind, metadata in (("pdf", {"CreationDate": None, "ModDate": None}), ("png", {})):
+        file = path.with_name(f"{path.name}.{kind}")
+        with atomic(file) as stream:
+            figure.savefig(stream, format=kind, metadata=metadata)
+        written.append(file)
+    return written

@@ -1,0 +1,63 @@
+"""All figures of a benchmark, made from its logs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from softdyn.validation.report import figures
+from softdyn.validation.report.input_figure import inputs
+from softdyn.validation.report.plot_data import Run, distinct
+from softdyn.validation.report.plot_style import save, style
+from softdyn.validation.studies.benchmark import Case, log_path, safe
+
+CONVERGENCE = "convergence_"  # and a robot
+
+
+def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
+    """Draw every figure that `cases` have the runs for, into ``folder/figures`` as PDF and PNG.
+
+    Figures of an earlier grid for which these cases have no runs are removed.
+
+    Returns
+    -------
+    list[Path]
+        The files written.
+
+    Raises
+    ------
+    InputError
+        When a log is missing or damaged.
+    """
+    cases = list(dict.fromkeys(cases))
+    target = folder / "figures"
+    target.mkdir(parents=True, exist_ok=True)
+    with tqdm(cases, disable=None, leave=False, unit="log", desc="logs") as bar:
+        runs = [Run.load(case, log_path(folder, case)) for case in bar]
+    robots = distinct(runs, "robot")
+    drawings: dict[str, Callable[[], Figure | None]] = {
+        "lyapunov_set_points": partial(figures.lyapunov, runs, "set_point"),
+        "lyapunov_trajectories": partial(figures.lyapunov, runs, "tracking"),
+        **{
+            f"{CONVERGENCE}{safe(robot)}": partial(figures.convergence, runs, robot)
+            for robot in robots
+        },
+        "tracking": partial(figures.tracking, runs),
+        "error_set_points": partial(figures.errors, runs, "set_point"),
+        "error_trajectories": partial(figures.errors, runs, "tracking"),
+        "inputs": partial(inputs, runs),
+    }
+    written: list[Path] = []
+    with style(), tqdm(drawings.items(), disable=None, leave=False, desc="figures") as bar:
+        for name, draw in bar:
+            figure = draw()
+            if figure is not None:
+                written += save(figure, target / name)
+    for path in {*target.glob("*.pdf"), *target.glob("*.png")} - {*written}:
+        if path.stem in drawings or path.stem.startswith(CONVERGENCE):
+            path.unlink(missing_ok=True)
+    return written

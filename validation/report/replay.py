@@ -1,0 +1,186 @@
+"""Logs as a page: one run after the other, or several side by side or on top of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, SoftModel
+from softdyn.validation.loop.log import Log
+from softdyn.validation.studies import paper
+from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.scene import Figure
+
+RATE = 30.0  # frames a second
+MOST = 3000  # frames of one run
+STRIDE = 0.02  # of the robot's length that the tip moves between two frames
+# Okabe and Ito's palette, as in the figures
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+GAP = 1.25  # between robots side by side, in lengths of the robot
+
+
+def replay(log: Log, model: SoftModel) -> Page:
+    """One run as a page.
+
+    Parameters
+    ----------
+    model : the robot of the log.
+
+    Raises
+    ------
+    InputError
+        When the log is another robot's.
+    """
+    return Page(title(log, model), (Figure.of(model),), (Run(goal(log), (track(log, model),)),))
+
+
+def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
+    """Several runs of one robot as one page, to be chosen from a list."""
+    runs = tuple(
+        Run(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
+        for log in logs
+    )
+    return Page(name, (Figure.of(model),), runs)
+
+
+def comparison(
+    logs: Sequence[Log],
+    models: Sequence[SoftModel],
+    labels: Sequence[str] | None = None,
+    side_by_side: bool = False,
+    balls: Sequence[tuple[float, float, float, float]] = (),
+) -> Page:
+    """Several runs at once: in one place, or beside each other along x.
+
+    Parameters
+    ----------
+    models : the robot of each log.
+    labels : names in the legend; by default the controllers', told apart by robot or experiment
+        where they are the same.
+    balls : obstacles, (x, y, z, radius) each (m), beside every robot or once for all in one place.
+
+    Raises
+    ------
+    InputError
+        When a log is another robot's.
+    """
+    labels = labels_of(logs) if labels is None else labels
+    figures = {id(model): Figure.of(model) for model in models}
+    order = list(figures)
+    x, tracks = 0.0, []
+    for i, (log, model, label) in enumerate(zip(logs, models, labels, strict=True)):
+        alone = i == 0 or side_by_side
+        made = track(log, model, order.index(id(model)), path=alone)
+        tracks.append(
+            replace(
+                made,
+                label=label,
+                colour=COLOURS[i % len(COLOURS)],
+                tint=not side_by_side,
+                opacity=1.0 if side_by_side or i == 0 else 0.55,
+                offset=(x if side_by_side else 0.0, 0.0, 0.0),
+                balls=tuple(balls) if alone else (),
+            )
+        )
+        x += GAP * figures[id(model)].size
+    goals = list(dict.fromkeys(goal(log) for log in logs))
+    robots = list(dict.fromkeys(log.robot for log in logs))
+    run = Run(" and ".join(goals), tuple(tracks), max(float(log.t[-1]) for log in logs))
+    return Page(" and ".join(robots), tuple(figures.values()), (run,))
+
+
+def track(
+    log: Log, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
+) -> Track:
+    """A log as a track of at most `rate` frames a second and `MOST` in all."""
+    if log.joint_names != model.joint_names or log.q.shape[1] != model.nq:
+        raise InputError("log", f"one of {model.name!r}", repr(log))
+    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.error).all(axis=1)
+    last = len(log.t) if finite.all() else int(np.argmin(finite))
+    kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))
+    t = log.t
+    # the input that was held from each sample on; the last sample has none of its own
+    u = log.u[np.minimum(kept, log.steps - 1)] if log.steps else np.zeros((len(kept), model.nu))
+    return Track(
+        figure,
+        frames(model, t[kept], log.q[kept], u, log.y[kept], log.y_ref[kept]),
+        controller_title(log.controller),
+        note=f"failed: {log.reason}" if log.failed else "",
+        path=reference_path(log, model) if path else None,
+        failed=not log.complete,
+    )
+
+
+def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarray:
+    """Samples at `rate` (Hz) and, where the tip moves fast, one every `stride` (m) of its way."""
+    if not len(t):
+        return np.arange(0)
+    count = min(MOST, int(np.ceil(t[-1] * rate)) + 1)
+    steady = np.searchsorted(t, np.linspace(0, t[-1], count)).clip(max=len(t) - 1)
+    way = np.cumsum(np.linalg.norm(np.diff(y, axis=0, prepend=y[:1]), axis=1)) / stride
+    fast = np.flatnonzero(np.diff(np.floor(way), prepend=0.0) > 0)
+    return np.unique(np.concatenate((steady, fast[:MOST])))
+
+
+def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
+    """The reference's path (K, 3): the ellipse of the paper's experiments, else where it went."""
+    if (log.theta, log.omega) != (None, None):
+        points = ellipse(model)
+        # a run of this name may have been on another ellipse
+        if points is not None and _distance(points, log.y_ref[0]) < 0.05 * _distance(points, 0):
+            return points
+    moved = np.linalg.norm(np.ptp(log.y_ref, axis=0)) > 1e-6
+    return log.y_ref[:: max(1, len(log.y_ref) // 400)] if moved else None
+
+
+def ellipse(model: SoftModel) -> np.ndarray | None:
+    """Points (97, 3) of the paper's ellipse in the robot's size; None for one without a length."""
+    setup = paper.setup_of(model)
+    if setup.length == 0:
+        return None
+    return np.array([setup.ellipse().point(theta) for theta in np.linspace(0, 2, 97)])
+
+
+def _distance(points: np.ndarray, point: np.ndarray | float) -> float:
+    return float(np.linalg.norm(points - point, axis=1).min())
+
+
+def title(log: Log, model: SoftModel) -> str:
+    """A run's robot."""
+    return model.bundled or log.robot
+
+
+def goal(log: Log) -> str:
+    """A run's experiment in words."""
+    if log.theta is not None:
+        return f"set point θ = {_multiple(log.theta)}"
+    if log.omega is not None:
+        return f"tracking ω = {_multiple(log.omega)} rad/s"
+    if np.ptp(log.y_ref, axis=0).max() > 0:
+        return "tracking"
+    return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
+
+
+def controller_title(name: str) -> str:
+    """A controller's name for people."""
+    from softdyn.validation.report.tables import PAPER_NAMES
+
+    return PAPER_NAMES.get(name) or name.rpartition("/")[2]
+
+
+def _multiple(value: float) -> str:
+    return {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
+
+
+def labels_of(logs: Sequence[Log]) -> list[str]:
+    """The controllers' names, told apart by robot or experiment where they are the same."""
+    parts: list[list[Any]] = [
+        [controller_title(log.controller) for log in logs],
+        [log.robot for log in logs],
+        [goal(log) for log in logs],
+    ]
+    shown = [column for column in parts if len(set(column)) > 1] or parts[:1]
+    return [", ".join(column[i] for column in shown) for i in range(len(logs))]

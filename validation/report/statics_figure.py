@@ -1,0 +1,121 @@
+"""The picture of a robot's statics: where its tip can rest stably, and the targets in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from softdyn import InputError
+from softdyn.statics import Equilibrium, TipSearch
+from softdyn.validation.files import atomic
+from softdyn.validation.report.plot_style import (
+    BLACK,
+    GREEN,
+    GREY,
+    PAGE,
+    SKY,
+    VERMILLION,
+    letter,
+    panels,
+    robot_title,
+    style,
+)
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import Twin
+
+SUFFIXES = (".png", ".pdf")
+
+
+def check_path(path: str | Path) -> Path:
+    """`path`, if a figure can be written under its name.
+
+    Raises
+    ------
+    InputError
+        For any other suffix than .png and .pdf.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(str(path), "a file name that ends in .png or .pdf", path.suffix or "none")
+    return path
+
+
+def draw(
+    path: str | Path,
+    samples: Sequence[Equilibrium],
+    searches: Sequence[TipSearch],
+    labels: Sequence[str],
+    curve: np.ndarray | None = None,
+) -> None:
+    """Sampled tips beside the robot's shapes at the targets.
+
+    Left, every sampled tip by its distance from the z axis and its height (by x where the robot
+    is planar); right, the shape that comes closest to each target, and the closest stable one.
+
+    Parameters
+    ----------
+    path : to write, .png or .pdf.
+    samples : stable equilibria, at least one.
+    searches, labels : one a target.
+    curve : (·, 3) points of the tracked ellipse, for the eye.
+    """
+    path = check_path(path)
+    model = samples[0].model
+    tips = np.array([one.y for one in samples])
+    planar = bool(np.abs(tips[:, 1]).max() < 1e-9)
+    with style():
+        figure, axes = panels(1, 2, PAGE, 3.8, sharex=True, sharey=True)
+        left, right = axes[0]
+        out = tips[:, 0] if planar else np.hypot(tips[:, 0], tips[:, 1])
+        left.scatter(100 * out, 100 * tips[:, 2], s=3, color=SKY, linewidths=0)
+        letter(left, 0, f"{robot_title(model.bundled or model.name)}: {len(tips)} stable rests")
+        left.set_xlabel("x (cm)" if planar else "distance from the z axis (cm)")
+        left.set_ylabel("z (cm)")
+        twin = Twin(model)
+        for search in searches:
+            stable = search.nearest_stable
+            if not search.nearest.stable:
+                _shape(right, twin, search.nearest, VERMILLION)
+            if stable is not None:
+                _shape(right, twin, stable, GREEN)
+        letter(right, 1, "closest shapes")
+        right.set_xlabel("x (cm)")
+        for axis in (left, right):
+            if curve is not None:
+                axis.plot(100 * curve[:, 0], 100 * curve[:, 2], color=GREY, lw=0.8, zorder=1)
+            for search, label in zip(searches, labels, strict=True):
+                x, _, z = 100 * search.target
+                axis.plot(x, z, "+", color=BLACK, ms=8, mew=1.4, zorder=5)
+                axis.annotate(label, (x, z), (5, 4), textcoords="offset points", fontsize=7)
+            axis.set_aspect("equal")
+        figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
+        with atomic(path) as stream:
+            figure.savefig(stream, format=path.suffix.lower()[1:])
+
+
+def _handles() -> list[Line2D]:
+    dots: dict[str, Any] = {"linestyle": "", "marker": "o", "ms": 3}
+    return [
+        Line2D([], [], color=SKY, label="tip at a stable rest", **dots),
+        Line2D([], [], color=BLACK, ls="", marker="+", ms=8, mew=1.4, label="target"),
+        Line2D([], [], color=GREEN, label="closest stable shape"),
+        Line2D([], [], color=VERMILLION, label="closest shape, unstable"),
+    ]
+
+
+def _shape(axis: Axes, twin: Twin, one: Equilibrium, colour: str) -> None:
+    """The chain of bodies from the world's origin to the tip, in the xz-plane."""
+    zero = np.zeros(one.model.nv)
+    twin.set_state(*StateMap(one.model, twin).to_twin(one.q, zero))
+    points = [twin.tip]
+    body = int(twin.model.site_bodyid[twin.task_site])
+    while body > 0:
+        points.append(twin.data.xpos[body].copy())
+        body = int(twin.model.body_parentid[body])
+    xyz = 100 * np.array([*points, np.zeros(3)])
+    axis.plot(xyz[:, 0], xyz[:, 2], color=colour, lw=1.3, marker="o", ms=1.8)

@@ -1,0 +1,92 @@
+"""A small picture of a robot in a run, drawn by Matplotlib: no browser, no window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure as Canvas
+
+from softdyn.description.visuals import triangles
+from softdyn.validation.files import atomic
+from softdyn.validation.loop.log import Log
+from softdyn.validation.report.replay import reference_path
+from softdyn.view.scene import Figure, tension_colour
+
+TURN, RISE = 0.42, 0.2  # rad, the view of the page: from -y, a little from the side and above
+SIZE = 2.4, 2.0  # inch
+DPI = 150
+TRAIL, PATH, TARGET = "#2b6f9e", "#8a94a0", "#d3202f"
+
+_view = np.array([np.sin(TURN) * np.cos(RISE), -np.cos(TURN) * np.cos(RISE), np.sin(RISE)])
+_right = np.array([np.cos(TURN), np.sin(TURN), 0.0])
+_up = np.cross(_view, _right)
+
+
+def thumbnail(log: Log, figure: Figure, path: Path) -> None:
+    """Draw the end of a run into a PNG: robot, cables, target, reference path and trail."""
+    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.y).all(axis=1)
+    last = (len(log.t) if finite.all() else int(np.argmin(finite))) - 1
+    canvas = Canvas(figsize=SIZE, dpi=DPI)
+    FigureCanvasAgg(canvas)
+    axes = canvas.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+    reach = 3 * figure.size
+    points = [log.y_ref[: last + 1]]
+    way = reference_path(log, figure.model)
+    if way is not None:
+        axes.plot(*_flat(way), color=PATH, linewidth=0.8, zorder=1)
+        points.append(way)
+    trail = log.y[: last + 1]
+    trail = trail[np.linalg.norm(trail, axis=1) < reach]
+    axes.plot(*_flat(trail[:: max(1, len(trail) // 1500)]), color=TRAIL, linewidth=1.1, zorder=2)
+    points.append(trail)
+    points.append(_draw_robot(axes, log, figure, max(last, 0)))
+    x, y = _flat(log.y_ref[max(last, 0)])
+    axes.plot([x], [y], "o", color=TARGET, markersize=4.5, alpha=0.85, zorder=5)
+    xs, ys = _flat(np.concatenate(points))
+    width = 1.1 * max(np.ptp(xs), np.ptp(ys) * SIZE[0] / SIZE[1], 1e-9)
+    for set_limits, values, extent in (
+        (axes.set_xlim, xs, width), (axes.set_ylim, ys, width * SIZE[1] / SIZE[0])
+    ):  # fmt: skip
+        middle = (values.min() + values.max()) / 2
+        set_limits(middle - extent / 2, middle + extent / 2)
+    with atomic(path) as stream:
+        canvas.savefig(stream, format="png", transparent=True)
+
+
+def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> np.ndarray:
+    """Add shapes and cables at sample `k`; returns points (n, 3) of them."""
+    placed = figure.link_poses(log.q[k])
+    corners, colours = [], []
+    for shape in figure.shapes:
+        pose = placed[shape.link]
+        world = triangles(shape) @ pose[:3, :3].T + pose[:3, 3]
+        normals = np.cross(world[:, 1] - world[:, 0], world[:, 2] - world[:, 0])
+        length = np.linalg.norm(normals, axis=1)
+        keep = length > 0
+        facing = np.abs(normals[keep] @ _view) / length[keep]
+        corners.append(world[keep])
+        colours.append((0.45 + 0.55 * facing)[:, None] * np.array(shape.rgba[:3]))
+    triangle, colour = np.concatenate(corners), np.concatenate(colours)
+    order = np.argsort(triangle.mean(axis=1) @ _view)
+    flat = np.stack(_flat(triangle[order]), axis=-1)
+    axes.add_collection(PolyCollection(
+        list(flat), facecolors=colour[order], edgecolors=colour[order], linewidths=0.15, zorder=3
+    ))  # fmt: skip
+    u = log.u[min(k, log.steps - 1)] if log.steps else np.zeros(figure.model.nu)
+    for cable in figure.cables:
+        sites = np.array([placed[link][:3, :3] @ xyz + placed[link][:3, 3]
+                          for link, xyz in cable.sites])  # fmt: skip
+        axes.add_collection(LineCollection(
+            [np.stack(_flat(sites), axis=-1)], colors=[tension_colour(cable.part(u))],
+            linewidths=1.0, zorder=4,
+        ))  # fmt: skip
+    return triangle.reshape(-1, 3)
+
+
+def _flat(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return points @ _right, points @ _up

@@ -1,0 +1,1 @@
+"""Many closed loops: the paper's experiments and what goes beyond them."""

@@ -1,0 +1,1 @@
+"""What a control step costs, and how that is measured."""

@@ -1,0 +1,147 @@
+"""Recorded closed-loop states: what steps are timed on, kept in a file so that anyone can again."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from softdyn import InputError, Reference, SoftModel
+from softdyn.validation.files import atomic
+from softdyn.validation.loop.closed_loop import simulate
+from softdyn.validation.studies import paper
+
+DURATION = 3.0  # s of every loop: the transient, and what follows it
+TRANSIENT = 0.5  # s; half of a loop's states are taken from it
+OMEGA = 0.5  # the trajectory's rate, in multiples of π rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """States of closed loops and the references they followed.
+
+    Attributes
+    ----------
+    q, v : (states, nq), (states, nv).
+    y, ydot, yddot : (states, 3) the references.
+    t : (states,) when in its loop each was met (s).
+    loop : (states,) which loop: ``set_point THETA`` or ``tracking OMEGA``.
+    digest : SHA-256 of the robot's file.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    y: np.ndarray
+    ydot: np.ndarray
+    yddot: np.ndarray
+    t: np.ndarray
+    loop: np.ndarray
+    digest: str
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def steps(self) -> list[tuple[np.ndarray, np.ndarray, Reference]]:
+        """(q, v, reference) of every state."""
+        references = [Reference(*row) for row in zip(self.y, self.ydot, self.yddot, strict=True)]
+        return list(zip(self.q, self.v, references, strict=True))
+
+    def save(self, path: Path) -> None:
+        """Write an NPZ, whole or not at all."""
+        with atomic(path) as file:
+            np.savez_compressed(
+                file, **{field.name: getattr(self, field.name) for field in fields(self)}
+            )
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError
+            When the file is missing or something else.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {field.name: file[field.name] for field in fields(cls)}
+        except (OSError, KeyError, ValueError, BadZipFile) as error:
+            raise InputError(str(path), "recorded states", error) from None
+        return cls(**arrays | {"digest": str(arrays["digest"])})
+
+
+def record(
+    model: SoftModel,
+    make: Callable[[SoftModel], Any],
+    count: int,
+    experiments: Sequence[paper.Experiment] | None = None,
+    duration: float = DURATION,
+) -> Recording:
+    """Run short closed loops against the twin and keep `count` of their states.
+
+    Half of a loop's states come from its first `TRANSIENT`, denser towards the start, half from
+    the rest, evenly.
+
+    Parameters
+    ----------
+    make : builds the controller that drives the loops.
+    count : of states, at least one a loop; loops that end early may leave fewer.
+    experiments : by default the paper's four set points from rest and one trajectory.
+    duration : of each loop (s).
+    """
+    setup = paper.setup_of(model)
+    if experiments is None:
+        experiments = [setup.set_point(theta) for theta in paper.THETAS]
+        experiments.append(setup.tracking(OMEGA))
+    rows: list[tuple[Any, ...]] = []
+    for i, experiment in enumerate(experiments):
+        share = count // len(experiments) + (i < count % len(experiments))
+        log = simulate(model, make(model), experiment, duration=duration)
+        for k in _chosen(log.steps, round(TRANSIENT / log.period), max(share, 1)):
+            target = experiment.reference(float(log.t[k]))
+            arrays = (log.q[k], log.v[k], target.y, target.ydot, target.yddot)
+            rows.append((*arrays, log.t[k], _name(experiment)))
+    q, v, y, ydot, yddot, t, loop = (np.array(column) for column in zip(*rows, strict=True))
+    return Recording(q, v, y, ydot, yddot, t, loop, digest_of(model))
+
+
+def recorded(
+    model: SoftModel, make: Callable[[SoftModel], Any], count: int, path: Path
+) -> Recording:
+    """What `path` holds, if it is this robot's and as much; else a new recording, written there."""
+    if path.is_file():
+        found = Recording.load(path)
+        if found.digest == digest_of(model) and len(found) == count:
+            return found
+    new = record(model, make, count)
+    new.save(path)
+    return new
+
+
+def digest_of(model: SoftModel) -> str:
+    """SHA-256 of the robot's file."""
+    return hashlib.sha256(model.robot.path.read_bytes()).hexdigest()
+
+
+def _name(experiment: paper.Experiment) -> str:
+    values = (experiment.theta, experiment.omega)
+    return " ".join([experiment.kind, *(f"{value:g}" for value in values if value is not None)])
+
+
+def _chosen(steps: int, early: int, share: int) -> list[int]:
+    """`share` of the steps 0 … steps - 1, all of them where there are not more."""
+    if share >= steps:
+        return list(range(steps))
+    early = min(max(early, 1), steps)
+    first = np.geomspace(1, early, share - share // 2) - 1
+    rest = np.linspace(early - 1, steps - 1, share // 2)
+    chosen = {*np.concatenate((first, rest)).round().astype(int).tolist()}
+    # near the start the geometric series names a step several times: take the next free ones
+    spare = (k for k in range(steps) if k not in chosen)
+    return sorted([*chosen, *itertools.islice(spare, share - len(chosen))])

@@ -1,0 +1,1 @@
+"""The MuJoCo plant, built from the URDF by its own path."""
