@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 import pytest
-from control_cases import BUNDLED, MICRO, drawn, recorded, robot
 
 import softdyn.compiled
 from softdyn.compiled import compiled
@@ -24,6 +23,8 @@ from softdyn.controllers.programmes.linear_algebra import (
     substitute_back,
     triangular,
 )
+from tests.support import ROOT
+from tests.support.control_cases import BUNDLED, MICRO, drawn, recorded, robot
 
 pytestmark = pytest.mark.skipif(
     not softdyn.compiled.COMPILES, reason="Numba is absent: there is nothing to compare"
@@ -33,7 +34,7 @@ INPUTS = """
 import sys; sys.path.insert(0, {tests!r})
 import numpy as np
 import softdyn.compiled
-from control_cases import drawn, recorded, robot
+from tests.support.control_cases import drawn, recorded, robot
 from softdyn.controllers import CONTROLLERS
 assert not softdyn.compiled.COMPILES
 found = []
@@ -48,7 +49,7 @@ np.save({out!r}, np.concatenate(found))
 def test_the_same_inputs_without_numba(tmp_path):
     """All controllers and robots, in a process where nothing is compiled."""
     out = tmp_path / "inputs.npy"
-    tests = os.path.dirname(__file__)
+    tests = str(ROOT)
     script = INPUTS.format(tests=tests, robots=BUNDLED, out=str(out))
     environment = {**os.environ, "SOFTDYN_COMPILE": "0"}
     subprocess.run([sys.executable, "-c", script], check=True, env=environment)

@@ -25,8 +25,8 @@ from softdyn import InputError
 from softdyn.commands import run
 from softdyn.validation import Log
 from softdyn.validation.files import atomic, write_json, write_text
+from tests.support import ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
 NOWHERE = "/proc/nowhere"  # where not even root can create a folder
 

@@ -12,7 +12,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from control_cases import BUNDLED, GAINS, drawn, robot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -23,6 +22,7 @@ from softdyn.description.robot import Actuator
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.validation import simulate
 from softdyn.validation.timing import hostile
+from tests.support.control_cases import BUNDLED, GAINS, drawn, robot
 
 ROBOTS = ("finger", "spirob", "sliding and turning", "two identical tendons", "a fixed input")
 every_controller = pytest.mark.parametrize("name", sorted(CONTROLLERS))

@@ -16,9 +16,9 @@ from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.description.urdf import parse
 from softdyn.validation import crosscheck, simulate
 from softdyn.validation.studies import paper
-from tests.misuses import ARM
+from tests.support import ROOT
+from tests.support.misuses import ARM
 
-ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
 BLOCK = re.search(r"<softdyn.*</softdyn>", ARM, re.DOTALL)
 assert BLOCK is not None

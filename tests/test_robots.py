@@ -17,7 +17,8 @@ import pytest
 import yourdfpy
 from lxml import etree
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.support import ROOT
+
 URDF = ROOT / "urdf"
 FACTS = json.loads((URDF / "source" / "reference_models.json").read_text())
 TIPS = {  # nv, nu, tip at rest [m]

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests.support import ROOT
+
 # The text around a block tells where its content belongs.
 SAVE, APPEND = re.compile(r"Save as\s+`([^`]+)`"), re.compile(r"Append it to\s+`([^`]+)`")
 

@@ -20,7 +20,7 @@ centre of mass c: it lacks c × f_k. This M costs less than that of `crba`: it i
 it stays.
 
 `SoftModel` does the same in NumPy and with Pinocchio's own algorithms where nothing is compiled;
-`tests/test_terms.py` holds the two against each other.
+`tests/dynamics/test_kernels.py` holds the two against each other.
 """
 
 from __future__ import annotations

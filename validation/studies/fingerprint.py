@@ -8,6 +8,7 @@ import json
 import os
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +24,8 @@ from softdyn.validation.studies import paper
 if TYPE_CHECKING:
     from softdyn.validation.studies.benchmark import Case
 
-# the modules of this package that decide a run's numbers; tables and plots do not
-RUN_BY = ("benchmark", "bodies", "closed_loop", "log", "metrics", "paper", "plain", "twin", "units")
+# the folders of softdyn that decide a run's numbers; statics, view, tables and plots do not
+RUN_BY = ("description", "dynamics", "controllers", "validation/twin", "validation/loop")
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
@@ -126,11 +127,9 @@ def _code() -> str:
     """A hash of the packages that make a run, and of the engines' versions."""
     found = hashlib.sha256(repr([(name, _version(name)) for name in ENGINES]).encode())
     found.update(repr(COMPILES).encode())
-    here = Path(__file__).resolve().parent
-    paths = [
-        path for name in ("softdyn", "controllers") for path in (here.parent / name).rglob("*.py")
-    ]
-    for path in sorted([*paths, *(here / f"{name}.py" for name in RUN_BY)]):
+    package = Path(str(files("softdyn")))
+    folders = [path for name in RUN_BY for path in (package / name).rglob("*.py")]
+    for path in sorted([*package.glob("*.py"), *folders]):
         found.update(path.name.encode() + path.read_bytes())
     return found.hexdigest()
 

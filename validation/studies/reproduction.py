@@ -26,7 +26,7 @@ from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import simulate
 from softdyn.validation.loop import metrics
 from softdyn.validation.loop.log import Log
-from softdyn.validation.oracles.reference_laws import make_law
+from softdyn.validation.oracles import reference_laws
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import benchmark, paper
 from softdyn.validation.studies.benchmark import Case
@@ -311,7 +311,7 @@ def prepare(case: Case, name: str, folder: Path) -> Setting:
     step = next((c.plant_step for c in changes if c.plant_step), None)
     laws = {c.law for c in changes if c.law}
     if laws:
-        controller = make_law(case.controller, model, gains, laws)
+        controller = reference_laws.make_law(case.controller, model, gains, laws)
     else:
         controller = find_controller(case.controller)(model, gains)
     return Setting(
@@ -370,8 +370,7 @@ def mse_cm2(log: Log, *, sampled: bool) -> float:
 
 def fingerprint(name: str, case: Case) -> str:
     """A hash of all that a run depends on."""
-    own = Path(__file__).parent
-    code = [(own / f"{file}.py").read_bytes().hex() for file in ("reproduction", "reference_laws")]
+    code = [Path(file).read_bytes().hex() for file in (__file__, reference_laws.__file__)]
     text = json.dumps([name, benchmark.fingerprint(case), *code])
     return hashlib.sha256(text.encode()).hexdigest()
 

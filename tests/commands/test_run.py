@@ -1,0 +1,329 @@
+"""The command run.py, as its users call it."""
+
+import json
+import math
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from softdyn.validation import Log, simulate
+from softdyn.validation.loop import metrics
+from softdyn.validation.studies import paper
+from tests.support import SCRIPTS
+
+KEYS = {
+    "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
+    "step_us", "not_solved", "fallbacks", "max_bound_violation",
+}  # fmt: skip
+OWN = """
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+from neighbour import FORCE
+
+@dataclass
+class Table:
+    values: dict
+
+class Push:
+    def __init__(self, model, gains=None):
+        self.u = [(gains or {}).get("force", FORCE)] * model.nu
+    def __call__(self, state, reference):
+        return SimpleNamespace(u=self.u)
+
+class Nan(Push):
+    def __call__(self, state, reference):
+        return SimpleNamespace(u=[math.nan] * len(self.u))
+
+class Broken(Push):
+    def __call__(self, state, reference):
+        return 1 / 0
+
+class Unbuildable:
+    def __init__(self, model):
+        raise KeyError("nothing")
+"""
+PENDULUM = """<robot name="finger">
+  <link name="base"/>
+  <link name="body"><inertial><mass value="0.1"/>
+    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+  <link name="tip"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="body"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/><dynamics damping="0.05"/></joint>
+  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/>
+    <origin xyz="{length} 0 0"/></joint>
+  <softdyn version="1">
+    <tendon name="cable"><joint name="turn" coef="1"/></tendon>
+    <actuator name="u" tendon="cable" gear="1" lower="-5" upper="5"/>
+  </softdyn>
+</robot>"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A user's folder, as the working one."""
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "neighbour.py").write_text("FORCE = 0.25\n")
+    (tmp_path / "arm.urdf").write_text(PENDULUM.format(length=0.2))
+    (tmp_path / "point.urdf").write_text(PENDULUM.format(length=0))
+    monkeypatch.chdir(tmp_path)
+    for name in ("own", "neighbour"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def call(folder, monkeypatch, capsys):
+    """Run a command in this process: exit code, stdout, stderr."""
+    from softdyn.commands import cli, run
+
+    monkeypatch.setattr(cli, "one_thread", lambda: None)
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+
+    def call(*arguments):
+        try:
+            code = run.main([str(argument) for argument in arguments])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def script(name, *arguments, cwd=None):
+    command = [sys.executable, str(SCRIPTS / name), *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
+
+
+def figures(text):
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+# --- as a process -------------------------------------------------------------------------------
+
+
+def test_one_loop_from_a_shell(folder):
+    done = script(
+        "run.py", "finger", "soft-id-clf-qp", "--theta", "0.5", "--duration", "2", "--json", "-",
+        "--log", "run.npz", cwd=folder,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert done.stderr == ""  # no progress bar where there is no terminal
+    report = figures(done.stdout)
+    assert set(report) == KEYS
+    assert set(report["step_us"]) == {"median", "p99", "p999", "max"}
+    assert (report["robot"], report["controller"]) == ("finger", "soft-id-clf-qp")
+    assert (report["kind"], report["steps"]) == ("set_point", 400)
+    assert (report["failed"], report["reason"]) == (False, None)
+    assert 0 < report["step_us"]["median"] <= report["step_us"]["max"]
+    log = Log.load(folder / "run.npz")
+    assert (log.theta, log.duration, log.period) == (0.5, 2.0, 0.005)
+    assert log.gains["eps"] == 0.03
+    assert report["final_error_cm"] == metrics.final_error_cm(log)
+    assert report["mse_cm2"] == metrics.mse_cm2(log)
+    assert sorted(path.suffix for path in folder.iterdir() if path.is_file()) == [
+        ".npz", ".py", ".py", ".urdf", ".urdf",
+    ]  # fmt: skip
+
+
+def test_bad_input_from_a_shell(folder):
+    done = script("run.py", "finger", "soft-id-clf-qp", "--theta", "nan", cwd=folder)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == "error: argument --theta: expected a finite number, got 'nan'\n"
+
+
+@pytest.mark.parametrize(
+    "name", ["run", "benchmark", "crosscheck", "reproduce", "make_robots", "step_time", "sweep"]
+)
+def test_help_imports_nothing_heavy(name):
+    code = (
+        f"import sys; from softdyn.commands import {name}\n"
+        f"try: {name}.main(['--help'])\n"
+        "except SystemExit as stop: assert stop.code == 0\n"
+        "assert not {'numpy', 'mujoco', 'pinocchio', 'tqdm', 'joblib'} & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "usage:" in done.stdout
+
+
+def test_the_run_is_single_threaded(folder):
+    (folder / "own.py").write_text(
+        "import os\nclass Look:\n"
+        "    def __init__(self, model): raise ValueError(os.environ['OMP_NUM_THREADS'])\n"
+    )
+    done = script("run.py", "finger", "own.py:Look", "--theta", "0", cwd=folder)
+    assert "ValueError in line 3: 1" in done.stderr
+
+
+# --- in this process ----------------------------------------------------------------------------
+
+
+def test_tracking(call):
+    code, out, _ = call("finger", "own.py:Push", "--omega", 0.5, "--duration", 0.1, "--json", "-")
+    report = figures(out)
+    assert code == (1 if report["failed"] else 0)
+    assert (report["kind"], report["steps"]) == ("tracking", 20)
+    assert report["controller"] == "own.py:Push"
+
+
+def test_a_summary_has_the_papers_numbers(call):
+    code, out, _ = call("finger", "soft-id-clf-qp", "--theta", 0.5, "--duration", 0.5)
+    assert code == 0
+    assert "finger, soft-id-clf-qp, set point at 0.5 pi" in out
+    assert "0.08 ± 0.09 cm" in out
+    assert "done: |e| fell from 17.00" in out
+    _, out, _ = call("finger", "soft-id-clf-qp", "--omega", 0.5, "--duration", 0.5)
+    assert "0.53 ± 0.26 cm²" in out
+
+
+def test_a_failed_run_exits_with_1_and_keeps_its_log(call, folder):
+    code, out, _ = call("finger", "own.py:Nan", "--theta", 0, "--json", "-", "--log", "run.npz")
+    report = figures(out)
+    assert code == 1
+    assert report["failed"]
+    assert report["reason"].startswith("the controller failed at t = 0 s: u: expected finite")
+    assert (report["final_error_cm"], report["mse_cm2"], report["steps"]) == (None, None, 0)
+    assert report["step_us"] == dict.fromkeys(("median", "p99", "p999", "max"))
+    assert Log.load(folder / "run.npz").reason == report["reason"]
+    code, out, _ = call("finger", "own.py:Nan", "--theta", 0)
+    assert code == 1
+    assert "failed: the controller failed" in out
+
+
+def test_an_own_controller_and_its_gains(call, folder):
+    (folder / "gains.toml").write_text("force = 0.5\n")
+    goal = ("--theta", 0, "--duration", 0.05, "--log", "run.npz")
+    call("finger", "own.py:Push", *goal)
+    assert Log.load("run.npz").u.tolist() == [[0.25, 0.25]] * 10
+    call("finger", folder / "own.py:Push", *goal, "--gains", "gains.toml")
+    assert Log.load("run.npz").u.tolist() == [[0.5, 0.5]] * 10
+
+
+def test_an_own_robot_to_a_target(call, folder):
+    (folder / "gains.toml").write_text("Kp = 100\neps = 0.1\n")
+    code, out, _ = call(
+        "arm.urdf", "soft-id-clf-qp", "--target", 0.1, 0, "-1e-1", "--gains", "gains.toml",
+        "--period", 0.004, "--duration", 0.02, "--json", "r.json", "--log", "run.npz",
+    )  # fmt: skip
+    log = Log.load("run.npz")
+    assert log.y_ref[0].tolist() == [0.1, 0.0, -0.1]
+    assert (log.period, log.length, log.steps, log.theta) == (0.004, 0.2, 5, None)
+    assert log.gains["Kp"] == 100
+    assert "set point at 0.1 0 -0.1 m" in out
+    assert figures((folder / "r.json").read_text())["kind"] == "set_point"
+    assert code in (0, 1)
+
+
+def test_an_own_robot_has_an_ellipse_of_its_size(call):
+    call("arm.urdf", "own.py:Push", "--theta", 1.5, "--duration", 0.01, "--log", "run.npz")
+    log = Log.load("run.npz")
+    assert log.period == 0.002
+    expected = 0.2 * math.sqrt(0.5)  # at full reach, 45° below the horizon
+    np.testing.assert_allclose(log.y_ref[0], [expected, 0, -expected], rtol=0, atol=1e-15)
+
+
+def test_a_name_brings_no_published_gains(call):
+    # the file calls its robot "finger", which it is not
+    code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0)
+    assert code == 2
+    assert "arm.urdf" in err
+    assert "gains" in err
+
+
+def test_the_period_and_contacts_reach_the_run(call):
+    call("finger", "own.py:Push", "--theta", 0, "--duration", 0.1, "--period", 0.01, "--contacts",
+         "--log", "run.npz")  # fmt: skip
+    log = Log.load("run.npz")
+    assert (log.steps, log.period, log.contacts) == (10, 0.01, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no-robot", "own.py:Push", "--theta", "0"], "robot: expected"),
+        (["none.urdf", "own.py:Push", "--theta", "0"], "robot: expected an existing URDF file"),
+        (["finger", "no-controller", "--theta", "0"], "controller: expected soft-id-clf-qp"),
+        (["finger", "none.py:Push", "--theta", "0"], "expected an existing Python file"),
+        (["finger", "own.py:Pull", "--theta", "0"], "expected a class in own.py, got 'Pull'"),
+        (["finger", "own.py", "--theta", "0"], "controller: expected"),
+        (
+            ["finger", "own.py:Broken", "--theta", "0"],
+            "expected a command, got ZeroDivisionError in line 23",
+        ),
+        (
+            ["finger", "own.py:Unbuildable", "--theta", "0"],
+            "expected a controller, got KeyError in line 27: 'nothing'",
+        ),
+        (["finger", "arm.urdf:Push", "--theta", "0"], "controller: expected"),
+        (["finger", "own.py:Push"], "one of the arguments --theta --omega --target is required"),
+        (["finger", "own.py:Push", "--theta", "0", "--omega", "1"], "not allowed with"),
+        (["finger", "own.py:Push", "--theta", "x"], "expected a finite number, got 'x'"),
+        (["finger", "own.py:Push", "--omega", "0"], "expected a number > 0, got '0'"),
+        (["finger", "own.py:Push", "--omega", "-1"], "expected a number > 0"),
+        (["finger", "own.py:Push", "--omega", "1e-300"], "duration: expected at most"),
+        (["finger", "own.py:Push", "--target", "0", "1"], "--target: expected 3 arguments"),
+        (["finger", "own.py:Push", "--target", "0", "inf", "0"], "expected a finite number"),
+        (["finger", "own.py:Push", "--theta", "0", "--duration", "-1"], "expected a number > 0"),
+        (["finger", "own.py:Push", "--theta", "0", "--period", "nan"], "expected a finite number"),
+        (["finger", "own.py:Push", "--theta", "0", "--gains", "none"], "none: expected a readable"),
+        (["finger", "own.py:Push", "--theta", "0", "--gains", "own.py"], "expected a TOML file"),
+        (["finger", "own.py:Push", "--theta", "0", "--log", "no/folder/f"], "a writable file"),
+        (["finger", "own.py:Push", "--theta", "0", "--log", "."], "expected a file, got a folder"),
+        (["finger", "own.py:Push", "--theta", "0", "--json", "no/f.json"], "a writable file"),
+        (["point.urdf", "own.py:Push", "--theta", "0"], "expected a robot with a length"),
+        (["own.py", "own.py:Push", "--theta", "0"], "well-formed XML"),
+    ],
+)
+def test_bad_input(call, folder, arguments, message):
+    before = sorted(folder.iterdir())
+    code, out, err = call(*arguments)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
+    assert [path for path in sorted(folder.iterdir()) if path.name != "__pycache__"] == before
+
+
+@pytest.mark.parametrize(
+    ("toml", "message"),
+    [
+        ("Kp = -1\n", "gains.toml: gains.Kp: expected"),
+        ("Kp = nan\n", "gains.toml: gains.Kp: expected"),
+        ("Kp = 'a'\n", "gains.toml: gains.Kp: expected"),
+        ("Kp = 1\nspeed = 2\n", "speed"),
+        ("eps = 1\n", "Kp"),
+        ("Kp = \n", "expected a TOML file"),
+    ],
+)
+def test_bad_gains(call, folder, toml, message):
+    (folder / "gains.toml").write_text(toml)
+    code, _, err = call("finger", "soft-id-clf-qp", "--theta", 0, "--gains", "gains.toml")
+    assert code == 2
+    assert err.startswith("error: gains.toml")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_a_robot_without_length_takes_a_target(call):
+    code, out, _ = call("point.urdf", "own.py:Push", "--target", 0, 0, 0, "--duration", 0.01)
+    assert code == 0  # its tip is the joint itself: already there
+    assert "done: |e| fell from 0.000 to 0.000 cm" in out
+
+
+def test_the_script_and_the_library_agree(call):
+    import softdyn
+    from softdyn.controllers import SoftIdClfQp
+
+    model = softdyn.load("finger")
+    log = simulate(model, SoftIdClfQp(model), paper.set_point("finger", 1.0), duration=0.2)
+    _, out, _ = call("finger", "soft-id-clf-qp", "--theta", 1, "--duration", 0.2, "--json", "-")
+    assert figures(out)["final_error_cm"] == metrics.final_error_cm(log)

@@ -1,0 +1,183 @@
+"""Barriers: their derivatives, the rows they become, the programme with them solved exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softdyn import InputError, SetPoint, SoftModel, State
+from softdyn.controllers import SoftIdClfQp, Status
+from softdyn.controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimits, Sphere
+from softdyn.controllers.programmes.horizon import over_hold
+from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.validation import simulate
+from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
+from tests.support.textbook import Programme, solve_quadprog, textbook
+
+TAU = 0.03
+ROBOTS = ("finger", "helix", "spirob", "sliding and turning")
+
+
+def some_barriers(model: SoftModel, y: np.ndarray) -> tuple:
+    return (
+        JointLimits(model, 0.1),
+        HalfSpace([1.0, 0.5, -2.0], float(y @ [1.0, 0.5, -2.0]) / 5.25**0.5 - 0.01, 15.0),
+        Sphere(np.add(y, [0.02, 0.01, -0.01]), 0.02),
+    )
+
+
+def gains(name: str) -> object:
+    return gains_of(name) if name in BUNDLED else GAINS
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_values_and_derivatives(name: str) -> None:
+    model, rng = robot(name), np.random.default_rng(4)
+    for state, _ in drawn(name)[2:8:3]:
+        a = rng.normal(size=model.nv)  # q(t) = q ⊕ (v t + a t²/2) has q̈ = a at t = 0
+
+        def moved(t: float, a: np.ndarray = a, start: State = state) -> State:
+            return model.state(model.integrate(start.q, t * start.v + t * t / 2 * a), start.v)
+
+        for barrier in some_barriers(model, state.y):
+            b, G, drift, unit = barrier(state)
+            first, second = np.zeros((2, 2, len(b)))
+            for i, t in enumerate((1e-4, 2e-4)):
+                ahead, behind = barrier(moved(t)).b, barrier(moved(-t)).b
+                first[i] = (ahead - behind) / (2 * t)
+                second[i] = (ahead - 2 * b + behind) / t**2
+            for analytic, (fine, coarse) in ((G @ state.v, first), (G @ a + drift, second)):
+                numeric = (4 * fine - coarse) / 3  # Richardson
+                scale = max(1.0, np.abs(numeric).max())
+                np.testing.assert_allclose(analytic, numeric, rtol=0, atol=1e-5 * scale)
+            assert ((unit == 1e-3) | (unit == 1e-2)).all()
+
+
+def test_joint_limits_are_those_of_the_file() -> None:
+    model = robot("helix")
+    state = model.state(model.q0, np.zeros(model.nv))
+    values = JointLimits(model)(state)
+    assert len(values.b) == 2 * model.nv
+    np.testing.assert_allclose(values.b[: model.nv], -model.lower)
+    np.testing.assert_allclose(values.b[model.nv :], model.upper)
+    inset = JointLimits(model, 0.1)(state)
+    np.testing.assert_allclose(inset.b + 0.1 * np.tile(model.upper - model.lower, 2), values.b)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
+    # for any u: slack of a row = (b̈ + 2α ḃ⁺ + α² b⁺) / (1 + ατ)² with everything at the end of τ
+    model, rng = robot(name), np.random.default_rng(5)
+    for state, _ in drawn(name)[:6:2]:
+        barriers = some_barriers(model, state.y)
+        held = over_hold(state, TAU)
+        rows = BarrierRows(model, barriers, TAU).at(held)
+        u = rng.uniform(model.u_min, model.u_max)
+        qdd = np.linalg.solve(held.M, state.B @ u - held.h)
+        wanted = []
+        for barrier in barriers:
+            b, G, drift, _ = barrier(state)
+            second, alpha = G @ qdd + drift, barrier.rate
+            first = G @ state.v + TAU * second
+            wanted.append(
+                (second + 2 * alpha * first + alpha**2 * (b + TAU * first)) / (1 + alpha * TAU) ** 2
+            )
+        slack = rows.upper - rows.matrix @ u
+        size = max(1.0, np.abs(rows.matrix * u).max(), np.abs(rows.upper).max())
+        np.testing.assert_allclose(slack, np.concatenate(wanted), atol=1e-9 * size)
+
+
+def with_rows(programme: Programme, matrix: np.ndarray, upper: np.ndarray, n: int) -> Programme:
+    p, m = matrix.shape
+    rows = np.zeros((p, len(programme.g)))
+    rows[:, n : n + m] = matrix
+    return replace(
+        programme, A=np.vstack((programme.A, rows)), b=np.concatenate((programme.b, upper))
+    )
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
+def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
+    model, active = robot(name), 0
+    spread = float((model.u_max - model.u_min).max())
+    for state, reference in drawn(name)[::2]:
+        barriers = some_barriers(model, state.y)
+        controller = SoftIdClfQp(model, gains(name), hold=TAU, barriers=barriers)
+        command = controller(state, reference)
+        assert command.status is Status.OK
+        held = over_hold(state, TAU)
+        rows = BarrierRows(model, barriers, TAU).at(held)
+        if controller.barrier_rows.relaxed:
+            continue
+        upper = rows.upper + ROOM * rows.unit
+        assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
+        free = SoftIdClfQp(model, gains(name), hold=TAU)(state, reference).u
+        active += np.abs(free - command.u).max() > 1e-6 * spread
+        programme = textbook(held, reference, controller.gains, margin=BACKOFF)
+        exact = solve_quadprog(with_rows(programme, rows.matrix, upper, model.nv))
+        if exact.residual < 1e-9:
+            u = exact.x[model.nv : model.nv + model.nu]
+            np.testing.assert_allclose(command.u, u, rtol=0, atol=1e-5 * spread)
+    assert active  # some row changed an input
+
+
+def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
+    # two half-spaces that exclude each other: the bounds stay hard, both give way alike
+    model = robot("finger")
+    state = model.state(np.full(4, 0.3), np.zeros(4))
+    walls = [
+        HalfSpace([1.0, 0.0, 0.0], state.y[0] + 0.05),
+        HalfSpace([-1.0, 0.0, 0.0], -state.y[0] + 0.05),
+    ]
+    controller = SoftIdClfQp(model, hold=TAU, barriers=walls)
+    command = controller(state, SetPoint(state.y))
+    assert command.status is Status.OK
+    assert (command.u >= model.u_min).all()
+    assert (command.u <= model.u_max).all()
+    report = controller.barrier_rows
+    assert report.relaxed == 1
+    assert report.relaxation == pytest.approx(50.0, rel=0.2)  # millimetres
+    assert report.violation == pytest.approx(50.0)
+
+
+def test_a_barrier_out_of_the_way_changes_nothing() -> None:
+    model = robot("finger")
+    far = [Sphere([5.0, 0.0, 0.0], 0.1), HalfSpace([0.0, 0.0, 1.0], -9.0)]
+    # without a horizon the damping force at its start alone would break the rows
+    one, two = (SoftIdClfQp(model, hold=TAU, barriers=b) for b in ((), far))
+    for state, reference in drawn("finger"):
+        np.testing.assert_array_equal(one(state, reference).u, two(state, reference).u)
+    assert two.barrier_rows.relaxed == 0
+
+
+def test_the_tip_stops_at_a_wall_the_published_law_passes() -> None:
+    model = robot("finger")
+    start = model.state(model.q0, np.zeros(4)).y
+    goal = SetPoint(np.add(start, [-0.05, 0.0, -0.1]))
+    wall = HalfSpace([0.0, 0.0, 1.0], start[2] - 0.06)
+    lowest = {}
+    for name, barriers in (("free", ()), ("walled", (wall,))):
+        controller = SoftIdClfQp(model, hold=TAU, barriers=barriers)
+        log = simulate(model, controller, goal, duration=1.0, period=0.005)
+        lowest[name] = log.y[:, 2].min() - wall.offset
+    assert lowest["free"] < -0.02
+    assert lowest["walled"] > -1e-3
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: HalfSpace([0.0, 0.0, 0.0], 0.0), "normal"),
+        (lambda: HalfSpace([0.0, 1.0], 0.0), "normal"),
+        (lambda: HalfSpace([0.0, 0.0, 1.0], float("nan")), "offset"),
+        (lambda: Sphere([0.0, 0.0, 0.0], 0.0), "radius"),
+        (lambda: Sphere([0.0, 0.0, float("inf")], 1.0), "centre"),
+        (lambda: Sphere([0.0, 0.0, 0.0], 1.0, rate=-1.0), "rate"),
+        (lambda: JointLimits(robot("finger"), -0.1), "margin"),
+    ],
+)
+def test_barriers_that_make_no_sense(make: object, name: str) -> None:
+    with pytest.raises(InputError, match=name):
+        make()  # type: ignore[operator]

@@ -1,0 +1,99 @@
+"""Gains: the paper's table, and what cannot be one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import FrozenInstanceError, fields
+
+import pytest
+
+from softdyn import InputError, SoftdynError
+from softdyn.controllers import CONTROLLERS, Gains
+from softdyn.controllers.gains import PUBLISHED, resolve
+from tests.support.control_cases import BUNDLED, GAINS, robot
+
+# tab:controller_params, retyped: K_p, ε, w1, w2, w3, w4, ρ; None where the table has a dash
+TABLE = {
+    ("finger", "clf-qp"): (500, 0.05, 1, None, None, None, 1000),
+    ("finger", "soft-id-clf-qp"): (500, 0.03, 1, 0.2, 0.2, 0.1, 1000),
+    ("finger", "ic"): (500, 0.03, None, None, None, None, None),
+    ("finger", "uic"): (500, 0.03, None, None, None, None, None),
+    ("finger", "ic-qp"): (1500, 0.03, 1, 0.02, 0.2, None, None),
+    ("helix", "clf-qp"): (500, 0.05, 1, None, None, None, 1000),
+    ("helix", "soft-id-clf-qp"): (500, 0.05, 1, 0.1, 0.2, 0.1, 1000),
+    ("helix", "ic"): (2000, 0.05, None, None, None, None, None),
+    ("helix", "uic"): (1000, 0.05, None, None, None, None, None),
+    ("helix", "ic-qp"): (500, 0.05, 1, 0.1, 0.2, None, None),
+    ("spirob", "clf-qp"): (500, 0.01, 1, None, None, None, 1000),
+    ("spirob", "soft-id-clf-qp"): (500, 0.01, 1, 0.2, 0.5, 0.1, 1000),
+    ("spirob", "ic"): (500, 0.01, None, None, None, None, None),
+    ("spirob", "uic"): (500, 0.01, None, None, None, None, None),
+    ("spirob", "ic-qp"): (2000, 0.01, 1, 0.2, 0.5, None, None),
+}
+FIELDS = [field.name for field in fields(Gains)]
+POSITIVE = ("Kp", "eps", "rho")
+
+
+@pytest.mark.parametrize("row", TABLE)
+def test_published(row: tuple[str, str]) -> None:
+    gains = PUBLISHED[row[0]][row[1]]
+    values = (gains.Kp, gains.eps, gains.w1, gains.w2, gains.w3, gains.w4, gains.rho)
+    for value, expected in zip(values, TABLE[row], strict=True):
+        assert expected is None or value == expected
+
+
+def test_every_bundled_robot_has_gains_for_every_controller() -> None:
+    assert set(PUBLISHED) == set(BUNDLED)
+    for table in PUBLISHED.values():
+        assert set(table) == set(CONTROLLERS)
+        for gains in table.values():
+            assert gains.null_damping == 50
+            assert gains.rho == 1000
+
+
+def test_damping_is_critical() -> None:
+    assert Gains(Kp=500).Kd == pytest.approx(2 * math.sqrt(500), rel=1e-15)
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize(
+    "value",
+    [-1, -1e-300, math.nan, math.inf, -math.inf, "1", None, True, 1j, [1.0], b"1"],
+    ids=repr,
+)
+def test_refused(field: str, value: object) -> None:
+    with pytest.raises(InputError, match=rf"gains\.{field}: expected"):
+        Gains(**{"Kp": 1.0, field: value})
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_zero_is_a_weight_but_no_rate(field: str) -> None:
+    arguments = {"Kp": 1.0, field: 0.0}
+    if field in POSITIVE:
+        with pytest.raises(InputError, match="positive"):
+            Gains(**arguments)
+    else:
+        assert getattr(Gains(**arguments), field) == 0
+
+
+def test_a_message_is_one_line() -> None:
+    with pytest.raises(SoftdynError) as error:
+        Gains(Kp="a\nb" * 500)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 250
+
+
+def test_frozen() -> None:
+    with pytest.raises(FrozenInstanceError):
+        Gains(Kp=1.0).Kp = 2.0
+
+
+def test_resolve() -> None:
+    bundled, micro = robot("finger"), robot("planar")
+    assert resolve(bundled, "ic", None) is PUBLISHED["finger"]["ic"]
+    assert resolve(bundled, "ic", GAINS) is GAINS
+    assert resolve(micro, "ic", GAINS) is GAINS
+    with pytest.raises(InputError, match="no published ones"):
+        resolve(micro, "ic", None)
+    with pytest.raises(InputError, match="gains"):
+        resolve(bundled, "no such controller", None)

@@ -1,0 +1,89 @@
+"""The dynamics over a hold: published at τ = 0, else backward Euler's; solved exactly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.programmes.horizon import elastic_stiffness, over_hold
+from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
+from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
+from tests.support.textbook import solve_quadprog, textbook
+
+ROBOTS = ("finger", "spirob", "n < 3 + m", "sliding and turning")
+
+
+def controller_of(name: str, **options: object) -> SoftIdClfQp:
+    gains = gains_of(name) if name in BUNDLED else GAINS
+    return SoftIdClfQp(robot(name), gains, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_no_horizon_is_the_published_law(name: str) -> None:
+    published, held = controller_of(name), controller_of(name, hold=0.0)
+    for state, reference in drawn(name):
+        assert over_hold(state, 0.0) is state
+        np.testing.assert_array_equal(published(state, reference).u, held(state, reference).u)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_springs_and_dampers_at_the_end_of_the_horizon(name: str) -> None:
+    # the equation solved for q̈ is the original one with K and D's force at (q, v) after τ
+    model, tau, rng = robot(name), 0.03, np.random.default_rng(1)
+    for state, _ in drawn(name)[:6]:
+        u = rng.uniform(model.u_min, model.u_max)
+        held = over_hold(state, tau)
+        qdd = np.linalg.solve(held.M, state.B @ u - held.h)
+        v = state.v + tau * qdd
+        # springs of the bundled and micro robots are linear: so is K, in joint coordinates
+        moved = model.coordinates(state.q) + tau * v
+        K = model.stiffness * (moved - model.rest)
+        residual = state.M @ qdd + state.bias + state.D @ v + K - state.B @ u
+        assert np.abs(residual).max() < 1e-10 * max(1.0, np.abs(held.M @ qdd).max())
+
+
+@pytest.mark.parametrize("seed", [*range(4), "finger", "sliding and turning"])
+def test_the_stiffness_is_the_gradient_of_the_springs(seed: int | str, tmp_path: Path) -> None:
+    # random robots have elastic tendons, whose stiffness depends on q
+    model = robot(seed) if isinstance(seed, str) else softdyn.load(write_robot(seed, tmp_path))
+    rng = np.random.default_rng(2)
+    low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
+    q = model.configuration(rng.uniform(low, high))
+    numeric = gradient(model, lambda q: model.state(q, np.zeros(model.nv)).K, q, 2e-4)
+    assert relative(elastic_stiffness(model, q), numeric) < 1e-7
+
+
+@pytest.mark.parametrize("tau", [0.002, 0.05])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_inputs_are_those_of_the_textbook_form_with_the_other_dynamics(
+    name: str, tau: float
+) -> None:
+    model = robot(name)
+    controller = controller_of(name, hold=tau)
+    for state, reference in drawn(name)[::2]:
+        M = state.M + tau * state.D + tau**2 * np.diag(model.stiffness)
+        h = state.h + tau * model.stiffness * state.v
+        exact = solve_quadprog(textbook(replace(state, M=M, h=h), reference, controller.gains))
+        assert exact.residual < 1e-9
+        u = exact.x[model.nv : model.nv + model.nu]
+        spread = (model.u_max - model.u_min).max()
+        np.testing.assert_allclose(
+            controller(state, reference).u, u, rtol=0, atol=1e-6 * max(spread, 1e-9)
+        )
+    assert controller.guard.fallbacks == 0
+
+
+def test_the_horizon_matters_and_must_make_sense() -> None:
+    state, reference = drawn("finger")[4]
+    one, two = (controller_of("finger", hold=tau)(state, reference).u for tau in (0.0, 0.03))
+    assert np.abs(one - two).max() > 1e-4
+    for wrong in (-1e-3, float("nan"), "long"):
+        with pytest.raises(InputError, match="hold"):
+            controller_of("finger", hold=wrong)

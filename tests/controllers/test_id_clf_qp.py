@@ -1,0 +1,311 @@
+"""The condensed Soft ID-CLF-QP is the paper's programme: against the textbook form, solved exactly.
+
+Where the minimiser is unique, inputs are compared. The controller draws the input bounds in by
+`BACKOFF` of their range: u is compared against the true bounds, the objective (whose slope at a
+bound may be anything) against bounds drawn in alike. Where it is not unique (w2 = w4 = 0, or
+w3 = 0 and rank(B) < m), the value is: the controller's u is pinned in the textbook programme,
+whose optimum must then be as good as with u free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from softdyn import InputError, SetPoint, SoftModel, State
+from softdyn.controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
+from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.dynamics.integrators import step_implicit
+from softdyn.validation.studies import paper
+from tests.support.control_cases import (
+    BUNDLED,
+    GAINS,
+    MICRO,
+    RANK_DEFICIENT,
+    drawn,
+    gains_of,
+    recorded,
+    robot,
+)
+from tests.support.textbook import (
+    RANK_TOLERANCE,
+    Exact,
+    Programme,
+    actuated_rows,
+    solve_daqp,
+    solve_quadprog,
+    textbook,
+    with_input,
+)
+
+RIDGE = 1e-7  # of the proximal iteration on semidefinite programmes
+every_robot = pytest.mark.parametrize("name", BUNDLED + MICRO)
+
+
+def cases(name: str) -> list[tuple[State, SetPoint]]:
+    return [*drawn(name), *(recorded(name) if name in BUNDLED else ())]
+
+
+def spread(model: SoftModel) -> float:
+    return float((model.u_max - model.u_min).max()) or 1.0
+
+
+def inputs(model: SoftModel, exact: Exact) -> np.ndarray:
+    return exact.x[model.nv : model.nv + model.nu]
+
+
+def solve_both(model: SoftModel, programme: Programme) -> Exact:
+    """quadprog's answer, which DAQP confirms; both with their conditions of optimality met."""
+    one, two = solve_quadprog(programme), solve_daqp(programme)
+    assert one.residual < 1e-10
+    assert two.residual < 1e-10
+    np.testing.assert_allclose(
+        inputs(model, one), inputs(model, two), rtol=0, atol=1e-8 * spread(model)
+    )
+    return one
+
+
+def relative(value: float, best: float) -> float:
+    return (value - best) / max(1.0, abs(best))
+
+
+@every_robot
+def test_inputs_are_those_of_the_textbook_form(name: str) -> None:
+    model, gains = robot(name), gains_of(name)
+    controller = SoftIdClfQp(model, gains)
+    for state, reference in cases(name):
+        exact = solve_both(model, textbook(state, reference, gains))
+        u = controller(state, reference).u
+        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+    assert controller.guard.fallbacks == 0
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
+def test_an_input_that_costs_nothing(name: str) -> None:
+    model, gains = robot(name), gains_of(name)
+    u0 = float(model.u_min[0] + 0.3 * spread(model))
+    for given in (u0, np.full(model.nu, u0)):
+        controller = SoftIdClfQp(model, gains, u0=given)
+        for state, reference in cases(name)[:6]:
+            exact = solve_both(model, textbook(state, reference, gains, u0=u0))
+            u = controller(state, reference).u
+            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+    for wrong in (np.zeros(model.nu + 1), "x", np.nan, [[0.0] * model.nu]):
+        with pytest.raises(InputError, match="u0"):
+            SoftIdClfQp(model, gains, u0=wrong)
+
+
+@every_robot
+def test_objective_is_that_of_the_textbook_form(name: str) -> None:
+    model, gains = robot(name), gains_of(name)
+    controller = SoftIdClfQp(model, gains)
+    for state, reference in cases(name):
+        programme = textbook(state, reference, gains, margin=BACKOFF)
+        exact = solve_both(model, programme)
+        command = controller(state, reference)
+        pinned = solve_quadprog(with_input(programme, command.u))
+        best = programme.objective(exact.x)
+        assert abs(relative(programme.objective(pinned.x), best)) < 1e-8
+        # and δ, in the units of V̇
+        size = max(1.0, abs(exact.x[-1]))
+        assert abs(command.delta - exact.x[-1]) < 1e-7 * size
+
+
+def test_the_cases_cover_what_they_should() -> None:
+    for name in BUNDLED:
+        model, controller = robot(name), SoftIdClfQp(robot(name))
+        margins = []
+        for state, reference in cases(name):
+            u = controller(state, reference).u
+            margins.append(min((u - model.u_min).min(), (model.u_max - u).min()))
+        assert min(margins) < 1e-6 * spread(model), name  # saturated
+        assert max(margins) > 1e-4 * spread(model), name  # and not
+
+    def rank(matrix: np.ndarray) -> int:
+        values = scipy.linalg.svdvals(matrix)
+        return int((values > RANK_TOLERANCE * values[0]).sum())
+
+    assert all(rank(state.J) < 3 for state, _ in cases("finger"))
+    assert rank(recorded("spirob")[0][0].J) < 3  # hanging straight
+    assert rank(recorded("spirob")[0][0].B) == 2  # three cables at 120°
+    for name in RANK_DEFICIENT:
+        assert rank(cases(name)[0][0].B) < robot(name).nu
+    n_and_m = {(robot(name).nv, robot(name).nu) for name in MICRO}
+    assert any(n < 3 + m for n, m in n_and_m)
+    assert any(n < m for n, m in n_and_m)
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [
+        {"w2": 0.0, "w4": 0.0},
+        {"w3": 0.0},
+        {"w4": 0.0},
+        {"w3": 0.0, "w4": 0.0},
+        {"w2": 0.0},
+        {"w1": 0.0},
+        {"null_damping": 0.0},
+    ],
+    ids=str,
+)
+@every_robot
+def test_edges_of_the_weights(name: str, weights: dict[str, float]) -> None:
+    model, gains = robot(name), replace(gains_of(name), **weights)
+    controller = SoftIdClfQp(model, gains)
+    compared = 0
+    for state, reference in cases(name)[::3]:
+        programme = textbook(state, reference, gains, margin=BACKOFF)
+        command = controller(state, reference)
+        assert command.status is Status.OK
+        exact = solve_quadprog(programme, RIDGE)
+        pinned = solve_quadprog(with_input(programme, command.u), RIDGE)
+        assert pinned.residual < 1e-9
+        gap = relative(programme.objective(pinned.x), programme.objective(exact.x))
+        assert gap < 1e-7  # never worse than the oracle
+        if exact.residual < 1e-10:  # the oracle itself has converged
+            compared += 1
+            assert gap > -1e-7
+    assert compared
+
+
+@pytest.mark.parametrize("name", [*BUNDLED, "n < 3 + m", "planar", *RANK_DEFICIENT])
+def test_the_theorem_in_the_oracles_own_answer(name: str) -> None:
+    # docs/derivations.md: at the optimum q̈ + c q̇ lies in the span of Jᵀ and of M range(B)
+    model, gains = robot(name), gains_of(name)
+    c = gains.w4 * gains.null_damping / (gains.w2 + gains.w4)
+    for state, reference in cases(name):
+        exact = solve_quadprog(textbook(state, reference, gains))
+        q̈ = exact.x[: model.nv]
+        rows = actuated_rows(state)[0] @ state.M
+        span = scipy.linalg.orth(np.vstack((state.J, rows / np.linalg.norm(rows))).T, rcond=1e-9)
+        rest = q̈ + c * state.v
+        outside = rest - span @ (span.T @ rest)
+        assert np.abs(outside).max() <= 1e-7 * max(1.0, np.abs(rest).max())
+
+
+@every_robot
+def test_the_slack_is_never_negative(name: str) -> None:
+    controller = SoftIdClfQp(robot(name), gains_of(name))
+    for state, reference in cases(name):
+        delta = controller(state, reference).delta
+        assert delta >= -1e-9 * max(1.0, abs(delta))
+
+
+@every_robot
+def test_the_programme_has_at_most_m_plus_4_unknowns(name: str) -> None:
+    model, gains = robot(name), gains_of(name)
+    dynamics = SoftInverseDynamics(gains, model.nu)
+    state, reference = cases(name)[0]
+    task = Task(gains)
+    task.update(state, reference)
+    condensed = dynamics.condense(state, task)
+    assert dynamics.size == model.nu + 3
+    assert condensed.H.shape == (model.nu + 3,) * 2
+    assert condensed.mu_map.shape == (3, model.nu + 3)
+
+
+def test_collocated_rows_are_the_pseudo_inverse() -> None:
+    # the paper's T⁻ᵀ with T = [Bᵀ; null(Bᵀ)] has B⁺ as its first m rows
+    for name in (*BUNDLED, "n < 3 + m", "planar", "sliding and turning"):
+        for state, _ in drawn(name)[:4]:
+            R, S = actuated_rows(state)
+            assert len(R) == robot(name).nu
+            np.testing.assert_array_equal(S, np.eye(len(R)))
+            inverse = np.linalg.pinv(state.B)
+            np.testing.assert_allclose(R, inverse, rtol=0, atol=1e-9 * np.abs(inverse).max())
+
+
+@pytest.mark.parametrize("theta", paper.THETAS)
+def test_the_rank_threshold_decides_nothing_on_the_paths_of_spirob(theta: float) -> None:
+    model, gains = robot("spirob"), gains_of("spirob")
+    controller, goal = SoftIdClfQp(model), paper.set_point("spirob", theta).reference(0.0)
+    q, v = model.q0, np.zeros(model.nv)
+    for _ in range(10):
+        state = model.state(q, v)
+        u = controller(state, goal).u
+        for tolerance in (1e-9, 1e-4):
+            exact = solve_quadprog(textbook(state, goal, gains, tolerance=tolerance))
+            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+        for _ in range(4):
+            q, v = step_implicit(model, q, v, u, 5e-4)
+    assert controller.guard.fallbacks == 0
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-8, 1e-7, 1e-6, 2e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-2])
+def test_an_almost_singular_input_matrix(scale: float) -> None:
+    # B's smallest singular value passes through every magnitude as q → 0, its inverse with it
+    model, gains = robot("spirob"), gains_of("spirob")
+    controller = SoftIdClfQp(model)
+    for seed in range(18):
+        rng = np.random.default_rng(seed)
+        q = scale * rng.normal(size=model.nv)
+        state = model.state(q, rng.normal(size=model.nv) * (0.0, 1e-3, 0.1)[seed % 3])
+        goal = SetPoint(state.y + rng.normal(size=3) * (1e-4, 1e-2, 0.3)[seed // 3 % 3])
+        u = controller(state, goal).u
+        values = scipy.linalg.svdvals(state.B)
+        if not 0.1 < values[-1] / values[0] / RANK_TOLERANCE < 10:  # the rank is not in doubt
+            exact = solve_both(model, textbook(state, goal, gains))
+            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+    assert controller.guard.fallbacks == 0
+    assert controller.guard.max_bound_violation == 0
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_closed_loops_solve_every_programme(name: str) -> None:
+    model, setup = robot(name), paper.setup(name)
+    for theta in (0.5, 1.0):
+        controller, goal = SoftIdClfQp(model), paper.set_point(name, theta).reference(0.0)
+        q, v = model.q0, np.zeros(model.nv)
+        for _ in range(round(0.5 / setup.period)):
+            u = controller(model.state(q, v), goal).u
+            for _ in range(round(setup.period / 5e-4)):
+                q, v = step_implicit(model, q, v, u, 5e-4)
+        assert controller.guard.fallbacks == 0
+        assert controller.guard.max_bound_violation <= 1e-9 * spread(model)
+
+
+@pytest.mark.parametrize("name", [*BUNDLED, "planar", "n < 3 + m", "sliding and turning"])
+def test_impedance_qp_is_the_programme_without_the_condition(name: str) -> None:
+    model = robot(name)
+    controller = ImpedanceQp(model, None if name in BUNDLED else GAINS)
+    for state, reference in cases(name):
+        programme = textbook(state, reference, controller.gains, decrease=False)
+        exact = solve_both(model, programme)
+        u = controller(state, reference).u
+        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+
+
+@pytest.mark.parametrize("name", [*BUNDLED, "planar", "n < 3 + m", *RANK_DEFICIENT])
+def test_hard_id_clf_qp_asks_all_of_the_dynamics(name: str) -> None:
+    model = robot(name)
+    controller = IdClfQp(model, None if name in BUNDLED else GAINS)
+    for state, reference in cases(name):
+        exact = solve_quadprog(textbook(state, reference, controller.gains, hard=True))
+        assert exact.residual < 1e-9
+        u = controller(state, reference).u
+        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+
+
+def test_the_soft_programme_is_the_hard_one_when_fully_actuated() -> None:
+    soft, hard = (C(robot("fully actuated"), GAINS) for C in (SoftIdClfQp, IdClfQp))
+    for state, reference in cases("fully actuated"):
+        one, two = soft(state, reference), hard(state, reference)
+        np.testing.assert_allclose(one.u, two.u, rtol=0, atol=1e-7 * spread(state.model))
+
+
+def test_gains_matter() -> None:
+    # a guard against a textbook and a controller that agree on ignoring something
+    model, gains, pairs = robot("helix"), gains_of("helix"), cases("helix")
+    base = [SoftIdClfQp(model)(*pair).u for pair in pairs]
+    for field in Gains.__dataclass_fields__:
+        controller = SoftIdClfQp(model, replace(gains, **{field: 1.5 * getattr(gains, field)}))
+        changed = [controller(*pair).u for pair in pairs]
+        assert np.abs(np.subtract(changed, base)).max() > 1e-6 * spread(model), field
+        for pair, u in zip(pairs, changed, strict=True):
+            exact = solve_quadprog(textbook(*pair, controller.gains))
+            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))

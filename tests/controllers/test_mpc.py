@@ -1,0 +1,278 @@
+"""The predictive controller: its prediction against the dynamics, its answer against exact ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import quadprog
+from test_controllers import ask, hostile_references
+
+import softdyn
+from softdyn import InputError, Reference, SetPoint, SoftdynError
+from softdyn.controllers import Mpc, Status, Tuning, find_controller
+from softdyn.controllers.mpc import KNOTS
+from softdyn.controllers.programmes.prediction import one_period, programme, ramps, respond, stacked
+from softdyn.description import library as catalogue
+from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.validation import simulate
+from softdyn.validation.studies import paper
+from tests.support.control_cases import BUNDLED, MICRO, drawn, robot
+
+every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
+
+
+def random_state(which: str, seed: int):
+    model, rng = robot(which), np.random.default_rng(seed)
+    lower, upper = np.maximum(model.lower, -0.6), np.minimum(model.upper, 0.6)
+    q = model.configuration(rng.uniform(lower, upper))
+    u = rng.uniform(np.maximum(model.u_min, -2), np.minimum(model.u_max, 2))
+    return model, q, rng.normal(size=model.nv), u
+
+
+@every_robot
+def test_tangents_are_those_of_the_forward_dynamics(which: str) -> None:
+    model, q, v, u = random_state(which, 1)
+    K, D = tangent_dynamics(model, q, v, u)
+
+    def force(dq: np.ndarray, dv: np.ndarray) -> np.ndarray:  # h - B u
+        moved = model.state(model.integrate(q, dq), v + dv)
+        return moved.h - moved.B @ u
+
+    zero = np.zeros(model.nv)
+    scale = max(1.0, np.abs(K).max(), np.abs(D).max())
+    steps = 1e-6 * np.eye(model.nv)
+    by_q = np.stack([force(dx, zero) - force(-dx, zero) for dx in steps], axis=1) / 2e-6
+    by_v = np.stack([force(zero, dx) - force(zero, -dx) for dx in steps], axis=1) / 2e-6
+    np.testing.assert_allclose(K, by_q, atol=2e-6 * scale)
+    np.testing.assert_allclose(D, by_v, atol=2e-6 * scale)
+
+
+@pytest.mark.parametrize("which", ["finger", "spirob"])
+def test_the_prediction_is_the_robot_nearby(which: str) -> None:
+    # near an equilibrium, against forward dynamics in small implicit steps
+    model = robot(which)
+    q, v = model.q0, np.zeros(model.nv)
+    state, u = model.state(q, v), np.zeros(model.nu)
+    w = 1e-4 * np.eye(model.nu)[0]
+    f = model.forward_dynamics(q, v, u)
+    rest = state.M @ f  # what keeps the arm where it is, so that only w moves it
+    K, D = tangent_dynamics(model, q, v, u)
+    step, count = 0.01, 10
+    positions, speeds = respond(state.M, K, D, state.B, 0 * v, v, step, count)
+    unit = positions[:, :, 1:].sum(axis=0) @ w  # w all along
+    small = step * count / 400
+    x, dx = q.copy(), v.copy()
+    S = np.linalg.inv(state.M + small * D + small**2 * K)
+    for _ in range(400):
+        now = model.state(x, dx)
+        push = now.B @ (u + w) - now.h - rest - small * (K @ dx)
+        dx = dx + small * (S @ push)
+        x = x + small * dx
+    np.testing.assert_allclose(unit, x - q, atol=2e-2 * np.abs(x - q).max())
+    assert np.abs(x - q).max() > 1e-7
+    assert speeds.shape == (count, model.nv, 1 + model.nu)
+
+
+def test_the_method_has_order_two_and_damps_what_is_stiff() -> None:
+    one = np.ones((1, 1))
+    errors = []
+    for count in (10, 20, 40):  # x'' + 0.3 x' + 9 x = 9 from rest for 1 s
+        p, _ = respond(one, 9 * one, 0.3 * one, one, 9 * np.ones(1), np.zeros(1), 1 / count, count)
+        w = np.sqrt(9 - 0.15**2)
+        exact = 1 - np.exp(-0.15) * (np.cos(w) + 0.15 / w * np.sin(w))
+        errors.append(abs(p[-1, 0, 0] - exact))
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert (orders > 1.8).all()
+    p, v = respond(one, one, 1e6 * one, one, -1e6 * np.ones(1), np.ones(1), 0.1, 3)
+    assert abs(v[-1, 0, 0]) < 1e-5
+
+
+def test_condensing_is_superposition() -> None:
+    model, q, v, u = random_state("spirob", 3)
+    state = model.state(q, v)
+    K, D = tangent_dynamics(model, q, v, u)
+    force = state.B @ u - state.h
+    shape = ramps((1, 3, 6))
+    np.testing.assert_allclose(shape.sum(axis=1), [0.5, 1, 1, 1, 1, 1])  # the first ramps from 0
+    responses, _ = respond(state.M, K, D, state.B, force, v, 0.02, 6)
+    free, into = stacked(state.J, responses, shape)
+    x = np.random.default_rng(0).normal(size=3 * model.nu)
+    means = shape @ x.reshape(3, model.nu)
+    p, speed = np.zeros(model.nv), v.copy()  # the same method, step by step
+    for k in range(6):
+        pushed = force + state.B @ means[k] + D @ (v - speed) - K @ p
+        one, fast = respond(state.M, K, D, state.B, pushed, speed, 0.02, 1)
+        # `respond` takes its damping about the speed it starts from
+        p, speed = p + one[0, :, 0], fast[0, :, 0]
+        np.testing.assert_allclose(state.J @ p, (free + into @ x)[3 * k : 3 * k + 3], atol=1e-9)
+
+
+def test_the_objective_is_the_sum_it_says() -> None:
+    model, q, v, u = random_state("spirob", 5)
+    state = model.state(q, v)
+    K, D = tangent_dynamics(model, q, v, u)
+    rng, shape = np.random.default_rng(0), ramps((1, 3))
+    force, error = state.B @ u - state.h, rng.normal(size=(3, 3))
+    metric, m = rng.normal(size=(model.nv, model.nv)), model.nu
+    weights, offset = np.eye(2 * m), rng.normal(size=2 * m)
+    H, g, c = programme(
+        state.M, K, D, state.B, state.J, force, v, error, shape, 0.02, metric, weights, offset
+    )
+    positions, speeds = respond(state.M, K, D, state.B, force, v, 0.02, 3)
+    tip, tips = stacked(state.J, positions, shape)
+    idle, rush = stacked(metric, speeds, shape)
+    for x in rng.normal(size=(3, 2 * m)):
+        total = np.sum((error.ravel() + tip + tips @ x) ** 2) + np.sum((idle + rush @ x) ** 2)
+        total += x @ x + 2 * offset @ x
+        assert 0.5 * x @ H @ x + g @ x + c == pytest.approx(total, rel=1e-6)
+
+
+@pytest.mark.parametrize("which", ["finger", "helix", "spirob", "two identical tendons"])
+def test_the_answer_is_the_optimum(which: str) -> None:
+    model = robot(which)
+    for state, goal in drawn(which)[:6]:
+        controller = Mpc(model, period=1.0)  # longer than a knot: u is the first knot's
+        seen = watch(controller)
+        controller.reset()
+        command = controller(state, goal)
+        problem = seen[0]
+        size = np.sqrt(np.diag(problem.H))
+        scaled = problem.H / np.outer(size, size)
+        C = np.vstack([np.diag(1 / size), -np.diag(1 / size)]).T
+        bounds = np.concatenate([problem.lower, -problem.upper])
+        try:
+            x = quadprog.solve_qp(scaled, -problem.g / size, C, bounds)[0] / size
+        except ValueError:  # not positive definite to it
+            continue
+        objective = [0.5 * y @ problem.H @ y + problem.g @ y for y in (x, full(controller, seen))]
+        assert objective[1] <= objective[0] + 1e-6 * max(1.0, abs(objective[0]))
+        assert command.status is Status.OK
+
+
+def watch(controller: Mpc) -> list:
+    """The list that the programmes it solves go to."""
+    seen: list = []
+    solve = controller._qp.solve
+    controller._qp.solve = lambda problem: seen.append(problem) or solve(problem)
+    return seen
+
+
+def full(controller: Mpc, seen: list) -> np.ndarray:
+    solution = controller._qp.solve(seen[0])
+    assert solution is not None
+    assert solution.solved
+    return solution.x
+
+
+@every_robot
+def test_ordinary_states_need_no_fallback(which: str) -> None:
+    model, controller = robot(which), Mpc(robot(which))
+    for state, goal in drawn(which)[:9]:
+        controller.reset()
+        command = ask(controller, model, state, goal)
+        assert command.status is Status.OK
+        assert command.V >= 0
+
+
+@pytest.mark.parametrize("which", ["finger", "helix", "sliding and turning", "one joint"])
+def test_hostile_numbers(which: str) -> None:
+    model, controller = robot(which), Mpc(robot(which))
+    state, goal = drawn(which)[4]
+    for reference in hostile_references():
+        ask(controller, model, state, reference)
+    rng = np.random.default_rng(3)
+    for size in (1e2, 1e100, 1e300):
+        v = size * rng.choice([-1.0, 1.0], model.nv)
+        for far in (0.0, 1e160):
+            try:
+                with np.errstate(all="ignore"):
+                    q = model.configuration(far * rng.uniform(-1, 1, model.nv))
+                    wild = model.state(q, v)
+            except SoftdynError:
+                continue
+            ask(controller, model, wild, goal)
+    for value in (np.nan, np.inf, 1e300):
+        for name in ("M", "h", "J", "B", "D", "y"):
+            array = np.array(getattr(state, name))
+            array.flat[0] = value
+            ask(controller, model, replace(state, **{name: array}), goal)
+    controller.reset()
+    assert ask(controller, model, state, goal).status is Status.OK  # none of it sticks
+
+
+@pytest.mark.parametrize("period", [0.001, 0.005])
+def test_the_finger_settles_whatever_the_period(period: float) -> None:
+    model = robot("finger")
+    log = simulate(model, Mpc(model), paper.set_point("finger", 0.75), period=period, duration=2)
+    assert not log.failed
+    assert 100 * np.linalg.norm(log.error[-1]) < 0.05
+    assert log.fallbacks == log.not_solved == 0
+    assert log.max_bound_violation < 1e-9
+
+
+def test_a_robot_of_ones_own_needs_no_gains(tmp_path: Path) -> None:
+    path = tmp_path / "own.urdf"
+    text = catalogue.BUNDLED.joinpath("finger.urdf").read_text()
+    path.write_text(text)
+    model = softdyn.load(path)
+    goal = SetPoint(paper.set_point("finger", 1.0).reference(0.0).y)
+    log = simulate(model, find_controller("mpc")(model), goal, duration=1.5)
+    assert np.linalg.norm(log.error[-1]) < 0.05 * np.linalg.norm(log.error[0])
+
+
+def test_what_the_model_does_not_know_leaves_no_offset() -> None:
+    # 20 % more gravity than the controller's model says
+    model, heavy = robot("finger"), robot("finger")
+    goal = paper.set_point("finger", 0.5)
+    from softdyn.validation.studies.trials import Plant
+
+    log = simulate(model, Mpc(heavy), goal, duration=4, twin=Plant(mass=1.2).twin)
+    assert 100 * np.linalg.norm(log.error[-1]) < 0.05
+
+
+def test_a_joint_at_its_stop_is_held() -> None:
+    model = robot("helix")
+    q = model.q0.copy()
+    slide = np.flatnonzero(model.upper - model.lower < 1)
+    q[slide[0]] = model.upper[slide[0]]
+    controller = Mpc(model)
+    held = controller._at_stops(model.state(q, np.zeros(model.nv)))
+    assert list(np.flatnonzero(held)) == [slide[0]]
+
+
+def test_names_and_wrong_gains() -> None:
+    assert find_controller("mpc") is Mpc
+    model = robot("finger")
+    assert Mpc(model).gains == Tuning()
+    assert Mpc(model, {"speed": 0.1}).gains == Tuning(speed=0.1)
+    for wrong in (5.0, "x", {"Kp": 1}, [], object(), {"speed": -1.0}, {"rate": float("nan")}):
+        with pytest.raises(InputError):
+            Mpc(model, wrong)
+    assert KNOTS[-1] == len(ramps(KNOTS))
+
+
+def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
+    text = catalogue.BUNDLED.joinpath("finger.urdf").read_text()
+    path = tmp_path / "passive.urdf"
+    path.write_text("\n".join(x for x in text.splitlines() if "<actuator" not in x))
+    with pytest.raises(InputError, match="actuator"):
+        Mpc(softdyn.load(path))
+
+
+def test_one_period_of_a_free_body() -> None:
+    v, matrix = one_period.py_func(  # type: ignore[attr-defined]
+        2 * np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), np.ones(1), 0.1
+    )
+    assert v[0] == pytest.approx(1.05)
+    assert matrix[0, 0] == pytest.approx(2.0)
+
+
+def test_references_are_extrapolated() -> None:
+    model = robot("finger")
+    state = model.state(model.q0, np.zeros(model.nv))
+    still = Mpc(model)(state, Reference(state.y)).u
+    moving = Mpc(model)(state, Reference(state.y, ydot=np.array([0.0, 0.0, -0.5]))).u
+    assert np.abs(moving - still).max() > 1e-3

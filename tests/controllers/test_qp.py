@@ -1,0 +1,337 @@
+"""Small QPs: exact answers, honest residuals, and no hostile number that hangs the solver."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from softdyn.controllers.programmes.qp import (
+    ACCEPTED,
+    DenseQp,
+    Problem,
+    Solution,
+    polish,
+    residuals,
+)
+from tests.support.textbook import Programme, solve_daqp, solve_quadprog
+
+PATIENCE = 1.0  # s; a hang takes 25 s and more
+INF = np.inf
+
+
+def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> Problem:
+    """A strictly convex, feasible problem with open, one-sided, two-sided and pinned rows."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(n, n))
+    A = rng.normal(size=(rows, n)) * 10.0 ** rng.uniform(-spread, spread, (rows, 1))
+    centre = A @ rng.normal(size=n)
+    width = np.linalg.norm(A, axis=1)
+    lower, upper = centre - width * rng.random(rows), centre + width * rng.random(rows)
+    kind = np.arange(rows) % 5
+    lower[kind == 1], upper[kind == 2] = -INF, INF
+    pinned = np.flatnonzero(kind == 4)[: n // 2]
+    lower[pinned] = upper[pinned] = centre[pinned]
+    H = root @ root.T + 0.1 * np.eye(n)
+    return Problem(H, 5 * rng.normal(size=n), A, lower, upper)
+
+
+def one_sided(p: Problem) -> Programme:
+    pinned = p.lower == p.upper
+    above, below = np.isfinite(p.upper) & ~pinned, np.isfinite(p.lower) & ~pinned
+    A, b = np.vstack((p.A[above], -p.A[below])), np.concatenate((p.upper[above], -p.lower[below]))
+    return Programme(p.H, p.g, 0.0, p.A[pinned], p.upper[pinned], A, b)
+
+
+def solve(problem: Problem, solver: DenseQp | None = None) -> Solution | None:
+    """One call, in time."""
+    solver = solver or DenseQp(len(problem.g), len(problem.lower))
+    for _ in range(2):  # a first call may have to compile
+        began = time.perf_counter()
+        with np.errstate(all="ignore"):  # as the controllers' own guard does
+            solution = solver.solve(problem)
+        elapsed = time.perf_counter() - began
+        if elapsed < PATIENCE:
+            break
+    assert elapsed < PATIENCE
+    return solution
+
+
+def optimal(p: Problem, x: np.ndarray, z: np.ndarray, tolerance: float = 1e-8) -> bool:
+    """Karush, Kuhn and Tucker's conditions, written another way than `residuals`."""
+    Ax = p.A @ x
+    at_upper, at_lower = np.isclose(Ax, p.upper, atol=1e-7), np.isclose(Ax, p.lower, atol=1e-7)
+    size = 1 + np.abs(p.H @ x).max() + np.abs(p.g).max() + np.abs(z).max(initial=0)
+    return bool(
+        (Ax <= p.upper + tolerance * (1 + np.abs(Ax))).all()
+        and (Ax >= p.lower - tolerance * (1 + np.abs(Ax))).all()
+        and np.abs(p.H @ x + p.g + p.A.T @ z).max() < tolerance * size
+        and (z[~at_upper] <= tolerance * size).all()
+        and (z[~at_lower] >= -tolerance * size).all()
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 7, 13, 20])
+@pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0, 2.0])
+def test_random_problems(n: int, ratio: float) -> None:
+    rows = round(ratio * n)
+    solver = DenseQp(n, rows)  # one workspace for all, as a controller has it
+    for seed in range(12):
+        problem = draw(seed, n, rows)
+        solution = solve(problem, solver)
+        assert solution is not None
+        assert solution.solved
+        assert optimal(problem, solution.x, solution.multipliers)
+        programme = one_sided(problem)
+        if len(programme.b) == 0:
+            answers = [np.linalg.solve(problem.H, -problem.g)]
+        else:
+            oracles = solve_quadprog(programme), solve_daqp(programme)
+            assert max(oracle.residual for oracle in oracles) < 1e-9
+            answers = [oracle.x for oracle in oracles]
+        for x in answers:
+            tolerance = 1e-8 * max(1.0, np.abs(x).max())
+            np.testing.assert_allclose(solution.x, x, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_residuals_by_another_formula(seed: int) -> None:
+    problem = draw(seed, 6, 8)
+    rng = np.random.default_rng(seed)
+    x, z = rng.normal(size=6), rng.normal(size=8)
+    z[np.isinf(problem.upper)] = -np.abs(z[np.isinf(problem.upper)])
+    z[np.isinf(problem.lower)] = np.abs(z[np.isinf(problem.lower)])
+    primal, dual, gap = residuals(problem, x, z)
+
+    H, g, A, lower, upper = problem
+    Ax = [sum(A[i, j] * x[j] for j in range(6)) for i in range(8)]
+    worst = [max(lower[i] - Ax[i], Ax[i] - upper[i], 0.0) for i in range(8)]
+    width = [upper[i] - lower[i] for i in range(8)]
+    unit = [width[i] if 0 < width[i] < 1 else max(1, *map(abs, Ax)) for i in range(8)]
+    expected = max(w / u for w, u in zip(worst, unit, strict=True))
+    assert primal == pytest.approx(expected, rel=1e-12)
+
+    terms = np.stack((H @ x, g, np.einsum("ij,i->j", A, z)))
+    assert dual == pytest.approx(np.abs(terms.sum(0)).max() / max(1, np.abs(terms).max()), rel=1e-9)
+
+    # the dual function at z, with x as its minimiser: -½ xᵀHx - Σ z⁺ u + Σ z⁻ l
+    support = sum(z[i] * (upper[i] if z[i] > 0 else lower[i]) for i in range(8))
+    value = 0.5 * x @ H @ x + g @ x
+    scale = max(1, abs(x @ H @ x), abs(g @ x), abs(support))
+    dual_value = -0.5 * x @ H @ x - support
+    assert gap == pytest.approx(abs(value - dual_value) / scale, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_wrong_answer_is_not_called_solved(seed: int) -> None:
+    problem = draw(seed, 6, 8)
+    right = solve(problem)
+    assert right is not None
+    rng = np.random.default_rng(seed)
+    for size in (1e-3, 1.0, 1e3):
+        x = right.x + size * rng.normal(size=6)
+        assert not Solution(x, right.multipliers, *residuals(problem, x, right.multipliers)).solved
+        z = right.multipliers + size * rng.normal(size=8)
+        assert not Solution(right.x, z, *residuals(problem, right.x, z)).solved
+
+
+@pytest.mark.parametrize("bad", [np.nan, INF])
+def test_no_residual_that_is_no_number_counts_as_solved(bad: float) -> None:
+    for position in range(3):
+        values = [0.0, 0.0, 0.0]
+        values[position] = bad
+        assert not Solution(np.zeros(1), np.zeros(1), *values).solved
+    assert Solution(np.zeros(1), np.zeros(1), ACCEPTED, 0.0, 0.0).solved
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_polish_is_exact_and_repeats(seed: int) -> None:
+    problem = draw(seed, 7, 9)
+    right = solve(problem)
+    assert right is not None
+    rng = np.random.default_rng(seed)
+    x = right.x + 1e-9 * rng.normal(size=7)
+    exact = polish(problem, x, right.multipliers)
+    assert exact is not None
+    assert max(residuals(problem, *exact)) < 1e-11
+    again = polish(problem, *exact)
+    assert again is not None
+    np.testing.assert_allclose(again[0], exact[0], rtol=0, atol=1e-10 * np.abs(exact[0]).max())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_polishing_on_finds_the_active_set(seed: int) -> None:
+    # from the unconstrained minimiser, on box constraints: the primal-dual active set method
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(5, 5))
+    H = root @ root.T / 10 + 2 * np.eye(5)
+    problem = Problem(H, 5 * rng.normal(size=5), np.eye(5), np.full(5, -1.0), np.full(5, 1.0))
+    x, z = np.linalg.solve(H, -problem.g), np.zeros(5)
+    for _ in range(8):
+        step = polish(problem, x, z)
+        assert step is not None
+        x, z = step
+    assert optimal(problem, x, z)
+
+
+def test_polish_declines_a_singular_system() -> None:
+    problem = Problem(np.zeros((2, 2)), np.ones(2), np.eye(2), -np.ones(2), np.ones(2))
+    assert polish(problem, np.zeros(2), np.zeros(2)) is None
+
+
+# -- hostile ---------------------------------------------------------------------------------------
+
+
+def poisoned() -> list[Problem]:
+    problems = []
+    for seed, value in enumerate((np.nan, INF, -INF)):
+        for field in range(5):
+            arrays = [a.copy() for a in draw(seed, 5, 6)]
+            arrays[field].flat[field % arrays[field].size] = value
+            problems.append(Problem(*arrays))
+            arrays[field][...] = value
+            problems.append(Problem(*[a.copy() for a in arrays]))
+    return problems
+
+
+@pytest.mark.parametrize("problem", poisoned())
+def test_numbers_that_are_not(problem: Problem) -> None:
+    solver = DenseQp(5, 6)
+    good = draw(3, 5, 6)
+    first = solve(good, solver)
+    solution = solve(problem, solver)
+    legal = (
+        all(np.isfinite(a).all() for a in problem[:3])
+        and not np.isnan(problem.lower).any()
+        and not np.isnan(problem.upper).any()
+        and (problem.lower <= problem.upper).all()
+        and (problem.lower < INF).all()
+        and (problem.upper > -INF).all()
+    )
+    if legal:  # an open bound
+        assert solution is not None
+        assert solution.solved
+    else:
+        assert solution is None
+    after = solve(good, solver)
+    assert first is not None
+    assert after is not None
+    np.testing.assert_array_equal(first.x, after.x)
+
+
+def test_bounds_that_cross() -> None:
+    problem = draw(0, 4, 6)
+    for i in range(6):
+        lower, upper = problem.lower.copy(), problem.upper.copy()
+        lower[i], upper[i] = 1.0, 1.0 - 1e-12
+        assert solve(problem._replace(lower=lower, upper=upper)) is None
+
+
+def test_rows_that_contradict_each_other() -> None:
+    # no row is wrong by itself: the answer is refused by its residuals
+    A = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    problem = Problem(np.eye(2), np.ones(2), A, np.array([1.0, -INF, -1]), np.array([INF, -1.0, 1]))
+    solution = solve(problem)
+    assert solution is None or not solution.solved
+
+
+@pytest.mark.parametrize("exponent", [-300, -150, -30, -9, 9, 30, 150, 300])
+@pytest.mark.parametrize("field", range(5))
+def test_huge_and_tiny_scales(field: int, exponent: int) -> None:
+    arrays = [a.copy() for a in draw(1, 5, 6)]
+    arrays[field] = arrays[field] * 10.0**exponent
+    problem = Problem(*arrays)
+    solution = solve(problem)
+    if solution is not None and solution.solved:
+        assert np.isfinite(solution.x).all()
+
+
+@pytest.mark.parametrize("exponent", [-12, -6, 6, 12])
+def test_answers_scale_with_the_problem(exponent: int) -> None:
+    s = 10.0**exponent
+    for seed in range(5):
+        H, g, A, lower, upper = draw(seed, 6, 7)
+        reference = solve(Problem(H, g, A, lower, upper))
+        assert reference is not None
+        # rows in other units: the same x
+        rows = solve(Problem(H, g, A * s, lower * s, upper * s))
+        assert rows is not None
+        np.testing.assert_allclose(rows.x, reference.x, rtol=1e-7, atol=1e-9)
+        # unknowns in other units
+        units = solve(Problem(H * s * s, g * s, A * s, lower, upper))
+        assert units is not None
+        np.testing.assert_allclose(units.x * s, reference.x, rtol=1e-7, atol=1e-9)
+
+
+def test_degenerate_active_sets() -> None:
+    # the optimum sits where three rows meet in the plane, and where a row is repeated
+    H, g = np.eye(2), np.array([-2.0, -2.0])
+    A = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 1.0]])
+    upper = np.array([1.0, 1.0, 2.0, 2.0])
+    solution = solve(Problem(H, g, A, np.full(4, -INF), upper))
+    assert solution is not None
+    assert solution.solved
+    np.testing.assert_allclose(solution.x, [1.0, 1.0], atol=1e-7)
+
+
+def test_weakly_active_rows() -> None:
+    # the unconstrained minimiser lies exactly on the bounds: multipliers are zero
+    H, g = np.diag([1.0, 2.0]), np.array([-1.0, 2.0])
+    solution = solve(Problem(H, g, np.eye(2), np.array([-5.0, -1.0]), np.array([1.0, 5.0])))
+    assert solution is not None
+    assert solution.solved
+    np.testing.assert_allclose(solution.x, [1.0, -1.0], atol=1e-8)
+
+
+def test_zero_rows() -> None:
+    A = np.array([[0.0, 0.0], [1.0, 0.0]])
+    H, g = np.eye(2), np.array([-3.0, 1.0])
+    fine = solve(Problem(H, g, A, np.array([-1.0, -1.0]), np.array([1.0, 1.0])))
+    assert fine is not None
+    assert fine.solved
+    np.testing.assert_allclose(fine.x, [1.0, -1.0], atol=1e-9)
+    impossible = solve(Problem(H, g, A, np.array([1.0, -1.0]), np.array([2.0, 1.0])))
+    assert impossible is None or not impossible.solved
+
+
+def test_a_semidefinite_hessian() -> None:
+    H, g = np.diag([1.0, 0.0]), np.array([-3.0, 1.0])
+    solution = solve(Problem(H, g, np.eye(2), -np.ones(2), np.ones(2)))
+    assert solution is not None
+    assert solution.solved
+    np.testing.assert_allclose(solution.x, [1.0, -1.0], atol=1e-7)
+
+
+def test_an_unbounded_problem_is_not_called_solved() -> None:
+    solution = solve(
+        Problem(np.diag([1.0, 0.0]), np.array([0.0, -1.0]), np.eye(2), -np.ones(2), np.full(2, INF))
+    )
+    assert solution is None or not solution.solved
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ill_conditioned_rows(seed: int) -> None:
+    # two rows that differ in the eighth digit, as cables on almost one line
+    rng = np.random.default_rng(seed)
+    H, g, A, *_ = draw(seed, 4, 4)
+    A[1] = A[0] + 1e-8 * rng.normal(size=4)
+    centre = A @ rng.normal(size=4)
+    problem = Problem(H, g, A, centre - 1.0, centre + 1.0)
+    solution = solve(problem)
+    assert solution is not None
+    assert solution.solved
+    programme = one_sided(problem)
+    exact = solve_daqp(programme)
+    best = programme.objective(exact.x)
+    assert programme.objective(solution.x) == pytest.approx(best, rel=1e-6, abs=1e-6)
+
+
+def test_answers_do_not_depend_on_what_was_solved_before() -> None:
+    solver = DenseQp(6, 8)
+    for seed in range(20):
+        problem = draw(seed, 6, 8)
+        one, two = solve(problem, solver), solve(problem)
+        assert one is not None
+        assert two is not None
+        np.testing.assert_allclose(one.x, two.x, rtol=1e-12, atol=1e-12)

@@ -1,0 +1,134 @@
+"""Schedules: tables to stages, and which stage answers when."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from shutil import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SetPoint
+from softdyn.controllers import (
+    Gains,
+    Mpc,
+    Schedule,
+    SoftIdClfQp,
+    Stage,
+    Staged,
+    Status,
+    find_controller,
+)
+from softdyn.controllers.schedule import make_schedule, tuned
+from softdyn.description import library as catalogue
+from softdyn.validation import simulate
+from softdyn.validation.studies import paper, tuning
+from tests.support.control_cases import GAINS, drawn, recorded, robot
+
+SLOW, FAST = Gains(Kp=50.0, eps=0.2), Gains(Kp=900.0, eps=0.02)
+SCHEDULE = Schedule(Stage(FAST, 0.02), Stage(SLOW, 0.1), arrive=0.01, leave=0.05, dwell=0.1)
+
+
+def test_stages_follow_the_distance() -> None:
+    model = robot("finger")
+    law = Staged(model, SCHEDULE, period=0.03)
+    approach = SoftIdClfQp(model, FAST, hold=0.02)
+    stay = SoftIdClfQp(model, SLOW, hold=0.1)
+    state = recorded("finger")[2][0]
+    # near for dwell, counted from the first time within; beyond `leave` at once
+    distances = [0.2, 0.009, 0.009, 0.011, 0.009, 0.009, 0.009, 0.009, 0.04, 0.06, 0.009]
+    staying = [False] * 7 + [True, True, False, False]
+    for distance, stays in zip(distances, staying, strict=True):
+        goal = SetPoint(state.y + np.array([0.0, 0.0, distance]))
+        expected = (stay if stays else approach)(state, goal)
+        np.testing.assert_allclose(law(state, goal).u, expected.u, rtol=0, atol=1e-8)
+        assert law(state, goal).V == expected.V or distance < 0.05
+        law._near -= 0.03 * (law._near > 0)  # the second call was no period
+    assert not np.allclose(
+        approach(state, SetPoint(state.y + 0.05)).u, stay(state, SetPoint(state.y + 0.05)).u
+    )
+
+
+def test_both_stages_share_a_guard() -> None:
+    model = robot("finger")
+    law = Staged(model, replace(SCHEDULE, dwell=0.0))
+    state = recorded("finger")[2][0]
+    good = law(state, SetPoint(state.y + 0.02))
+    broken = replace(state, h=np.full(model.nv, np.nan))
+    far, near = law(broken, SetPoint(state.y + 0.02)), law(broken, SetPoint(state.y))
+    for command in (far, near):
+        assert command.status is Status.NON_FINITE
+        np.testing.assert_array_equal(command.u, good.u)
+    assert law.guard.fallbacks == 2
+    law.reset()
+    assert law.guard.fallbacks == 0
+
+
+def test_a_tip_that_is_nowhere_changes_no_stage() -> None:
+    model = robot("finger")
+    law = Staged(model, SCHEDULE)
+    state = recorded("finger")[2][0]
+    law._staying = True
+    law(replace(state, y=np.full(3, np.nan)), SetPoint(state.y))
+    assert law._staying
+
+
+@pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
+def test_tuned_schedules(name: str) -> None:
+    schedule = tuned(robot(name))
+    assert schedule is not None
+    assert make_schedule(tuning.tables(schedule)) == schedule
+    law = find_controller("best")(robot(name))
+    assert isinstance(law, Staged)
+    assert law.gains == schedule
+    for stage in (schedule.approach, schedule.stay):  # the bound of docs/hold.md
+        assert stage.hold > 0
+    for state, reference in drawn(name)[:3]:
+        assert law(state, reference).status is Status.OK
+
+
+def test_other_robots_need_no_gains(tmp_path: Path) -> None:
+    best = find_controller("best")
+    source = catalogue.BUNDLED / "finger.urdf"
+    copy(source, tmp_path / "finger.urdf")
+    other = softdyn.load(tmp_path / "finger.urdf")
+    assert isinstance(best(other), Mpc)
+    assert isinstance(best(other, SCHEDULE), Staged)
+    with pytest.raises(InputError, match="no tuned one"):
+        Staged(other)
+    for wrong in (5.0, 0, "x", GAINS, [], [1], object()):
+        with pytest.raises(InputError, match="gains"):
+            best(robot("finger"), wrong)
+
+
+def test_tables() -> None:
+    table: dict[str, Any] = {
+        "approach": {"Kp": 900, "eps": 0.02, "hold": 0.02}, "stay": {"Kp": 50, "eps": 0.2},
+        "arrive": 0.01, "leave": 0.05, "dwell": 0,
+    }  # fmt: skip
+    schedule = make_schedule(table)
+    assert schedule.approach == Stage(FAST, 0.02)
+    assert schedule.stay == Stage(SLOW, 0.0)
+    wrong: list[dict[str, Any]] = [
+        {}, {**table, "other": 1}, {k: v for k, v in table.items() if k != "stay"},
+        {**table, "stay": 5}, {**table, "stay": {}}, {**table, "stay": {"Kp": 1, "Kq": 2}},
+        {**table, "stay": {"Kp": -1}}, {**table, "leave": 0.01}, {**table, "arrive": 0},
+        {**table, "dwell": -1}, {**table, "dwell": math.nan}, {**table, "arrive": "near"},
+        {**table, "stay": {"Kp": 1, "hold": -1}}, {**table, "stay": {"Kp": 1, "hold": math.inf}},
+    ]  # fmt: skip
+    for tables in wrong:
+        with pytest.raises(InputError):
+            make_schedule(tables)
+
+
+@pytest.mark.parametrize("period", [0.001, 0.005])
+def test_the_finger_gets_there_at_any_period(period: float) -> None:
+    goal = paper.set_point("finger", 0.75)
+    log = simulate(robot("finger"), Staged(robot("finger")), goal, period=period, duration=2)
+    assert not log.failed
+    assert np.linalg.norm(log.error[-1]) < 1e-3
+    assert log.fallbacks == 0

@@ -1,0 +1,167 @@
+"""Floating bases: the convention map, Newton and Euler, and the twin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SoftModel, UrdfError
+from softdyn.validation import StateMap, Twin, crosscheck, simulate
+from softdyn.validation.crosschecks.crosscheck import random_state
+from softdyn.validation.twin.free_base import FreeBase, rk4_on_rotations
+from tests.support.micro import FLOATING, GRIPPER, SOLID, joint, write
+
+ALONE = f'<robot name="brick"><link name="brick">{SOLID}</link></robot>'
+
+
+@pytest.fixture(params=[FLOATING, GRIPPER], ids=["walker", "gripper"])
+def pair(request, tmp_path: Path) -> tuple[SoftModel, Twin, StateMap]:
+    model = softdyn.load(write(tmp_path, request.param), floating=True)
+    twin = Twin(model, limits=False)
+    return model, twin, StateMap(model, twin)
+
+
+def skew(x: np.ndarray) -> np.ndarray:
+    return np.array([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
+
+
+def test_layout(pair):
+    model, twin, _ = pair
+    assert model.robot.floating
+    assert twin.floating
+    assert model.joint_names[:6] == (
+        "base_vx", "base_vy", "base_vz", "base_wx", "base_wy", "base_wz"
+    )  # fmt: skip
+    np.testing.assert_array_equal(model.q0[:7], [0, 0, 0, 0, 0, 0, 1])  # x, y, z, w
+    np.testing.assert_array_equal(twin.qpos[:7], [0, 0, 0, 1, 0, 0, 0])  # w, x, y, z
+    assert not model.stiffness[:6].any()
+    assert not model.damping[:6].any()
+    assert np.isinf(model.lower[:6]).all()
+    assert np.isinf(model.upper[:6]).all()
+    assert model.bundled is None
+
+
+def test_there_and_back(pair):
+    model, _, states = pair
+    for seed in range(5):
+        q, v = random_state(model, np.random.default_rng(seed))
+        back = states.from_twin(*states.to_twin(q, v))
+        np.testing.assert_allclose(back[0], q, atol=1e-14)
+        np.testing.assert_allclose(back[1], v, atol=1e-14)
+        np.testing.assert_allclose(model.configuration(model.coordinates(q)), q, atol=1e-13)
+
+
+def test_velocities_are_those_of_the_same_motion(pair):
+    """MuJoCo's difference of two poses that Pinocchio moved is P v; its rate of P is Ṗ."""
+    model, twin, states = pair
+    q, v = random_state(model, np.random.default_rng(1))
+    qpos, qvel = states.to_twin(q, v)
+    h = 1e-5
+    ahead, behind = (states.to_twin(model.integrate(q, s * h * v), v)[0] for s in (1, -1))
+    moved = np.empty(twin.model.nv)
+    mujoco.mj_differentiatePos(twin.model, moved, 2 * h, behind, ahead)
+    np.testing.assert_allclose(moved, qvel, atol=1e-8)
+    rate = (states.velocity_map(ahead) - states.velocity_map(behind)) / (2 * h)
+    np.testing.assert_allclose(rate, states.velocity_map_rate(qpos, qvel), atol=1e-8)
+
+
+def test_one_body_obeys_newton_and_euler(tmp_path):
+    """In the base's axes: m (a + ω×v + ω̇×c + ω×(ω×c)) = m g, and its moment about the origin."""
+    model = softdyn.load(write(tmp_path, ALONE), floating=True)
+    body = model.robot.links[0].inertia
+    m, c = body.mass, body.com
+    I = body.tensor + m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    q, v = random_state(model, np.random.default_rng(2))
+    q[:3] = 0.3, -0.2, 0.7
+    w, x = v[3:], v[:3]
+    state = model.state(q, v)
+    M = np.block([[m * np.eye(3), -m * skew(c)], [m * skew(c), I]])
+    np.testing.assert_allclose(state.M, M, atol=1e-14)
+    rotation = FreeBase(model).from_velocity(q, np.eye(6)[0])
+    assert np.linalg.norm(rotation) == pytest.approx(1.0)
+    R = np.column_stack([FreeBase(model).from_velocity(q, axis)[:3] for axis in np.eye(6)[:3]])
+    down = R.T @ [0, 0, -9.81]
+    turning = np.cross(w, x)
+    force = m * (turning + np.cross(w, np.cross(w, c)) - down)
+    moment = m * np.cross(c, turning - down) + np.cross(w, I @ w)
+    np.testing.assert_allclose(state.bias, np.concatenate((force, moment)), atol=1e-13)
+    np.testing.assert_allclose(state.y, q[:3], atol=1e-15)
+    np.testing.assert_allclose(state.ydot, R @ x, atol=1e-14)
+
+
+def test_the_twin_agrees(tmp_path):
+    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    result = crosscheck(model, samples=4)
+    assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+    assert {ladder.scheme for ladder in result.ladders} == {"implicit", "rk4"}
+
+
+def test_a_body_alone_is_followed_by_rk4_only(tmp_path):
+    """MuJoCo's implicitfast treats its gyroscopic force implicitly, and nothing else's."""
+    model = softdyn.load(write(tmp_path, ALONE), floating=True)
+    result = crosscheck(model, samples=2)
+    assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+    assert {run.scheme for run in result.runs} == {"rk4"}
+
+
+def test_runge_kutta_on_rotations_has_order_four():
+    """Against small steps, of a rotation whose axis turns."""
+
+    def slope(q, w):
+        return np.array([np.sin(w[1]), -w[0] * w[2], w[0] * w[1]])
+
+    def move(q, turned):
+        angle = np.linalg.norm(turned)
+        axis = skew(turned / angle if angle else turned)
+        return q @ (np.eye(3) + np.sin(angle) * axis + (1 - np.cos(angle)) * axis @ axis)
+
+    def run(steps):
+        q, w = np.eye(3), np.array([1.0, 2.0, -1.5])
+        for _ in range(steps):
+            q, w = rk4_on_rotations(q, w, 1.0 / steps, slope, move, slice(0, 3))
+        return q
+
+    errors = [np.abs(run(steps) - run(400)).max() for steps in (10, 20, 40)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 4, atol=0.3)
+
+
+def test_closed_loops_run(tmp_path):
+    """The plant falls, model and twin together: half a second of ½ g t² for the mass centre."""
+    model = softdyn.load(write(tmp_path, FLOATING), floating=True)
+
+    class Rest:
+        def __call__(self, state, reference):
+            return type("Answer", (), {"u": np.zeros(model.nu)})
+
+    log = simulate(model, Rest(), softdyn.SetPoint([0.0, 0.0, -0.5]), duration=0.3)
+    assert len(log.q) == 151
+    assert log.joint_names == model.joint_names
+    energies = [
+        model.kinetic_energy(log.q[k], log.v[k]) + model.potential_energy(log.q[k]) for k in (0, -1)
+    ]
+    assert energies[1] < energies[0]  # dampers, and nothing gained
+    assert log.q[-1][2] == pytest.approx(-0.5 * 9.81 * 0.3**2, abs=0.1)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_a_twin_of_another_base_is_refused(floating, tmp_path):
+    path = write(tmp_path, FLOATING)
+    model = softdyn.load(path, floating=floating)
+    with pytest.raises(InputError, match="twin"):
+        StateMap(model, Twin(softdyn.load(path, floating=not floating)))
+
+
+def test_a_floating_base_without_mass_is_singular(tmp_path):
+    """Its first joint turns nothing that the base does not turn too."""
+    text = f'<robot name="x"><link name="b"/><link name="a">{SOLID}</link>'
+    text += joint("j", "continuous", "b", "a") + "</robot>"
+    assert softdyn.load(write(tmp_path, text)).nv == 1
+    with pytest.raises(UrdfError, match="singular"):
+        softdyn.load(write(tmp_path, text), floating=True)
+    with pytest.raises(UrdfError, match="a positive mass on a floating base"):
+        softdyn.load(write(tmp_path, '<robot name="x"><link name="a"/></robot>'), floating=True)

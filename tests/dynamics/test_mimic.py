@@ -1,0 +1,128 @@
+"""Mimic joints: the projected dynamics against Pinocchio's own mimic joints and the twin."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import softdyn
+from softdyn import InputError, SoftModel, UrdfError
+from softdyn.description.library import find
+from softdyn.description.urdf import parse
+from softdyn.dynamics.mimic import MimicModel
+from softdyn.validation import StateMap, Twin, crosscheck
+from tests.support.micro import GRIPPER, write
+
+
+@pytest.fixture
+def gripper(tmp_path: Path) -> SoftModel:
+    return softdyn.load(write(tmp_path, GRIPPER))
+
+
+def test_followers_are_no_degrees_of_freedom(gripper):
+    assert isinstance(gripper, MimicModel)
+    assert gripper.joint_names == ("z_arm", "a_lead")
+    assert (gripper.nq, gripper.nv, gripper.nu) == (2, 2, 3)
+    assert sorted(joint.name for joint in gripper.robot.followers) == ["b_slide", "c_turn"]
+
+
+def test_expansion_is_the_files_relation(gripper):
+    q = np.array([-0.4, 0.3])
+    full = dict(zip(gripper.tree.joint_names, gripper.tree.coordinates(gripper.expand(q)),
+                    strict=True))  # fmt: skip
+    assert full["a_lead"] == pytest.approx(0.3, abs=1e-15)
+    assert full["b_slide"] == pytest.approx(-0.5 * 0.3 + 0.02, abs=1e-15)
+    assert full["c_turn"] == pytest.approx(2 * 0.3 - 0.1, abs=1e-15)
+
+
+def test_every_public_method_is_defined_anew():
+    """What is inherited would speak of a tree that this model does not have."""
+    public = {name for name, _ in inspect.getmembers(SoftModel, callable) if name[0] != "_"}
+    inherited = {name for name in public if name not in vars(MimicModel)}
+    assert inherited == {"potential_energy"}  # of two that are
+
+
+def test_coefficients_of_joints_are_exact(gripper):
+    """Springs, dampers and armature of followers, moved to the leader."""
+    q, v = np.array([0.3, 0.1]), np.array([0.2, -0.7])
+    state = gripper.state(q, v)
+    tendons = gripper.tendon_moment_arms(q)
+    elastic = gripper.tendon_stiffness * (gripper.tendon_lengths(q) - gripper.tendon_rest)
+    joints = gripper.stiffness * (q - gripper.rest)
+    np.testing.assert_allclose(state.K, joints + tendons.T @ elastic, rtol=1e-12)
+    dampers = np.diag(gripper.damping) + tendons.T @ np.diag(gripper.tendon_damping) @ tendons
+    np.testing.assert_allclose(state.D, dampers, rtol=1e-12)
+    assert gripper.armature == pytest.approx([0.002, 0.01 * 2**2 + 0.003])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_pinocchios_own_mimic_joints_agree():
+    path = find("panda")
+    model = softdyn.load(path)
+    theirs = pin.buildModelFromUrdf(str(path), True)
+    assert theirs.nv == model.nv == 8
+    order = [theirs.joints[theirs.getJointId(name)].idx_v for name in model.joint_names]
+    data, rng = theirs.createData(), np.random.default_rng(0)
+    tip = theirs.getFrameId(model.robot.task)
+    for _ in range(3):
+        q, v = rng.normal(size=8), rng.normal(size=8)
+        other_q, other_v = np.empty(8), np.empty(8)
+        other_q[order], other_v[order] = q, v
+        state = model.state(q, v)
+        M = np.array(pin.crba(theirs, data, other_q))
+        np.testing.assert_allclose(state.M, M[np.ix_(order, order)], atol=1e-12)
+        bias = pin.rnea(theirs, data, other_q, other_v, np.zeros(8))
+        np.testing.assert_allclose(state.bias, bias[order], atol=1e-12)
+        pin.forwardKinematics(theirs, data, other_q)
+        pin.updateFramePlacements(theirs, data)
+        np.testing.assert_allclose(state.y, data.oMf[tip].translation, atol=1e-13)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_the_twin_agrees(floating, tmp_path):
+    model = softdyn.load(write(tmp_path, GRIPPER), floating=floating)
+    result = crosscheck(model, samples=4, trajectories=not floating)
+    assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+
+
+def test_omitted_rest_lengths_are_those_at_q_0(gripper):
+    """There followers stand at their offsets, in both engines."""
+    lengths = gripper.tendon_lengths(gripper.q0)
+    np.testing.assert_allclose(gripper.tendon_rest, lengths, atol=1e-14)
+    assert np.abs(lengths - gripper.tree.tendon_lengths(gripper.tree.q0)).min() > 1e-3
+    twin = Twin(gripper)
+    np.testing.assert_allclose(twin.model.tendon_lengthspring[:, 0], lengths, atol=1e-14)
+    np.testing.assert_allclose(twin.data.ten_length, lengths, atol=1e-14)
+
+
+def test_the_plant_holds_followers_by_stiff_ties(gripper):
+    """docs/conventions.md states how far they give way."""
+    twin = Twin(gripper)
+    states = StateMap(gripper, twin)
+    twin.set_state(*states.to_twin([0.3, -0.2], [1.0, 2.0]))
+    worst = 0.0
+    for u in (1.0, -1.0, 0.5, -0.5):
+        for _ in range(100):
+            twin.advance(np.full(gripper.nu, u))
+            q, v = states.from_twin(twin.qpos, twin.qvel)
+            worst = max(worst, np.abs(states.to_twin(q, v)[0] - twin.qpos).max())
+    assert 0 < worst < 1e-3
+
+
+def test_a_massless_follower_moves_with_its_leader(tmp_path):
+    light = GRIPPER.replace('<link name="jaw"><inertial>', '<link name="jaw"><!--inertial>')
+    light = light.replace("</inertial><!--jaw--></link>", "</inertial--></link>")
+    assert light.count("<inertial>") == GRIPPER.count("<inertial>") - 1
+    assert softdyn.load(write(tmp_path, light)).nv == 2
+    with pytest.raises(UrdfError, match="a positive mass that the joint moves"):
+        softdyn.load(write(tmp_path, light.replace('<mimic joint="a_lead" multiplier="-0.5" '
+                                                   'offset="0.02"/>', "")))  # fmt: skip
+
+
+def test_a_model_of_the_tree_alone_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no mimic joint"):
+        SoftModel(parse(write(tmp_path, GRIPPER)))

@@ -1,0 +1,137 @@
+"""What the engines' own parsers accept without a word, and softdyn refuses.
+
+Each case states both sides, so that it fails when an engine learns better, too.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yourdfpy
+
+import softdyn
+from softdyn import UrdfError, parse
+from softdyn.validation import Twin
+from softdyn.validation.twin.twin import SimulationError
+from tests.support.misuses import ARM, INERTIAL, LIMIT
+
+
+def joint(name: str, parent: str, child: str, axis: str = "0 1 0") -> str:
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0 0 0.1"/><axis xyz="{axis}"/>{LIMIT}</joint>'
+    )
+
+
+def robot(body: str, axis: str = "0 1 0", more: str = "") -> str:
+    """One link on a hinge, its inertia given."""
+    links = f'<link name="base"/><link name="bob">{body}</link>'
+    return f'<robot name="r">{links}{joint("j", "base", "bob", axis)}{more}</robot>'
+
+
+def with_mass(text: str) -> str:
+    return INERTIAL.replace('value="0.1"', f'value="{text}"')
+
+
+def chain(count: int) -> str:
+    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
+    joints = "".join(joint(f"j{i}", f"l{i - 1}", f"l{i}") for i in range(1, count))
+    return f'<robot name="c">{links}{joints}</robot>'
+
+
+SECOND = joint("k", "base", "bob", "1 0 0")
+SILENT = {
+    "massless leaf": (robot(""), "a positive mass"),
+    "negative mass": (robot(with_mass("-0.1")), "value >= 0"),
+    "negative moment": (robot(INERTIAL.replace('"1e-5"', '"-1"')), "a physical inertia"),
+    "no triangle": (robot(INERTIAL.replace('izz="9e-5"', 'izz="9"')), "a physical inertia"),
+    "mass in words": (robot(with_mass("heavy")), "a finite number as value"),
+    "mass with a comma": (robot(with_mass("0,1")), "a finite number as value"),
+    "mass nan": (robot(with_mass("nan")), "a finite number as value"),
+    "zero axis": (robot(INERTIAL, axis="0 0 0"), "a non-zero vector"),
+    "two parents": (robot(INERTIAL, more=SECOND), "one parent of link 'bob'"),
+}
+
+
+@pytest.mark.parametrize("case", SILENT)
+def test_pinocchio_accepts_and_softdyn_refuses(case: str, tmp_path: Path) -> None:
+    text, expected = SILENT[case]
+    model = pin.buildModelFromXML(text)
+    assert model.nv >= 1
+    path = tmp_path / "r.urdf"
+    path.write_text(text)
+    with pytest.raises(UrdfError) as caught:
+        parse(path)
+    assert expected in caught.value.expected
+
+
+def test_pinocchio_drops_an_inertia_whose_mass_it_cannot_read() -> None:
+    assert pin.buildModelFromXML(robot(with_mass("0.1"))).inertias[1].mass == pytest.approx(0.1)
+    for text in ("heavy", "0,1 "):
+        assert pin.buildModelFromXML(robot(with_mass(text))).inertias[1].mass == 0.0
+
+
+@pytest.mark.parametrize("count", [1025, 5000])
+def test_a_chain_that_would_overflow_the_stack_never_reaches_pinocchio(
+    count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
+    path = tmp_path / "c.urdf"
+    path.write_text(chain(count))
+    with pytest.raises(UrdfError, match=f"expected 1 to 1024 links, got {count}"):
+        softdyn.load(path)
+
+
+def test_degrees_of_freedom_are_counted_before_pinocchio_allocates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pin, "buildModelFromXML", lambda *_: pytest.fail("it did"))
+    path = tmp_path / "c.urdf"
+    path.write_text(chain(301))
+    with pytest.raises(UrdfError, match="at most 256 degrees of freedom, got 300"):
+        softdyn.load(path)
+
+
+def test_yourdfpy_returns_a_part_of_a_truncated_robot(tmp_path: Path) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(ARM[: ARM.index('<joint name="slide"')])
+    options = {"build_scene_graph": False, "load_meshes": False}
+    part = yourdfpy.URDF.load(str(path), **options).robot
+    assert len(part.links) == 7
+    assert len(part.joints) == 4
+    with pytest.raises(UrdfError, match="well-formed XML"):
+        parse(path)
+
+
+ESCAPES = ("/etc/passwd", "../../secret.stl", "file:///etc/passwd", "package://../../secret.stl")
+
+
+@pytest.mark.parametrize("name", ESCAPES)
+def test_meshes_elsewhere_reach_no_engine(name: str, tmp_path: Path) -> None:
+    shape = f'<geometry><mesh filename="{name}"/></geometry>'
+    text = ARM.replace(
+        '<link name="base"/>',
+        f'<link name="base"><visual>{shape}</visual><collision>{shape}</collision></link>',
+    )
+    path = tmp_path / "r.urdf"
+    path.write_text(text)
+    model = softdyn.load(path)
+    assert "mesh" not in model.robot.xml
+    twin = Twin(model, contacts=True)
+    assert twin.model.nmesh == 0
+    assert any("mesh is not supported" in text for text in twin.skipped)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+def test_mujoco_does_not_start_anew_behind_our_back(value: float) -> None:
+    twin = Twin("finger")
+    twin.advance(np.zeros(2), 10)
+    before = twin.time
+    twin.data.qvel[0] = value
+    with pytest.raises(SimulationError):
+        twin.advance(np.zeros(2), 10)
+    assert twin.time >= before > 0

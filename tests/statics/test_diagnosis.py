@@ -1,0 +1,200 @@
+"""What check_urdf.py says, against pendulums whose answers are known in closed form."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import SoftModel, parse
+from softdyn.commands import check_urdf
+from softdyn.statics import diagnosis
+from tests.support import CORPUS
+from tests.support.control_cases import robot
+
+MASS, LEVER, STIFFNESS, G = 0.3, 0.2, 0.7, 9.81
+
+
+def links(count: int, up: bool, stiffness: float, actuated: tuple[int, ...] = ()) -> str:
+    """A chain of point masses on hinges, hanging or standing, with springs and some motors."""
+    sign = 1 if up else -1
+    parts = ['<robot name="chain"><link name="l0"/>']
+    for i in range(1, count + 1):
+        parts.append(
+            f'<link name="l{i}"><inertial><origin xyz="0 0 {sign * LEVER}"/><mass value="{MASS}"/>'
+            f'<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>'
+            f'<joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+            f'<origin xyz="0 0 {sign * LEVER * (i > 1)}"/><axis xyz="0 1 0"/>'
+            f'<limit lower="-3" upper="3" effort="1" velocity="1"/>'
+            f'<dynamics damping="0.1" stiffness="{stiffness}"/></joint>'
+        )
+    parts.append('<softdyn version="1">')
+    for i in actuated:
+        parts.append(f'<tendon name="t{i}"><joint name="j{i}" coef="1"/></tendon>')
+    for i in actuated:
+        parts.append(f'<actuator name="u{i}" tendon="t{i}" lower="-1" upper="1"/>')
+    return "".join(parts) + "</softdyn></robot>"
+
+
+def load(folder: Path, text: str) -> SoftModel:
+    path = folder / "chain.urdf"
+    path.write_text(text)
+    return softdyn.load(path)
+
+
+# -- stiffness against gravity -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("up", [False, True])
+@pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 2.9])
+def test_one_pendulum(up: bool, angle: float, tmp_path: Path) -> None:
+    # ∂(K + g)/∂q = k ± m g l cos q, minus for an inverted one
+    pose = diagnosis.examine(load(tmp_path, links(1, up, STIFFNESS)), np.array([angle]))
+    gravity = (1 if up else -1) * MASS * G * LEVER * math.cos(angle)
+    np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
+    np.testing.assert_allclose(pose.gravity, [gravity], rtol=1e-12)
+    np.testing.assert_allclose(pose.softest, [1.0])
+    assert (pose.rank, pose.dominates) == (0, gravity < STIFFNESS)
+
+
+def test_the_critical_stiffness_of_an_inverted_pendulum_is_m_g_l(tmp_path: Path) -> None:
+    for factor, stands in ((0.999, False), (1.001, True)):
+        model = load(tmp_path, links(1, True, factor * MASS * G * LEVER))
+        assert diagnosis.examine(model, np.zeros(1)).dominates is stands
+
+
+def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
+    # two inverted links with a motor at the first joint: ∂g₂/∂q₂ = -m g l cos(q₁ + q₂) remains
+    model = load(tmp_path, links(2, True, STIFFNESS, actuated=(1,)))
+    pose = diagnosis.examine(model, np.array([0.3, -0.8]))
+    assert pose.rank == 1
+    np.testing.assert_allclose(np.abs(pose.unactuated), [[0.0, 1.0]], atol=1e-12)
+    gravity = MASS * G * LEVER * math.cos(-0.5)
+    np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
+    full = diagnosis.examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
+    assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
+
+
+def test_where_it_ceases(tmp_path: Path) -> None:
+    # hanging at 0, its spring weaker than gravity pulls beyond cos q = -k / m g l
+    stiffness = 0.5 * MASS * G * LEVER
+    model = load(tmp_path, links(1, False, stiffness))
+    weak = diagnosis.examine(model, np.array([3.0]), "up")
+    assert not weak.dominates
+    limit = diagnosis.ceases(model, weak)
+    assert limit is not None
+    assert limit.coordinates[0] == pytest.approx(math.acos(-0.5), abs=3e-3 * 1.01)
+    assert not diagnosis.examine(model, limit.coordinates).dominates
+    assert diagnosis.ceases(model, diagnosis.examine(model, np.array([0.1]))) is None
+    inverted = load(tmp_path, links(1, True, stiffness))
+    assert diagnosis.ceases(inverted, diagnosis.examine(inverted, np.array([0.1]))) is None
+
+
+def test_rank_drops_where_three_cables_meet() -> None:
+    seen = list(diagnosis.poses(robot("spirob"), 6, seed=0))
+    assert [pose.rank for pose in seen] == [2, 2, 2, 3, 3, 3, 3, 3, 3]
+    for pose in seen:
+        B = robot("spirob").state(pose.coordinates, np.zeros(27)).B
+        np.testing.assert_allclose(pose.unactuated @ B, 0.0, atol=1e-5 * np.abs(B).max())
+        np.testing.assert_allclose(pose.unactuated @ pose.unactuated.T, np.eye(27 - pose.rank),
+                                   atol=1e-12)  # fmt: skip
+
+
+# -- doubtful numbers ------------------------------------------------------------------------------
+
+SOUND = (CORPUS / "base" / "gripper.urdf").read_text()
+DOUBTS = [
+    (('xyz="0.03 0 0.02"', 'xyz="300 0 20"'), "lengths in mm"),
+    (('lower="-0.5" upper="1.2" effort="10" velocity="3"/><dynamics damping="0.05" friction',
+      'lower="-30" upper="70" effort="10" velocity="3"/><dynamics damping="0.05" friction'),
+     "limits in degrees"),
+    (('lower="0" upper="0.01"', 'lower="0" upper="10"'), "limits in mm"),
+    (('lower="0" upper="0.01"', 'lower="0.01" upper="0.01"'), "cannot move"),
+    (('lower="0" upper="0.01"', 'lower="0.005" upper="0.01"'), "beyond its limits at q = 0"),
+    (('<mass value="0.002"/>', '<mass value="2000"/>'), "masses in grams"),
+    (('ixx="1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"',
+      'ixx="100" ixy="0" ixz="0" iyy="100" iyz="0" izz="100"'), "inertia in g mm²"),
+    (('ixx="1e-7" ixy="0" ixz="0" iyy="1e-7" iyz="0" izz="1e-7"',
+      'ixx="1e-11" ixy="0" ixz="0" iyy="1e-11" iyz="0" izz="1e-11"'), "kg/m³"),
+    (("<springReference>-0.1<", "<springReference>2<"), "rests at 2, beyond its limits"),
+    (('<dynamics damping="2"/>', ""), "a spring and no damping"),
+    (('gear="50"', 'gear="0"'), "can do nothing"),
+    (('gear="-1"', 'gear="1"'), "cables carry a gear < 0"),
+    (('lower="0" upper="30"', 'lower="-30" upper="30"'), "may push its cable"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "doubt"), DOUBTS, ids=[doubt for _, doubt in DOUBTS])
+def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path: Path) -> None:
+    path = tmp_path / "gripper.urdf"
+    path.write_text(SOUND)
+    assert diagnosis.doubts(parse(path)) == ()
+    assert SOUND.count(change[0]) == 1
+    path.write_text(SOUND.replace(*change))
+    found = diagnosis.doubts(parse(path))
+    assert any(doubt in text for text in found), found
+
+
+@pytest.mark.parametrize("name", softdyn.bundled_names())
+def test_bundled_robots_look_right(name: str) -> None:
+    assert diagnosis.doubts(robot(name).robot) == ()
+
+
+def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
+    corners = "v 0 0 0\nv 80 0 0\nv 0 10 0\nv 0 0 10\nf 1 2 3\nf 1 2 4\n"
+    (tmp_path / "finger.obj").write_text(corners)
+    shape = '<visual><geometry><mesh filename="{}" {}/></geometry></visual>'
+    path = tmp_path / "chain.urdf"
+    for scale, name, found in (
+        ("", "finger.obj", (1, 0)),
+        ('scale="0.001 0.001 0.001"', "finger.obj", (0, 0)),
+        ("", "none.obj", (0, 1)),
+    ):
+        base = f'<link name="l0">{shape.format(name, scale)}</link>'
+        path.write_text(links(1, False, STIFFNESS).replace('<link name="l0"/>', base))
+        doubts, unreadable = diagnosis.shape_doubts(parse(path))
+        assert (len(doubts), len(unreadable)) == found
+        assert all("a mesh in mm" in text for text in doubts)
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_urdf.main(["finger", "--samples", "3"]) == 0
+    text = capsys.readouterr().out
+    assert "4 degrees of freedom, 2 inputs" in text
+    assert "4 with a spring: 0.01" in text
+    assert "2 inputs move 2 of 4 directions" in text
+    assert "stiffness dominates" in text
+    assert "nothing looks wrong" in text
+    path = tmp_path / "chain.urdf"
+    path.write_text(links(2, True, STIFFNESS, actuated=(1,)))
+    assert check_urdf.main([str(path), "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["nv"], report["nu"], report["rank"], report["unactuated"]) == (2, 1, 1, 1)
+    assert report["stiffness_at_rest"] == pytest.approx(STIFFNESS - MASS * G * LEVER)
+    assert report["dominates_at_rest"]
+    assert report["softest_unactuated"] == {"j2": pytest.approx(1.0)}
+    path.write_text(SOUND.replace('gear="-1"', 'gear="1"'))
+    assert check_urdf.main([str(path)]) == 1
+    assert "doubtful: actuator 'pull' pushes its cable" in capsys.readouterr().out
+    path.write_text("<robot")
+    assert check_urdf.main([str(path)]) == 2
+    assert check_urdf.main(["finger", "--floating"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 2)
+
+
+BASES = sorted((CORPUS / "base").glob("[!p]*.urdf"))  # plain.urdf mimics
+
+
+@pytest.mark.parametrize("path", BASES, ids=lambda path: path.stem)
+def test_the_command_on_all_kinds_of_robots(path: Path) -> None:
+    report = check_urdf.examine(softdyn.load(path), 3)
+    assert check_urdf.summary(report)
+    assert report["rank"] + report["unactuated"] == report["nv"]

@@ -1,0 +1,304 @@
+"""Equilibria and inputs: a spring pendulum solved by hand, finite differences, the settled twin."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import softdyn
+from softdyn import InputError, SoftModel, statics
+from softdyn.commands import statics as command
+from softdyn.validation.crosschecks.rests import hold
+from tests.support.oracles import gradient, relative
+from tests.support.random_robots import write_robot
+
+G = 9.81
+STIFFNESS = 0.5
+PENDULUM = """<robot name="pendulum"><link name="world"/><link name="rod"><inertial>
+<origin xyz="0 0 {height}"/><mass value="1"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tip"/><joint name="tip" type="fixed"><parent link="rod"/><child link="tip"/>
+<origin xyz="0 0 {height}"/></joint>
+<joint name="j" type="revolute"><parent link="world"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="2" effort="1" velocity="1"/>
+<dynamics damping="0.05" stiffness="{stiffness}"/></joint>
+<softdyn version="1"><tendon name="t"><joint name="j" coef="1"/></tendon>
+<actuator name="u" tendon="t" gear="1" lower="-2" upper="2"/><task frame="tip"/></softdyn>
+</robot>"""
+
+
+def pendulum(tmp_path, height: float = -0.1) -> SoftModel:
+    """A mass of 1 kg, 0.1 m from a joint with a spring: hanging, or upright with height > 0."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM.format(height=height, stiffness=STIFFNESS))
+    return softdyn.load(path)
+
+
+@pytest.mark.parametrize("u", [-0.3, 0.2, 1.5])
+def test_pendulum_with_spring(tmp_path, u):
+    """k q + m g r sin q = u has one solution; the slope k + m g r cos q is the stiffness."""
+    model = pendulum(tmp_path)
+    angle = brentq(lambda q: STIFFNESS * q + 0.1 * G * np.sin(q) - u, -1, 2, xtol=1e-14)
+    found = statics.settle(model, [u])
+    slope = STIFFNESS + 0.1 * G * np.cos(angle)
+    assert found.q == pytest.approx([angle], abs=1e-9)
+    assert found.stable
+    assert found.eigenvalues == pytest.approx([slope])
+    J = np.array([-0.1 * np.cos(angle), 0.0, 0.1 * np.sin(angle)])
+    assert found.tip_compliance == pytest.approx(np.outer(J, J) / slope)
+    assert found.tip_sensitivity[:, 0] == pytest.approx(J / slope)
+    poles = np.roots([found.state.M[0, 0], 0.05, slope])
+    assert np.sort_complex(found.poles) == pytest.approx(np.sort_complex(poles))
+
+
+def test_upright_pendulum(tmp_path):
+    """m g r > k: upright is an equilibrium and unstable; downhill of it lie two buckled ones."""
+    model = pendulum(tmp_path, height=0.1)
+    upright = statics.balance(model, [0.0], [1e-3])
+    assert upright.q == pytest.approx([0.0], abs=1e-9)
+    assert not upright.stable
+    assert upright.poles[0].real > 0
+    leaning = statics.settle(model, [0.0])
+    angle = brentq(lambda q: STIFFNESS * q - 0.1 * G * np.sin(q), 0.5, 2, xtol=1e-14)
+    # one side is stopped before it gets there
+    expected = angle if leaning.q[0] > 0 else -1.0
+    assert leaning.q == pytest.approx([expected], abs=1e-9)
+    assert leaning.stable
+
+
+def test_a_stop_takes_the_rest_of_the_force(tmp_path):
+    model = pendulum(tmp_path)
+    found = statics.settle(model, [-2.0])
+    assert found.q == pytest.approx([-1.0])
+    assert found.held.all()
+    force = -STIFFNESS - 0.1 * G * np.sin(1.0) + 2.0  # K + g - u: the stop pushes up
+    assert found.limit_forces == pytest.approx([force])
+    assert found.residual < 1e-9
+    assert found.stable
+    assert found.tip_compliance == pytest.approx(np.zeros((3, 3)))
+
+
+def test_inputs_for_the_pendulum_s_tip(tmp_path):
+    """u = k q + m g r sin q holds the tip at the angle q; off the circle, the nearest point."""
+    model = pendulum(tmp_path)
+    for angle in (-0.95, 1.4):
+        circle = -0.1 * np.array([np.sin(angle), 0.0, np.cos(angle)])
+        for radius in (1.0, 1.5):
+            search = statics.inputs_for_tip(model, radius * circle, shapes=1)
+            assert search.distance(search.nearest) == pytest.approx(0.1 * (radius - 1), abs=1e-6)
+            force = STIFFNESS * angle + 0.1 * G * np.sin(angle)
+            assert search.nearest.u == pytest.approx([force], abs=1e-4)
+
+
+@pytest.fixture(params=["finger", "helix", "spirob", 1, 4, 6], ids=str)
+def model(request, tmp_path) -> SoftModel:
+    source = request.param
+    return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
+
+
+def some_input(model: SoftModel, size: float = 0.02) -> np.ndarray:
+    low, high = np.maximum(model.u_min, -25), np.minimum(model.u_max, 25)
+    u = np.random.default_rng(5).uniform(low, high) * size
+    return np.clip(u, model.u_min, model.u_max)
+
+
+def test_residual_is_the_gradient_of_the_potential(model):
+    rng = np.random.default_rng(0)
+    q = model.configuration(
+        rng.uniform(np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8))
+    )
+    u = some_input(model)
+    expected = gradient(model, lambda x: statics.potential(model, x, u), q)
+    assert relative(expected, statics.residual(model, q, u)) < 1e-7
+
+
+def test_settled_robots_are_balanced_and_lowest(model):
+    u = some_input(model)
+    found = statics.settle(model, u)
+    state = model.state(found.q, np.zeros(model.nv))
+    forces = [np.abs(x).max() for x in (state.K, state.bias, state.B @ u)]
+    assert found.residual <= 1e-9 * max(forces)
+    assert found.stable
+    at = model.coordinates(found.q)
+    assert np.all(at >= model.lower - 1e-9)
+    assert np.all(at <= model.upper + 1e-9)
+    lower = found.held & (at < model.lower + 1e-6)
+    upper = found.held & (at > model.upper - 1e-6)
+    assert np.array_equal(lower | upper, found.held)
+    assert np.all(found.limit_forces[lower] >= 0)
+    assert np.all(found.limit_forces[upper] <= 0)
+    assert np.all(found.limit_forces[~found.held] == 0)
+    here = statics.potential(model, found.q, u)
+    rng = np.random.default_rng(1)
+    for _ in range(20):  # no point nearby is lower
+        step = 1e-3 * rng.normal(size=model.nv)
+        step = np.clip(at + step, model.lower, model.upper) - at
+        step[found.held] = 0.0
+        assert statics.potential(model, model.integrate(found.q, step), u) >= here
+
+
+def test_sensitivities_are_those_of_the_settled_robot(model):
+    """∂y/∂u and the tip's compliance, each against settling again with a small change."""
+    u = some_input(model)
+    found = statics.settle(model, u)
+    step = 1e-5
+    for i in range(min(model.nu, 3)):
+        du = step * np.eye(model.nu)[i]
+        ahead, behind = (statics.settle(model, u + s * du, found.q) for s in (1, -1))
+        assert np.array_equal(ahead.held, found.held)
+        expected = (ahead.y - behind.y) / (2 * step)
+        assert relative(expected, found.tip_sensitivity[:, i], 1e-3) < 1e-5
+    assert relative(found.tip_compliance, found.tip_compliance.T) < 1e-9
+    assert np.linalg.eigvalsh(found.tip_compliance)[0] > -1e-9
+
+
+def test_a_ramp_ends_where_the_slow_robot_does(model):
+    """Raising the input and settling at once agree while nothing snaps."""
+    u = some_input(model, 0.005)
+    found, snaps = statics.ramp(model, u)
+    assert found.stable
+    assert np.array_equal(found.u, u)
+    if snaps == 0:
+        again = statics.settle(model, u, found.q)
+        assert relative(again.y, found.y, 1e-3) < 1e-6
+
+
+def test_approach_recovers_a_tip_that_is_reachable():
+    """From rest to the tip of an equilibrium, exactly; the branch has one input for it."""
+    model = softdyn.load("finger")
+    goal, _ = statics.ramp(model, [-0.03, 0.02])
+    found = statics.approach(statics.rest(model), goal.y)
+    assert found.y == pytest.approx(goal.y, abs=1e-8)
+    assert found.u == pytest.approx(goal.u, abs=1e-6)
+    assert found.residual < 1e-9
+
+
+@pytest.mark.parametrize(("robot", "size"), [("finger", 0.1), ("spirob", 0.02)])
+def test_explored_equilibria_are_exact(robot, size):
+    """From random shapes to the tip of a known rest: what is returned balances, within bounds."""
+    model = softdyn.load(robot)
+    target = statics.settle(model, some_input(model, size)).y
+    distances = []
+    for q, u in statics.random_shapes(model, 3):
+        try:
+            found = statics.explore(model, target, q, u)
+        except statics.StaticsError:
+            continue
+        assert found.residual < 1e-9
+        assert np.all(found.u >= model.u_min)
+        assert np.all(found.u <= model.u_max)
+        at = model.coordinates(found.q)
+        assert np.all(at >= model.lower - 1e-9)
+        assert np.all(at <= model.upper + 1e-9)
+        distances.append(np.linalg.norm(found.y - target))
+    assert min(distances) < 1e-6
+
+
+def test_random_inputs_stay_within_bounds(model):
+    u = statics.random_inputs(model, 200)
+    assert np.all(u >= model.u_min)
+    assert np.all(u <= model.u_max)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(u > 0, u / model.u_max, u / model.u_min)
+    assert np.nanmax(part, axis=1, initial=0.0) == pytest.approx(min(model.nu, 1))
+
+
+def test_what_is_stable_stays_in_the_twin(tmp_path):
+    """The frozen input holds a pendulum and the finger for 10 s; upright, the pendulum falls."""
+    found = statics.settle(pendulum(tmp_path), [0.2])
+    assert hold(found, duration=10.0).largest < 1e-8
+    upright = statics.balance(pendulum(tmp_path, height=0.1), [0.0], [1e-3])
+    assert hold(upright, duration=10.0, nudge=1e-6).final > 0.01
+    model = softdyn.load("finger")
+    found = statics.approach(statics.rest(model), [0.0917, 0.0, -0.2049])
+    assert found.stable
+    assert hold(found, duration=10.0).largest < 1e-8
+
+
+def test_the_twin_settles_where_statics_says():
+    """Helix with joints on their stops: MuJoCo's damped motion from nearby ends there."""
+    model = softdyn.load("helix")
+    found = statics.settle(model, some_input(model))
+    assert found.held.any()
+    drift = hold(found, duration=2.0)
+    assert drift.final < 1e-4  # the twin's stops give way by 0.02 mm each
+
+
+def test_bad_arguments_are_refused():
+    model = softdyn.load("finger")
+    with pytest.raises(InputError, match="u"):
+        statics.settle(model, [0.0])
+    with pytest.raises(InputError, match="start"):
+        statics.settle(model, [0.0, 0.0], [np.nan] * 4)
+    with pytest.raises(InputError, match="target"):
+        statics.inputs_for_tip(model, [0.0, 0.0])
+
+
+def test_no_equilibrium_is_an_error_that_says_so(tmp_path):
+    """Past the fold of the upright branch, Newton's method finds nothing to balance."""
+    model = pendulum(tmp_path, height=0.1)
+    with pytest.raises(statics.StaticsError, match=r"no equilibrium.*left unbalanced"):
+        statics.balance(model, [0.33], [0.5])
+
+
+def test_spread_rests_are_stable_and_apart(tmp_path):
+    model = pendulum(tmp_path)
+    samples = list(statics.scatter(model, 2))
+    more = list(statics.spread(samples, 5))
+    assert len(samples) == 24
+    assert len(more) == 5
+    assert all(one.stable for one in (*samples, *more))
+    # targets off the circle and beyond its ends: each rest is as close to some point as it gets
+    angles = np.array([one.q[0] for one in (*samples, *more)])
+    assert angles.min() >= -1 - 1e-9
+    assert angles.max() <= 2 + 1e-9
+
+
+def test_the_command_reports_every_target(tmp_path, capsys):
+    pendulum(tmp_path)
+    picture = tmp_path / "map.png"
+    options = "--target 0.05 0 -0.0866 --rays 1 --spread 1 --shapes 1 --hold 0.1 --json -"
+    arguments = options.split()
+    robot = str(tmp_path / "pendulum.urdf")
+    assert command.main([robot, *arguments, "--map", str(picture)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    (line,) = report["targets"]
+    closest = line["closest"]
+    assert np.linalg.norm(np.subtract(closest["y"], line["target"])) == pytest.approx(
+        closest["distance_cm"] / 100
+    )
+    assert closest["stable"] == (closest["smallest_eigenvalue"] > 0)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
+    pendulum(tmp_path)
+    robot = str(tmp_path / "pendulum.urdf")
+    assert command.main([robot, "--inputs", "0.2", "--hold", "0.1", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    angle = report["rest"]["q"][0]
+    assert STIFFNESS * angle + 0.1 * G * np.sin(angle) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["finger", "--inputs", "1"],
+        ["finger", "--inputs", "5", "5"],
+        ["finger", "--map", "map.txt"],
+        ["nothere"],
+    ],
+)
+def test_the_command_refuses_bad_input(arguments, capsys):
+    assert command.main(arguments) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_error_crosses_processes():
+    error = pickle.loads(pickle.dumps(statics.StaticsError("no rest", 0.25)))
+    assert error.residual == 0.25
+    assert str(error) == str(statics.StaticsError("no rest", 0.25))

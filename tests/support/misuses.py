@@ -1,0 +1,554 @@
+"""One valid micro-robot, and every misuse of the format as one change to it.
+
+The tests raise each error from here. ``python -m tests.support.misuses`` writes the table of
+messages in ``docs/format.md`` anew; a test compares the two.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from softdyn.description.urdf import parse
+from softdyn.exceptions import UrdfError
+from tests.support import ROOT
+
+INERTIAL = (
+    '<inertial><origin xyz="0.05 0 0"/><mass value="0.1"/>'
+    '<inertia ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="9e-5"/></inertial>'
+)
+LIMIT = '<limit lower="-1" upper="1" effort="9" velocity="9"/>'
+ARM = f"""\
+<robot name="arm">
+  <link name="world"/>
+  <link name="base"/>
+  <link name="knuckle"/>
+  <link name="finger">{INERTIAL}</link>
+  <link name="pad">
+    <inertial>
+      <mass value="0.01"/><inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>
+    </inertial>
+  </link>
+  <link name="slider">{INERTIAL}</link>
+  <link name="wheel">{INERTIAL}</link>
+  <joint name="mount" type="fixed"><parent link="world"/><child link="base"/></joint>
+  <joint name="bend" type="revolute">
+    <parent link="base"/><child link="knuckle"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-1.5" upper="1.5" effort="9" velocity="9"/>
+    <dynamics damping="0.02" friction="0.001"/>
+  </joint>
+  <joint name="twist" type="revolute">
+    <parent link="knuckle"/><child link="finger"/>
+    <axis xyz="1 0 0"/>{LIMIT}<dynamics damping="0.01" stiffness="0.2"/>
+  </joint>
+  <joint name="glue" type="fixed">
+    <parent link="finger"/><child link="pad"/><origin xyz="0.1 0 0" rpy="0 0 0.3"/>
+  </joint>
+  <joint name="slide" type="prismatic">
+    <parent link="pad"/><child link="slider"/><origin xyz="0.02 0 0"/>
+    <axis xyz="0 0 2"/>{LIMIT}
+  </joint>
+  <joint name="spin" type="continuous"><parent link="slider"/><child link="wheel"/></joint>
+  <gazebo reference="bend">
+    <springStiffness>0.5</springStiffness><springReference>0.1</springReference>
+  </gazebo>
+  <gazebo reference="spin"/>
+  <softdyn version="1">
+    <joint name="bend" armature="0.005"/>
+    <tendon name="flexor" stiffness="3" damping="0.1" rest="0.2">
+      <joint name="bend" coef="1"/>
+      <joint name="twist" coef="-0.5"/>
+    </tendon>
+    <tendon name="cable">
+      <site link="base" xyz="0 0 0.02"/>
+      <site link="finger" xyz="0.05 0 0.02"/>
+      <site link="pad" xyz="0 0 0.01"/>
+    </tendon>
+    <tendon name="drive"><joint name="spin" coef="1"/></tendon>
+    <actuator name="u1" tendon="flexor" gear="0.1" lower="-1" upper="1"/>
+    <actuator name="u2" tendon="cable" gear="-1" lower="0" upper="5"/>
+    <task frame="wheel"/>
+  </softdyn>
+</robot>
+"""
+
+
+@dataclass(frozen=True)
+class Misuse:
+    """A change of `ARM` and the words its error must contain.
+
+    `change` is (old, new), old occurring exactly once, or the whole file. `element` is the
+    element that the message names; a document table row says `title`, `None` leaves it out.
+    """
+
+    title: str
+    change: tuple[str, str] | str | bytes
+    element: str
+    expected: str
+    got: str
+    row: bool = True
+
+    @property
+    def data(self) -> bytes:
+        if isinstance(self.change, bytes):
+            return self.change
+        if isinstance(self.change, str):
+            return self.change.encode()
+        old, new = self.change
+        assert ARM.count(old) == 1, f"{old!r} occurs {ARM.count(old)} times"
+        return ARM.replace(old, new).encode()
+
+    def error(self, folder: Path) -> UrdfError:
+        """The exception that parsing the file raises."""
+        path = folder / "arm.urdf"
+        path.write_bytes(self.data)
+        try:
+            parse(path)
+        except UrdfError as error:
+            return error
+        raise AssertionError(f"{self.title}: accepted")
+
+
+def inside(new: str) -> tuple[str, str]:
+    """Add something to the block."""
+    return '<task frame="wheel"/>', f'<task frame="wheel"/>\n{new}'
+
+
+def beside(new: str) -> tuple[str, str]:
+    """Add something to the robot."""
+    return "</robot>", f"{new}\n</robot>"
+
+
+def number(text: str) -> tuple[str, str]:
+    """Write a number in another way."""
+    return 'damping="0.02"', f'damping="{text}"'
+
+
+def mimic(element: str) -> tuple[str, str]:
+    """Let the slide follow another joint."""
+    return '<axis xyz="0 0 2"/>', f'<axis xyz="0 0 2"/>{element}'
+
+
+FLEXOR, CABLE = '<tendon name="flexor">', '<tendon name="cable">'
+U1, U2 = '<actuator name="u1">', '<actuator name="u2">'
+SPRING_BEND = '<gazebo reference="bend"><springStiffness>'
+SPRING_SPIN = '<gazebo reference="spin"><springStiffness>'
+REST_BEND = '<gazebo reference="bend"><springReference>'
+COEF = '<joint name="twist" coef="-0.5"/>'
+SITES = """\
+      <site link="base" xyz="0 0 0.02"/>
+      <site link="finger" xyz="0.05 0 0.02"/>
+      <site link="pad" xyz="0 0 0.01"/>
+"""
+TERMS = """\
+      <joint name="bend" coef="1"/>
+      <joint name="twist" coef="-0.5"/>
+"""
+BODY = 'ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="9e-5"'
+FINGER = f'<link name="finger">{INERTIAL}</link>'
+SPIN = '<joint name="spin" type="continuous"><parent link="slider"/><child link="wheel"/></joint>'
+CHAIN = "".join(f'<link name="x{i}"/>' for i in range(1030))
+STAR = "".join(
+    f'<link name="x{i}">{INERTIAL}</link><joint name="y{i}" type="continuous">'
+    f'<parent link="base"/><child link="x{i}"/></joint>'
+    for i in range(253)
+)
+
+FILE = [
+    Misuse("empty file", "", "file", "well-formed XML", "Document is empty"),
+    Misuse("truncated XML", ARM[:-9], "file", "well-formed XML", "Premature end of data"),
+    Misuse("truncated tag", ARM[:200], "file", "well-formed XML", "", row=False),
+    Misuse("no XML at all", "robot: arm\n", "file", "well-formed XML", "", row=False),
+    Misuse("null character", b"<robot name='a\0'/>", "file", "well-formed XML", "", row=False),
+    Misuse("attribute twice", ('link name="base"', 'link name="a" name="base"'), "file",
+           "well-formed XML", "Attribute name redefined"),
+    Misuse("two documents", ARM + ARM, "file", "well-formed XML", "Extra content", row=False),
+    Misuse("unknown encoding", '<?xml version="1.0" encoding="klingon"?>' + ARM, "file",
+           "well-formed XML", "Unsupported encoding", row=False),
+    Misuse("text in another encoding than declared", ARM.replace("base", "bäse").encode("latin-1"),
+           "file", "well-formed XML", "", row=False),
+    Misuse("nested beyond 256 levels", beside("<a>" * 300 + "</a>" * 300), "file",
+           "well-formed XML", "Excessive depth", row=False),
+    Misuse("DTD", "<!DOCTYPE robot>\n" + ARM, "<!DOCTYPE>", "no DTD and no entities",
+           "a document type declaration"),
+    Misuse("entity", '<!DOCTYPE robot [<!ENTITY e "1">]>' + ARM.replace('"0.1"', '"&e;"'),
+           "<!DOCTYPE>", "no DTD and no entities", "a document type declaration", row=False),
+    Misuse("entity of another file",
+           '<!DOCTYPE robot [<!ENTITY e SYSTEM "file:///etc/hostname">]>'
+           + ARM.replace("</robot>", "&e;</robot>"),
+           "<!DOCTYPE>", "no DTD and no entities", "a document type declaration", row=False),
+    Misuse("undefined entity", beside("&e;"), "file", "well-formed XML", "", row=False),
+    Misuse("more than 16 MiB", ARM + " " * 2**24, "file", "at most 16777216 bytes", "more"),
+    Misuse("another root element", "<sdf/>", "<sdf>", "the root element <robot>", "<sdf>"),
+    Misuse("root in a namespace", ARM.replace("<robot", '<robot xmlns="u"'), "<{u}robot>",
+           "the root element <robot>", "<{u}robot>", row=False),
+    Misuse("robot without a name", (' name="arm"', ""), "<robot>", 'attribute name="…"', "none"),
+]  # fmt: skip
+TREE = [
+    Misuse("no link", '<robot name="a"/>', "<robot>", "1 to 1024 links", "0"),
+    Misuse("too many links", beside(CHAIN), "<robot>", "1 to 1024 links", "1037"),
+    Misuse("too many degrees of freedom", beside(STAR), "<robot>",
+           "at most 256 degrees of freedom", "257"),
+    Misuse("link without a name", ('<link name="base"/>', "<link/>"), "<link>",
+           'attribute name="…"', "none", row=False),
+    Misuse("blank name", ('<link name="base"/>', '<link name=" "/>'), '<link name=" ">',
+           'attribute name="…"', "nothing", row=False),
+    Misuse("duplicate link", ('<link name="base"/>', '<link name="base"/><link name="base"/>'),
+           '<link name="base">', "a unique link name", "a second 'base'"),
+    Misuse("duplicate joint", ('joint name="glue"', 'joint name="bend"'), '<joint name="bend">',
+           "a unique joint name", "a second 'bend'"),
+    Misuse("joint without a type", (' type="prismatic"', ""), '<joint name="slide">',
+           'attribute type="…"', "none", row=False),
+    Misuse("unsupported joint type", ('type="prismatic"', 'type="floating"'),
+           '<joint name="slide">', "type revolute, continuous, prismatic or fixed", "'floating'"),
+    Misuse("planar joint", ('type="prismatic"', 'type="planar"'), '<joint name="slide">',
+           "type revolute, continuous, prismatic or fixed", "'planar'", row=False),
+    Misuse("mimic of an unknown joint", mimic('<mimic joint="thumb"/>'),
+           '<joint name="slide">', "joint that follows no other", "'thumb'"),
+    Misuse("mimic of a mimic joint, or of itself", mimic('<mimic joint="slide"/>'),
+           '<joint name="slide">', "joint that follows no other", "mimic joint 'slide'"),
+    Misuse("mimic of a joint without a position", mimic('<mimic joint="spin"/>'),
+           '<joint name="slide">', "a revolute or prismatic joint", "continuous joint 'spin'"),
+    Misuse("mimic of a fixed joint", mimic('<mimic joint="glue"/>'),
+           '<joint name="slide">', "a revolute or prismatic joint", "fixed joint 'glue'",
+           row=False),
+    Misuse("unknown attribute of a mimic", mimic('<mimic joint="bend" ratio="2"/>'),
+           '<joint name="slide"><mimic>', "no attribute but joint, multiplier, offset", "ratio"),
+    Misuse("a multiplier that is no number", mimic('<mimic joint="bend" multiplier="x"/>'),
+           '<joint name="slide"><mimic>', "a finite number as multiplier", "'x'", row=False),
+    Misuse("a joint with Pinocchio's own name", ('joint name="glue"', 'joint name="universe"'),
+           '<joint name="universe">', "another name", "'universe'"),
+    Misuse("joint without a child", ('<child link="knuckle"/>', ""), '<joint name="bend">',
+           "<child>", "none"),
+    Misuse("joint without a parent", ('<parent link="knuckle"/>', ""), '<joint name="twist">',
+           "<parent>", "none", row=False),
+    Misuse("joint to an unknown link", ('<child link="knuckle"/>', '<child link="nail"/>'),
+           '<joint name="bend"><child>', "the name of a link", "'nail'"),
+    Misuse("two parents", ('<child link="pad"/>', '<child link="knuckle"/>'),
+           '<joint name="glue">', "one parent of link 'knuckle'", "joints 'bend' and 'glue'"),
+    Misuse("two roots", ('<link name="base"/>', '<link name="base"/><link name="stray"/>'),
+           "<robot>", "one root link, every other one joined to it", "2: world, stray"),
+    Misuse("cycle of all links",
+           '<robot name="a"><link name="a"/><link name="b"/>'
+           '<joint name="i" type="fixed"><parent link="a"/><child link="b"/></joint>'
+           '<joint name="j" type="fixed"><parent link="b"/><child link="a"/></joint></robot>',
+           "<robot>", "one root link, every other one joined to it", "a cycle", row=False),
+    Misuse("cycle", ('<parent link="base"/>', '<parent link="wheel"/>'), "<robot>", "a tree",
+           "a cycle: 5 links out of the root's reach"),
+    Misuse("a link jointed to itself", ('<parent link="slider"/>', '<parent link="wheel"/>'),
+           "<robot>", "a tree", "a cycle", row=False),
+    Misuse("missing limit", (f'<axis xyz="0 0 2"/>{LIMIT}', '<axis xyz="0 0 2"/>'),
+           '<joint name="slide">', "<limit lower=", "none"),
+    Misuse("limit without effort", ('upper="1.5" effort="9"', 'upper="1.5"'),
+           '<joint name="bend"><limit>', 'attribute effort="…"', "none", row=False),
+    Misuse("limit without velocity", ('upper="1.5" effort="9" velocity="9"',
+                                      'upper="1.5" effort="9"'),
+           '<joint name="bend"><limit>', 'attribute velocity="…"', "none", row=False),
+    Misuse("joint limits, lower > upper", ('lower="-1.5"', 'lower="2"'),
+           '<joint name="bend"><limit>', "lower <= upper", "lower=2.0 upper=1.5"),
+    Misuse("zero axis", ('xyz="0 1 0"', 'xyz="0 0 0"'), '<joint name="bend"><axis>',
+           "a non-zero vector", "'0 0 0'"),
+    Misuse("axis without xyz", ('<axis xyz="0 1 0"/>', "<axis/>"), '<joint name="bend"><axis>',
+           'attribute xyz="…"', "none", row=False),
+    Misuse("element twice", ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><axis xyz="1 0 0"/>'),
+           '<joint name="bend"><axis>', "one <axis>", "2 of them"),
+    Misuse("origin twice", ('<origin xyz="0.02 0 0"/>',
+                            '<origin xyz="0.02 0 0"/><origin xyz="0 0 0"/>'),
+           '<joint name="slide"><origin>', "one <origin>", "2 of them", row=False),
+    Misuse("limit twice", (f'<axis xyz="0 0 2"/>{LIMIT}', f'<axis xyz="0 0 2"/>{LIMIT}{LIMIT}'),
+           '<joint name="slide"><limit>', "one <limit>", "2 of them", row=False),
+    Misuse("dynamics twice", ('<dynamics damping="0.02" friction="0.001"/>',
+                              '<dynamics damping="0.02"/><dynamics damping="0.03"/>'),
+           '<joint name="bend"><dynamics>', "one <dynamics>", "2 of them", row=False),
+    Misuse("inertial twice", (FINGER, FINGER.replace("</link>", f"{INERTIAL}</link>")),
+           '<link name="finger"><inertial>', "one <inertial>", "2 of them", row=False),
+    Misuse("mass twice", ('<mass value="0.01"/>', '<mass value="0.01"/><mass value="1"/>'),
+           '<link name="pad"><inertial><mass>', "one <mass>", "2 of them", row=False),
+    Misuse("unknown attribute of an origin", ('rpy="0 0 0.3"', 'quat_xyzw="0 0 0 1"'),
+           '<joint name="glue"><origin>', "no attribute but xyz, rpy", "quat_xyzw"),
+    Misuse("rotation as a quaternion", ('rpy="0 0 0.3"', 'quat="1 0 0 0"'),
+           '<joint name="glue"><origin>', "no attribute but xyz, rpy", "quat", row=False),
+]  # fmt: skip
+NUMBERS = [
+    Misuse("not a number", number("heavy"), '<joint name="bend"><dynamics>',
+           "a finite number as damping", "'heavy'"),
+    Misuse("number that is not finite", number("nan"), '<joint name="bend"><dynamics>',
+           "a finite number as damping", "'nan'"),
+    *(Misuse(f"number {text!r}", number(text), '<joint name="bend"><dynamics>',
+             "a finite number as damping", repr(text), row=False)
+      for text in ("inf", "-inf", "Infinity", "NaN", "1e999", "0,1", "1_0", "0x10", "1e", "--1",
+                   "1 2", "1.0.0", "٣", "１", "1f", "$(x)", "0.02 ", " 0.02", "+", ".", "true")),
+    Misuse("number beyond ±1e50", number("1e300"), '<joint name="bend"><dynamics>',
+           "a number within ±1e+50 as damping", "1e300"),
+    Misuse("empty number", number(""), '<joint name="bend"><dynamics>', 'attribute damping="…"',
+           "nothing"),
+    Misuse("blank behind a mass", ('value="0.01"', 'value="0.01 "'),
+           '<link name="pad"><inertial><mass>', "a finite number as value", "'0.01 '", row=False),
+    Misuse("mass that is not a number", ('value="0.01"', 'value="0,01"'),
+           '<link name="pad"><inertial><mass>', "a finite number as value", "'0,01'", row=False),
+    Misuse("vector of another length", ('xyz="0 1 0"', 'xyz="0 1"'), '<joint name="bend"><axis>',
+           "three numbers as xyz", "'0 1'"),
+    Misuse("vector with commas", ('xyz="0 1 0"', 'xyz="0,1,0"'), '<joint name="bend"><axis>',
+           "three numbers as xyz", "'0,1,0'", row=False),
+    Misuse("vector with nan", ('xyz="0.1 0 0"', 'xyz="nan 0 0"'), '<joint name="glue"><origin>',
+           "a finite number as xyz", "'nan'", row=False),
+    Misuse("vector with a line feed", ('xyz="0.1 0 0"', 'xyz="0.1 0&#10;0"'),
+           '<joint name="glue"><origin>', "three numbers as xyz", r"'0.1 0\n0'", row=False),
+    Misuse("empty vector", ('xyz="0.1 0 0"', 'xyz=""'), '<joint name="glue"><origin>',
+           'attribute xyz="…"', "nothing", row=False),
+    Misuse("spring that is not finite", (">0.5<", ">inf<"),
+           SPRING_BEND, "a finite number as springStiffness", "'inf'", row=False),
+    Misuse("spring without a number", (">0.5<", "><"),
+           SPRING_BEND, "a finite number as springStiffness", "''", row=False),
+    Misuse("rest that is not a number", (">0.1<", ">straight<"), REST_BEND,
+           "a finite number as springReference", "'straight'", row=False),
+]  # fmt: skip
+INERTIA = [
+    Misuse("inertial without a mass", ('<mass value="0.01"/>', ""), '<link name="pad"><inertial>',
+           "<mass> and <inertia>", "no <mass>"),
+    Misuse("inertial without an inertia",
+           ('<inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/>', ""),
+           '<link name="pad"><inertial>', "<mass> and <inertia>", "no <inertia>", row=False),
+    Misuse("inertia without one of its six numbers", ('ixx="1e-6" ixy="0"', 'ixx="1e-6"'),
+           '<link name="pad"><inertial><inertia>', 'attribute ixy="…"', "none"),
+    Misuse("negative mass", ('value="0.01"', 'value="-0.01"'),
+           '<link name="pad"><inertial><mass>', "value >= 0", "-0.01"),
+    Misuse("moments that are not positive", (FINGER, FINGER.replace('ixx="1e-5"', 'ixx="-1e-3"')),
+           '<link name="finger">', "a physical inertia, with its fixed links", "not positive"),
+    Misuse("moments that break the triangle inequality",
+           (FINGER, FINGER.replace('izz="9e-5"', 'izz="9e-3"')),
+           '<link name="finger">', "a physical inertia, with its fixed links", " < "),
+    Misuse("moments without mass", ('<link name="knuckle"/>',
+                                    f'<link name="knuckle"><inertial><mass value="0"/><inertia '
+                                    f"{BODY}/></inertial></link>"),
+           '<link name="knuckle">', "a physical inertia, with its fixed links", "without mass"),
+    Misuse("massless moving leaf", ('<child link="wheel"/></joint>', '<child link="wheel"/></joint>'
+                                    '<link name="nail"/><joint name="tap" type="continuous">'
+                                    '<parent link="wheel"/><child link="nail"/></joint>'),
+           '<link name="nail">', "a positive mass that the joint moves",
+           "none on or beyond joint 'tap'"),
+]  # fmt: skip
+SPRINGS = [
+    Misuse("negative damping", number("-0.02"), '<joint name="bend"><dynamics>', "damping >= 0",
+           "-0.02"),
+    Misuse("negative friction", ('friction="0.001"', 'friction="-1"'),
+           '<joint name="bend"><dynamics>', "friction >= 0", "-1", row=False),
+    Misuse("negative joint stiffness", (">0.5<", ">-0.5<"), SPRING_BEND,
+           "springStiffness >= 0", "-0.5"),
+    Misuse("negative stiffness alias", ('stiffness="0.2"', 'stiffness="-0.2"'),
+           '<joint name="twist"><dynamics>', "stiffness >= 0", "-0.2"),
+    Misuse("conflicting spring sources", ('friction="0.001"', 'stiffness="0.7"'),
+           SPRING_BEND, "one stiffness of joint 'bend'", "0.7 and 0.5"),
+    Misuse("conflicting aliases", ('stiffness="0.2"', 'stiffness="0.2" spring_stiffness="0.3"'),
+           '<joint name="twist"><dynamics>', "one stiffness of joint 'twist'", "0.2 and 0.3",
+           row=False),
+    Misuse("conflicting rest positions", beside(
+           '<gazebo reference="bend"><springReference>0</springReference></gazebo>'),
+           REST_BEND, "one rest of joint 'bend'", "0.1 and 0.0"),
+    Misuse("spring of an unknown joint", beside(
+           '<gazebo reference="thumb"><springStiffness>1</springStiffness></gazebo>'),
+           '<gazebo reference="thumb">', "reference to a joint", "'thumb'"),
+    Misuse("spring of a link", beside(
+           '<gazebo reference="finger"><springStiffness>1</springStiffness></gazebo>'),
+           '<gazebo reference="finger">', "reference to a joint", "'finger'", row=False),
+    Misuse("spring without a joint", beside(
+           "<gazebo><springStiffness>1</springStiffness></gazebo>"),
+           "<gazebo>", 'attribute reference="…"', "none", row=False),
+    Misuse("spring on a continuous joint", beside(
+           '<gazebo reference="spin"><springStiffness>1</springStiffness></gazebo>'),
+           SPRING_SPIN, "a spring on a revolute or prismatic joint",
+           "continuous joint 'spin'"),
+    Misuse("spring on a fixed joint",
+           ('rpy="0 0 0.3"/>', 'rpy="0 0 0.3"/><dynamics stiffness="1"/>'),
+           '<joint name="glue"><dynamics>', "a spring on a revolute or prismatic joint",
+           "fixed joint 'glue'"),
+]  # fmt: skip
+BLOCK = [
+    Misuse("second block", beside('<softdyn version="1"/>'), "<softdyn>", "one <softdyn>",
+           "2 of them"),
+    Misuse("missing version", ('<softdyn version="1">', "<softdyn>"), "<softdyn>",
+           'attribute version="…"', "none"),
+    Misuse("unsupported version", ('<softdyn version="1">', '<softdyn version="2">'), "<softdyn>",
+           'version="1"', "'2'"),
+    Misuse("version 1.0", ('<softdyn version="1">', '<softdyn version="1.0">'), "<softdyn>",
+           'version="1"', "'1.0'", row=False),
+    Misuse("unknown element in the block", inside('<spring name="bend"/>'),
+           '<softdyn><spring name="bend">', "<joint> or <tendon> or <actuator> or <task>",
+           "<spring>"),
+    Misuse("foreign element in the block", inside('<x:a xmlns:x="u"/>'), "<softdyn><{u}a>",
+           "<joint> or <tendon> or <actuator> or <task>", "<{u}a>", row=False),
+    Misuse("unknown element in a tendon", (COEF, f"{COEF}<pulley/>"),
+           f"<softdyn>{FLEXOR}<pulley>", "<joint> or <site>", "<pulley>", row=False),
+    Misuse("unknown element in an actuator", (
+           'lower="0" upper="5"/>', 'lower="0" upper="5"><gear/></actuator>'),
+           f"<softdyn>{U2}<gear>", "no element inside", "<gear>", row=False),
+    Misuse("unknown element in a site", ('xyz="0 0 0.01"/>', 'xyz="0 0 0.01"><mass/></site>'),
+           f"<softdyn>{CABLE}<site><mass>", "no element inside", "<mass>", row=False),
+    Misuse("unknown attribute of the block", ('softdyn version="1"', 'softdyn version="1" a=""'),
+           "<softdyn>", "no attribute but version", "a", row=False),
+    Misuse("unknown attribute in the block", ('armature="0.005"', 'armor="0.005"'),
+           '<softdyn><joint name="bend">', "no attribute but name, armature", "armor"),
+    Misuse("unknown attribute of a tendon", ('rest="0.2"', 'rest_length="0.2"'),
+           f"<softdyn>{FLEXOR}", "no attribute but name, stiffness, damping, rest", "rest_length",
+           row=False),
+    Misuse("unknown attribute of an actuator", ('gear="-1"', 'gain="-1"'), f"<softdyn>{U2}",
+           "no attribute but name, tendon, gear, lower, upper", "gain", row=False),
+    Misuse("unknown attribute of a site", ('xyz="0 0 0.01"', 'pos="0 0 0.01"'),
+           f"<softdyn>{CABLE}<site>", "no attribute but link, xyz", "pos", row=False),
+    Misuse("unknown attribute of a term", ('coef="-0.5"', 'coeff="-0.5"'),
+           f'<softdyn>{FLEXOR}<joint name="twist">', "no attribute but name, coef", "coeff",
+           row=False),
+    Misuse("unknown attribute of the task", ('<task frame="wheel"/>', '<task link="wheel"/>'),
+           "<softdyn><task>", "no attribute but frame", "link", row=False),
+    Misuse("negative armature", ('armature="0.005"', 'armature="-1"'),
+           '<softdyn><joint name="bend">', "armature >= 0", "-1"),
+    Misuse("armature of an unknown joint", ('name="bend" armature', 'name="thumb" armature'),
+           '<softdyn><joint name="thumb">', "the name of a joint", "'thumb'"),
+    Misuse("armature of a fixed joint", ('name="bend" armature', 'name="glue" armature'),
+           '<softdyn><joint name="glue">', "a joint that moves", "fixed joint 'glue'"),
+    Misuse("two armatures of a joint", inside('<joint name="bend" armature="1"/>'),
+           '<softdyn><joint name="bend">', "a unique joint name", "a second 'bend'", row=False),
+]  # fmt: skip
+TENDONS = [
+    Misuse("tendon without a name", ('<tendon name="drive">', "<tendon>"), "<softdyn><tendon>",
+           'attribute name="…"', "none", row=False),
+    Misuse("duplicate tendon", ('tendon name="drive"', 'tendon name="cable"'),
+           f"<softdyn>{CABLE}", "a unique tendon name", "a second 'cable'"),
+    Misuse("both kinds of path in a tendon", (COEF, COEF + '<site link="base" xyz="0 0 0"/>'),
+           f"<softdyn>{FLEXOR}", "a path of <joint> or of <site> elements", "both"),
+    Misuse("empty tendon", (TERMS, ""), f"<softdyn>{FLEXOR}",
+           "at least one <joint> or two <site> elements", "an empty tendon"),
+    Misuse("spatial tendon with one site", (SITES, '<site link="base" xyz="0 0 0.02"/>\n'),
+           f"<softdyn>{CABLE}", "at least two <site> elements", "one"),
+    Misuse("unknown joint in a tendon", (COEF, COEF.replace("twist", "thumb")),
+           f'<softdyn>{FLEXOR}<joint name="thumb">', "the name of a joint", "'thumb'"),
+    Misuse("fixed joint in a tendon", (COEF, COEF.replace("twist", "glue")),
+           f'<softdyn>{FLEXOR}<joint name="glue">', "a joint that moves", "fixed joint 'glue'"),
+    Misuse("joint twice in a tendon", (COEF, COEF.replace("twist", "bend")),
+           f'<softdyn>{FLEXOR}<joint name="bend">', "a unique joint name", "a second 'bend'"),
+    Misuse("missing coefficient", (' coef="-0.5"', ""),
+           f'<softdyn>{FLEXOR}<joint name="twist">', 'attribute coef="…"', "none", row=False),
+    Misuse("coefficient that is not finite", ('coef="-0.5"', 'coef="inf"'),
+           f'<softdyn>{FLEXOR}<joint name="twist">', "a finite number as coef", "'inf'", row=False),
+    Misuse("unknown link of a site", ('<site link="pad"', '<site link="nail"'),
+           f"<softdyn>{CABLE}<site>", "the name of a link", "'nail'"),
+    Misuse("site without a link", ('<site link="pad" ', "<site "), f"<softdyn>{CABLE}<site>",
+           'attribute link="…"', "none", row=False),
+    Misuse("site without a place", (' xyz="0 0 0.01"', ""), f"<softdyn>{CABLE}<site>",
+           'attribute xyz="…"', "none", row=False),
+    Misuse("sites of different links at one point", (
+           'link="pad" xyz="0 0 0.01"',
+           'link="pad" xyz="-0.0477668244562803 0.01477601033306698 0.02"'),
+           f"<softdyn>{CABLE}", "consecutive sites on different links apart at q = 0",
+           "sites of 'finger' and 'pad' at the same point"),
+    Misuse("negative tendon stiffness", ('stiffness="3"', 'stiffness="-3"'), f"<softdyn>{FLEXOR}",
+           "stiffness >= 0", "-3"),
+    Misuse("negative tendon damping", ('damping="0.1"', 'damping="-0.1"'), f"<softdyn>{FLEXOR}",
+           "damping >= 0", "-0.1", row=False),
+    Misuse("negative rest length of a path", (CABLE, '<tendon name="cable" rest="-0.1">'),
+           f"<softdyn>{CABLE}", "rest >= 0, the length of a path", "-0.1"),
+    Misuse("elastic tendon over a continuous joint", (
+           '<tendon name="drive">', '<tendon name="drive" stiffness="1">'),
+           '<softdyn><tendon name="drive">', "a spring on a revolute or prismatic joint",
+           "continuous joint 'spin'"),
+]  # fmt: skip
+INPUTS = [
+    Misuse("actuator without a name", ('<actuator name="u1" ', "<actuator "),
+           "<softdyn><actuator>", 'attribute name="…"', "none", row=False),
+    Misuse("duplicate actuator", ('actuator name="u2"', 'actuator name="u1"'), f"<softdyn>{U1}",
+           "a unique actuator name", "a second 'u1'"),
+    Misuse("actuator without a tendon", (' tendon="cable"', ""), f"<softdyn>{U2}",
+           'attribute tendon="…"', "none", row=False),
+    Misuse("unknown tendon", ('tendon="cable"', 'tendon="cord"'), f"<softdyn>{U2}",
+           "the name of a tendon", "'cord'"),
+    Misuse("missing lower bound", ('lower="0" upper="5"', 'upper="5"'), f"<softdyn>{U2}",
+           'attribute lower="…"', "none"),
+    Misuse("missing upper bound", ('lower="0" upper="5"', 'lower="0"'), f"<softdyn>{U2}",
+           'attribute upper="…"', "none"),
+    Misuse("input bounds, lower > upper", ('lower="0" upper="5"', 'lower="6" upper="5"'),
+           f"<softdyn>{U2}", "lower <= upper", "lower=6.0 upper=5.0"),
+    Misuse("bound that is not finite", ('lower="0" upper="5"', 'lower="0" upper="inf"'),
+           f"<softdyn>{U2}", "a finite number as upper", "'inf'", row=False),
+    Misuse("gear that is not a number", ('gear="-1"', 'gear="1:50"'), f"<softdyn>{U2}",
+           "a finite number as gear", "'1:50'", row=False),
+    Misuse("task frame that is not a link", ('<task frame="wheel"/>', '<task frame="tip"/>'),
+           "<softdyn><task>", "the name of a link", "'tip'"),
+    Misuse("task frame that is a joint", ('<task frame="wheel"/>', '<task frame="spin"/>'),
+           "<softdyn><task>", "the name of a link", "'spin'", row=False),
+    Misuse("task without a frame", ('<task frame="wheel"/>', "<task/>"), "<softdyn><task>",
+           'attribute frame="…"', "none", row=False),
+    Misuse("second task", inside('<task frame="pad"/>'), "<softdyn><task>", "one <task>",
+           "2 of them"),
+]  # fmt: skip
+STRAYS = [
+    Misuse("misspelt element", ('<dynamics damping="0.02"', '<dynamic damping="0.02"'),
+           '<joint name="bend"><dynamic>', "<dynamics>", "<dynamic> (misspelt?)"),
+    Misuse("misspelt attribute", ('lower="-1.5"', 'lowr="-1.5"'), '<joint name="bend"><limit>',
+           'attribute lower="…"', "lowr (misspelt?)"),
+    Misuse("misspelt spring", (
+           "<springStiffness>0.5</springStiffness>", "<springstiffness>0.5</springstiffness>"),
+           '<gazebo reference="bend"><springstiffness>', "<springStiffness>",
+           "<springstiffness> (misspelt?)", row=False),
+    Misuse("two letters swapped", (FINGER, FINGER.replace("inertial>", "inertail>")),
+           '<link name="finger"><inertail>', "<inertial>", "<inertail> (misspelt?)", row=False),
+    Misuse("element in the wrong place", ('<link name="base"/>',
+           '<link name="base"><mass value="1"/></link>'),
+           '<link name="base"><mass>', "another place", "<mass> right inside <link>"),
+    Misuse("actuator outside the block", beside('<actuator name="u3" tendon="cable"/>'),
+           '<actuator name="u3">', "another place", "<actuator> right inside <robot>"),
+    Misuse("joint inside a joint", ('<axis xyz="0 0 2"/>', '<joint name="x"/><axis xyz="0 0 2"/>'),
+           '<joint name="slide"><joint name="x">', "another place",
+           "<joint> right inside <joint>", row=False),
+    Misuse("block in the wrong place", beside('<gazebo><softdyn version="1"/></gazebo>'),
+           "<softdyn>", "<softdyn> right inside <robot>", "inside <gazebo>"),
+]  # fmt: skip
+GROUPS = {
+    "File": FILE,
+    "Misspelt and misplaced": STRAYS,
+    "Tree": TREE,
+    "Numbers": NUMBERS,
+    "Inertia": INERTIA,
+    "Joint springs and dampers": SPRINGS,
+    "The block": BLOCK,
+    "Tendons": TENDONS,
+    "Actuators and task": INPUTS,
+}
+START = "<!-- misuses: written by tests/support/misuses.py -->"
+END = "<!-- end of misuses -->"
+FORMAT = ROOT / "docs" / "format.md"
+MISUSES = [misuse for group in GROUPS.values() for misuse in group]
+
+
+def tables(folder: Path) -> str:
+    """The tables of ``docs/format.md``: what the parser really says about each misuse."""
+    parts = []
+    for group, misuses in GROUPS.items():
+        rows = [f"### {group}", "", "| misuse | element | expected | got |", "|---|---|---|---|"]
+        for misuse in misuses:
+            if misuse.row:
+                error = misuse.error(folder)
+                # the XML parser's own words depend on its version
+                got = misuse.got if error.expected == "well-formed XML" else error.got
+                cells = (f"`{text}`" for text in (error.element, error.expected, got))
+                rows.append(" | ".join((f"| {misuse.title}", *cells)) + " |")
+        parts.append("\n".join(rows))
+    return "\n\n".join(parts)
+
+
+def documented() -> str:
+    """The tables as they stand in the document."""
+    return FORMAT.read_text().partition(START)[2].partition(END)[0].strip()
+
+
+def main() -> None:
+    """Bring the document up to date."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = tables(Path(folder))
+    before, _, rest = FORMAT.read_text().partition(START)
+    FORMAT.write_text(f"{before}{START}\n\n{found}\n\n{END}{rest.partition(END)[2]}")
+
+
+if __name__ == "__main__":
+    main()

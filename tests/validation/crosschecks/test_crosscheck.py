@@ -1,0 +1,397 @@
+"""The cross-check passes on every kind of robot and names what differs where something does."""
+
+from __future__ import annotations
+
+import copy
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
+from softdyn.validation.crosschecks.trajectories import damping_couples_branches
+from softdyn.validation.twin.twin import Twin
+from tests.support import SCRIPTS
+from tests.support.random_robots import write_robot
+
+SCRIPT = SCRIPTS / "crosscheck.py"
+SOLID = (
+    '<inertial><origin xyz="0.05 -0.02 0.1" rpy="0.3 -0.8 2"/><mass value="0.7"/>'
+    '<inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="3e-4" izz="4e-3"/></inertial>'
+)
+POINT = (
+    '<inertial><origin xyz="0 0.1 0.2"/><mass value="0.4"/>'
+    '<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+)
+
+
+def link(name: str, body: str = SOLID) -> str:
+    return f'<link name="{name}">{body}</link>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, more: str = "", **place: str) -> str:
+    limit = '<limit lower="-0.8" upper="1.1" effort="1" velocity="1"/>'
+    xyz, rpy = place.get("xyz", "0.1 0.2 -0.3"), place.get("rpy", "0.4 -1.1 2.5")
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f'<parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{place.get("axis", "0 1 0")}"/>{more}'
+        f"{'' if kind in ('fixed', 'continuous') else limit}</joint>"
+    )
+
+
+def spring(name: str, stiffness: float = 2.0, rest: float = 0.3) -> str:
+    return (
+        f'<gazebo reference="{name}"><springStiffness>{stiffness}</springStiffness>'
+        f"<springReference>{rest}</springReference></gazebo>"
+    )
+
+
+DAMPER = '<dynamics damping="0.05"/>'
+TREE = (  # two branches on one arm, children in anti-alphabetical order
+    link("base")
+    + link("arm")
+    + link("z")
+    + link("a")
+    + joint("root", "revolute", "base", "arm", DAMPER)
+    + joint("jz", "continuous", "arm", "z", axis="0.3 -0.4 1.2")
+    + joint("ja", "prismatic", "arm", "a", DAMPER, axis="2 0 0")
+)
+MICRO = {
+    "prismatic": link("base") + link("a") + joint("j", "prismatic", "base", "a", axis="1 2 3"),
+    "continuous": link("base") + link("a") + joint("j", "continuous", "base", "a", DAMPER),
+    "no axis element": (
+        link("base")
+        + link("a")
+        + joint("j", "revolute", "base", "a").replace('<axis xyz="0 1 0"/>', "")
+        + spring("j")
+    ),
+    "massless chain": (
+        link("base")
+        + link("h1", "")
+        + link("h2", "")
+        + link("a")
+        + joint("c", "revolute", "base", "h1", DAMPER, axis="0 0 1")
+        + joint("b", "prismatic", "h1", "h2", axis="0 1 0", xyz="0 0 0")
+        + joint("a", "continuous", "h2", "a", axis="1 0 0", rpy="0 0 0")
+    ),
+    "massless link that branches": (
+        link("base")
+        + link("hub", "")
+        + link("y")
+        + link("b", POINT)
+        + joint("turn", "continuous", "base", "hub", DAMPER)
+        + joint("jy", "revolute", "hub", "y", axis="1 0 0")
+        + joint("jb", "revolute", "hub", "b", axis="0 0 1", rpy="0 0 0")
+        + '<softdyn version="1"><task frame="hub"/></softdyn>'
+    ),
+    "branching tree": TREE,
+    "fixed links with inertia": (
+        link("base")
+        + link("a")
+        + link("f")
+        + link("g", POINT)
+        + link("b")
+        + joint("j", "revolute", "base", "a", axis="-1 0 1")
+        + joint("f1", "fixed", "a", "f")
+        + joint("f2", "fixed", "f", "g")
+        + joint("k", "revolute", "g", "b")
+    ),
+    "point mass with armature": (
+        link("base")
+        + link("a", POINT)
+        + joint("j", "revolute", "base", "a", axis="0 1 2")
+        + '<softdyn version="1"><joint name="j" armature="0.02"/></softdyn>'
+    ),
+    "root of another name, offset": (
+        link("plinth")
+        + link("mount", POINT)
+        + link("world")
+        + joint("f", "fixed", "plinth", "mount")
+        + joint("j", "revolute", "mount", "world")
+    ),
+    "fixed tendons: elastic, damped, coupled": (
+        TREE
+        + spring("ja", 30, 0.1)
+        + '<softdyn version="1">'
+        + '<tendon name="e" stiffness="3" rest="-1"><joint name="root" coef="2"/>'
+        + '<joint name="ja" coef="-0.5"/></tendon>'
+        + '<tendon name="d" damping="0.4"><joint name="jz" coef="1.5"/></tendon>'
+        + '<tendon name="c" damping="0.3"><joint name="jz" coef="1"/><joint name="ja" coef="2"/>'
+        + "</tendon>"
+        + '<actuator name="u1" tendon="e" gear="-2" lower="0" upper="3"/>'
+        + '<actuator name="u2" tendon="c" lower="-1" upper="3"/>'
+        + '<actuator name="u3" tendon="c" gear="0.5" lower="-1" upper="0"/></softdyn>'
+    ),
+    "spatial tendons: elastic, damped, from the world": (
+        TREE
+        + link("tool", "")
+        + joint("f", "fixed", "z", "tool")
+        + '<softdyn version="1"><joint name="jz" armature="0.01"/>'
+        + '<tendon name="s" stiffness="20"><site link="base" xyz="0.3 0 0"/>'
+        + '<site link="arm" xyz="0 0.1 0"/><site link="arm" xyz="0.1 0 0"/>'
+        + '<site link="tool" xyz="0 0 0.1"/></tendon>'
+        + '<tendon name="r" stiffness="9" rest="0.2" damping="0.5"><site link="a" xyz="0 0 0"/>'
+        + '<site link="base" xyz="0 0 0.6"/></tendon>'
+        + '<tendon name="w"><site link="tool" xyz="0 0 0"/><site link="tool" xyz="0 0 1"/></tendon>'
+        + '<actuator name="u1" tendon="s" gear="-1" lower="0" upper="3"/>'
+        + '<actuator name="u2" tendon="w" lower="0" upper="3"/></softdyn>'
+    ),
+}
+
+
+def write(folder: Path, body: str, name: str = "robot") -> Path:
+    path = folder / f"{name}.urdf"
+    path.write_text(f'<robot name="micro">{body}</robot>', encoding="utf-8")
+    return path
+
+
+def table(result) -> str:
+    return "\n".join(f"{c.quantity} {c.max_error} {c.reason}" for c in result.checks)
+
+
+@pytest.mark.parametrize("body", MICRO.values(), ids=MICRO)
+def test_micro_robot(body, tmp_path):
+    result = crosscheck(softdyn.load(write(tmp_path, body)), samples=4)
+    assert result.passed, table(result)
+    assert tuple(check.quantity for check in result.checks) == QUANTITIES
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("seed", range(30))
+def test_random_robot(seed, tmp_path):
+    path = write_robot(seed, tmp_path, bodies=4)
+    result = crosscheck(softdyn.load(path), samples=2, seed=seed)
+    assert result.passed, table(result)
+
+
+@pytest.mark.parametrize("name", ["finger", "helix", "spirob", "spirob48"])
+def test_bundled_robot(name):
+    result = crosscheck(softdyn.load(name), samples=3)
+    assert result.passed, table(result)
+    assert max(check.max_error for check in result.checks) < 1e-11
+    assert {(run.name, run.scheme) for run in result.runs} == {
+        (name, scheme) for name in ("free", "forced") for scheme in ("implicit", "rk4")
+    }
+    for ladder in result.ladders:
+        orders = [rung.order for rung in ladder.rungs[1:]]
+        np.testing.assert_allclose(orders, ladder.expected_order, atol=0.15)
+
+
+def test_damped_robots_are_followed_for_a_second():
+    runs = [r for r in crosscheck(softdyn.load("finger"), samples=1).runs if r.scheme == "implicit"]
+    assert [run.duration for run in runs] == [pytest.approx(1.0)] * 2
+
+
+def test_damping_that_couples_branches_is_compared_with_runge_kutta(tmp_path):
+    model = softdyn.load(write(tmp_path, MICRO["fixed tendons: elastic, damped, coupled"]))
+    assert damping_couples_branches(model, model.q0, np.zeros(model.nv))
+    assert {run.scheme for run in crosscheck(model, samples=1).runs} == {"rk4"}
+    model = softdyn.load(write(tmp_path, MICRO["fixed links with inertia"]))
+    assert not damping_couples_branches(model, model.q0, np.zeros(model.nv))
+
+
+# -- faults ------------------------------------------------------------------------------------
+
+FAULTY = (
+    link("base")
+    + link("arm")
+    + link("hand")
+    + link("tip", "")
+    + joint("shoulder", "revolute", "base", "arm", '<dynamics damping="0.06" friction="0.2"/>')
+    + spring("shoulder", 2.0, 0.3)
+    + joint("wrist", "revolute", "arm", "hand", '<dynamics damping="0.01"/>', axis="1 0 0")
+    + joint("tip_joint", "fixed", "hand", "tip", xyz="0.21 0.1 0")
+    + '<softdyn version="1"><joint name="wrist" armature="0.004"/>'
+    + '<tendon name="flexor"><joint name="shoulder" coef="0.5"/></tendon>'
+    + '<tendon name="cable"><site link="base" xyz="0.5 0 0"/><site link="hand" xyz="0 0.3 0"/>'
+    + '</tendon><tendon name="band" stiffness="5"><joint name="wrist" coef="0.25"/></tendon>'
+    + '<actuator name="u1" tendon="flexor" gear="3" lower="-1" upper="1"/>'
+    + '<actuator name="u2" tendon="cable" gear="-4" lower="0" upper="1"/>'
+    + '<task frame="tip"/></softdyn>'
+)
+FORCES = {"qdd", "trajectory"}
+FAULTS = {
+    "sign of a gear": ('gear="-4"', 'gear="4"', {"B"} | FORCES),
+    "sign of a coefficient": ('coef="0.5"', 'coef="-0.5"', {"length", "B"} | FORCES),
+    "a site moved by 1 mm": ("0.3 0", "0.301 0", {"length", "B"} | FORCES),
+    "joint stiffness": (">2.0<", ">2.02<", {"K", "energy"} | FORCES),
+    "joint rest": (">0.3<", ">0.31<", {"K", "energy"} | FORCES),
+    "tendon stiffness": ('stiffness="5"', 'stiffness="5.05"', {"K", "energy"} | FORCES),
+    "armature": ('armature="0.004"', 'armature="0.00404"', {"M", "energy"} | FORCES),
+    "damping": ('damping="0.06"', 'damping="0.0606"', {"D"} | FORCES),
+    "task frame moved by 1 mm": ('xyz="0.21 0.1 0"', 'xyz="0.211 0.1 0"', {"tip", "J", "Jdot"}),
+    "mass by 1 %": (
+        'mass value="0.7"',
+        'mass value="0.707"',
+        {"M", "bias", "g", "energy"} | FORCES,
+    ),
+    "moment of inertia": ('izz="4e-3"', 'izz="4.1e-3"', {"M", "bias", "energy"} | FORCES),
+    "sign of an axis": (
+        'xyz="1 0 0"',
+        'xyz="-1 0 0"',
+        {"tip", "J", "Jdot", "M", "bias", "g", "length", "B", "energy"} | FORCES,
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_named_by_the_quantities_that_see_it(old, new, expected, tmp_path):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    changed = FAULTY.replace(old, new)
+    assert changed != FAULTY
+    result = crosscheck(model, twin=Twin(write(tmp_path, changed, "faulty")), samples=3)
+    assert not result.passed
+    assert set(result.failures) == expected, table(result)
+
+
+def test_what_is_the_plants_alone_is_left_out(tmp_path):
+    """Friction, limits, contacts, the integrator and its step do not enter the comparison."""
+    model = softdyn.load(write(tmp_path, FAULTY))
+    assert crosscheck(model, samples=2).passed
+    options = {"limits": True, "contacts": True, "friction": True, "integrator": "euler"}
+    changed = FAULTY.replace('friction="0.2"', 'friction="9"').replace('lower="-0.8"', 'lower="-1"')
+    twin = Twin(write(tmp_path, changed, "faulty"), timestep=0.01, **options)
+    before = twin.model.opt.disableflags, twin.qpos
+    assert crosscheck(model, twin, samples=2).passed
+    np.testing.assert_equal((twin.model.opt.disableflags, twin.qpos), before)
+
+
+def test_a_fault_in_the_compiled_twin_is_seen(tmp_path):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    twin = Twin(model)
+    twin.model.dof_damping[0] *= 1.01
+    assert set(crosscheck(model, twin, samples=2).failures) == {"D"} | FORCES
+
+
+def test_a_fault_in_the_model_is_seen(tmp_path, monkeypatch):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    monkeypatch.setattr(model, "kinetic_energy", lambda q, v: 0.0)
+    assert crosscheck(model, samples=2).failures == ("energy",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason", "failed"),
+    [
+        ('name="wrist"', 'name="elbow"', "joints", set(QUANTITIES)),
+        (
+            '<actuator name="u2" tendon="cable" gear="-4" lower="0" upper="1"/>',
+            "",
+            "2 actuators of the model, 1 of the twin",
+            {"B", "qdd", "trajectory"},
+        ),
+        ("</softdyn>", '<tendon name="x"><joint name="wrist" coef="1"/></tendon></softdyn>',
+         "shape (3,) of the model, (4,) of the twin", {"length"}),
+    ],
+    ids=["other joints", "fewer actuators", "more tendons"],
+)  # fmt: skip
+def test_a_misfit_is_a_failed_check_with_its_reason(old, new, reason, failed, tmp_path):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    twin = Twin(write(tmp_path, FAULTY.replace(old, new), "faulty"))
+    result = crosscheck(model, twin, samples=2)
+    assert set(result.failures) == failed
+    assert all(reason in check.reason for check in result.checks if not check.passed)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_nan_and_blow_up_are_failed_checks(value, tmp_path):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    twin = Twin(model)
+    twin.model.body_mass[2] = value
+    result = crosscheck(model, twin, samples=2)
+    assert not result.passed
+    assert {"M", "qdd", "energy"} <= set(result.failures)
+    data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert [check["quantity"] for check in data["checks"]] == list(QUANTITIES)
+
+
+def test_a_model_that_answers_nan_or_another_shape_fails(tmp_path, monkeypatch):
+    model = softdyn.load(write(tmp_path, FAULTY))
+    monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: np.full(2, np.nan))
+    result = crosscheck(model, samples=2)
+    reasons = {check.quantity: check.reason for check in result.checks}
+    assert "not finite" in reasons["qdd"]
+    assert not reasons["M"]
+    monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: np.zeros(3))
+    result = crosscheck(model, samples=2)
+    assert "qdd" in result.failures
+    assert "trajectory" in result.failures
+
+
+# -- the rest ----------------------------------------------------------------------------------
+
+
+def test_relative_error_compares_zeros():
+    zero, one = np.zeros(2), np.ones(2)
+    assert relative_error(zero, zero, 0.0) == 0.0
+    assert relative_error(zero, one, 0.0) == 1.0
+    assert relative_error(zero, 1e-12 * one, 1.0) == 1e-12
+    assert relative_error(np.zeros((3, 0)), np.zeros((3, 0)), 1.0) == 0.0
+
+
+def test_results_repeat_and_depend_on_the_seed():
+    model = softdyn.load("finger")
+    twin = Twin(model)
+    a, b, c = (crosscheck(model, copy.copy(twin), samples=2, seed=s) for s in (1, 1, 2))
+    assert a == b
+    assert a.checks != c.checks
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5])
+def test_bad_number_of_samples(samples):
+    with pytest.raises(InputError, match="samples"):
+        crosscheck(softdyn.load("finger"), samples=samples)
+
+
+def run_script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_script_prints_one_json_object(tmp_path):
+    done = run_script("finger", "--samples", "2", "--seed", "3", "--json", "-", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    data = json.loads(done.stdout)
+    assert (data["robot"], data["nv"], data["nu"], data["passed"]) == ("finger", 4, 2, True)
+    assert [check["quantity"] for check in data["checks"]] == list(QUANTITIES)
+    assert all(check["max_error"] <= check["tolerance"] for check in data["checks"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys):
+    from softdyn.commands import crosscheck as script  # the script, not the package's module
+
+    assert script.main(["finger", "--samples", "1", "--json", str(tmp_path / "x.json")]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"\n{quantity} " in printed for quantity in QUANTITIES)
+    assert "agree" in printed
+    assert json.loads((tmp_path / "x.json").read_text())["passed"] is True
+
+    faulty = Twin(write(tmp_path, FAULTY.replace('gear="3"', 'gear="-3"'), "faulty"))
+    monkeypatch.setattr(softdyn.validation, "Twin", lambda *_, **__: faulty)
+    assert script.main([str(write(tmp_path, FAULTY)), "--samples", "1"]) == 1
+    assert "FAILED: B, qdd, trajectory" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no_such_robot"], "no_such_robot"),
+        (["finger", "--samples", "0"], "--samples"),
+        (["finger", "--seed", "-1"], "--seed"),
+        (["finger", "--json", "/no/such/folder/x.json"], "/no/such/folder"),
+    ],
+)
+def test_script_bad_input(arguments, message, tmp_path):
+    done = run_script(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert message in done.stderr

@@ -1,0 +1,203 @@
+"""The fuzzer sees what it is for, and a short run of it finds nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softdyn import Robot, SoftdynError, parse
+from softdyn.commands import fuzz
+from softdyn.validation.fuzzing.inputs import mutant
+from softdyn.validation.fuzzing.verdict import (
+    ACCEPTED,
+    EXCEPTION,
+    FINDINGS,
+    LOST,
+    MESSAGE,
+    REFUSED,
+    judge,
+)
+from softdyn.validation.oracles.second_reading import differences
+from tests.support.fragile import fragile
+from tests.support.misuses import ARM, MISUSES
+from tests.support.random_robots import random_urdf
+
+BASES = sorted(fuzz.CORPUS.glob("base/*.urdf"))
+FOUND = sorted(fuzz.CORPUS.glob("found/*.urdf"))
+
+
+def read(folder: Path, text: str) -> Robot:
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return parse(path)
+
+
+def test_a_short_run_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fuzz.main(["--count", "250", "--seed", "11", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["refused"] + report["accepted"] == report["count"] == 250
+    assert min(report["refused"], report["accepted"]) > 25
+    assert report["compared_in_both_engines"] > 5
+    assert set(report["findings"]) == set(FINDINGS)
+    assert not any(report["findings"].values())
+    assert report["kinds_of_refusal"] > 50
+
+
+@pytest.mark.parametrize("path", BASES, ids=lambda path: path.stem)
+def test_base_files_are_accepted(path: Path, tmp_path: Path) -> None:
+    verdict = judge(path.read_bytes(), tmp_path / "robot.urdf", True)
+    assert (verdict.kind, verdict.deep) == (ACCEPTED, True), verdict.detail
+
+
+@pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
+def test_what_was_found_once_is_found_no_more(path: Path, tmp_path: Path) -> None:
+    verdict = judge(path.read_bytes(), tmp_path / "robot.urdf", True)
+    assert verdict.kind in (ACCEPTED, REFUSED), verdict
+
+
+def test_inputs_depend_on_seed_and_number_alone() -> None:
+    bases = fuzz.base_files(fuzz.CORPUS)
+    drawn = [mutant(bases, 3, k) for k in range(50)]
+    assert [mutant(bases, 3, k) for k in reversed(range(50))] == drawn[::-1]
+    assert len(set(drawn)) > 45
+    assert mutant(bases, 4, 7) != drawn[7]
+
+
+@pytest.mark.parametrize("path", sorted(fuzz.CORPUS.glob("base/*.xml")), ids=lambda p: p.stem)
+def test_annotations_of_their_own_are_read_twice(path: Path, tmp_path: Path) -> None:
+    urdf = path.with_name(f"{path.stem.partition('-')[0]}.urdf").read_bytes()
+    robot = parse(path.with_name(f"{path.stem.partition('-')[0]}.urdf"), annotations=path)
+    assert differences(robot, urdf, path.read_bytes()) == []
+    for old, new in ((b'damping="0.2"', b""), (b'rest="0.1"', b'rest="0.2"'), (b"40", b"41")):
+        assert differences(robot, urdf, path.read_bytes().replace(old, new)), old
+    verdict = judge(path.read_bytes(), tmp_path / "soft.xml", True, urdf)
+    assert (verdict.kind, verdict.deep) == (ACCEPTED, True), verdict
+
+
+# -- the second reading ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_readings_of_random_robots_agree(seed: int, tmp_path: Path) -> None:
+    text = random_urdf(seed)
+    assert differences(read(tmp_path, text), text.encode()) == []
+
+
+def losses(robot: Robot) -> dict[str, Robot]:
+    """The robot with one thing lost or changed, by what that is."""
+    joint, link, tendon, actuator = robot.joints[2], robot.links[3], *robot.tendons[:1], (
+        robot.actuators[0]
+    )  # fmt: skip
+
+    def joints(**change: object) -> Robot:
+        changed = replace(joint, **change)  # type: ignore[arg-type]
+        return replace(robot, joints=tuple(changed if j is joint else j for j in robot.joints))
+
+    def tendons(**change: object) -> Robot:
+        changed = replace(tendon, **change)  # type: ignore[arg-type]
+        return replace(robot, tendons=(changed, *robot.tendons[1:]))
+
+    lighter = replace(link, inertia=replace(link.inertia, mass=0.0))
+    turned = replace(link, inertia=replace(link.inertia, tensor=np.diag([9e-5, 1e-5, 9e-5])))
+    cable = robot.tendons[1]
+    shorter = replace(cable, sites=cable.sites[:2])
+    return {
+        "a joint": replace(robot, joints=robot.joints[:-1]),
+        "a link": replace(robot, links=robot.links[:-1]),
+        "a tendon": replace(robot, tendons=robot.tendons[:2]),
+        "an actuator": replace(robot, actuators=robot.actuators[1:]),
+        "the task": replace(robot, task="pad"),
+        "a site": replace(robot, tendons=(tendon, shorter, *robot.tendons[2:])),
+        "a term": tendons(terms=tendon.terms[:1]),
+        "a tendon's spring": tendons(stiffness=0.0),
+        "a tendon's rest": tendons(rest=None),
+        "a gear": replace(robot, actuators=(replace(actuator, gear=1.0), *robot.actuators[1:])),
+        "a bound": replace(robot, actuators=(replace(actuator, upper=2.0), *robot.actuators[1:])),
+        "a spring": joints(stiffness=0.0),
+        "a damper": joints(damping=0.0),
+        "a limit": joints(lower=0.0),
+        "an axis": joints(axis=np.array([0.0, 1.0, 0.0])),
+        "a place": joints(translation=np.array([0.0, 0.0, 1e-6])),
+        "a mass": replace(robot, links=tuple(lighter if x is link else x for x in robot.links)),
+        "an inertia": replace(robot, links=tuple(turned if x is link else x for x in robot.links)),
+    }
+
+
+def test_every_loss_is_seen(tmp_path: Path) -> None:
+    robot = read(tmp_path, ARM)
+    assert differences(robot, ARM.encode()) == []
+    unseen = [what for what, less in losses(robot).items() if not differences(less, ARM.encode())]
+    assert unseen == []
+
+
+def test_a_misplaced_element_is_a_loss(tmp_path: Path) -> None:
+    robot = read(tmp_path, ARM)
+    for stray in (
+        '<tendon name="x"/>',
+        "<inertial/>",
+        '<softdyn version="1"/>',
+        '<link name="x"/>',
+    ):
+        for place in ("</robot>", "</joint>", "</link>"):
+            if (stray, place) == ("<inertial/>", "</link>"):
+                continue  # that is where it belongs
+            text = ARM.replace(place, stray + place, 1)
+            if (stray[:5], place) != ("<link", "</robot>"):
+                assert differences(robot, text.encode()), text
+            with pytest.raises(SoftdynError):
+                read(tmp_path, text)
+
+
+# -- verdicts ----------------------------------------------------------------------------------
+
+
+def test_verdicts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "robot.urdf"
+    assert judge(ARM.encode(), path, True).kind == ACCEPTED
+    kinds = {judge(misuse.data, path, False).kind for misuse in MISUSES if len(misuse.data) < 1e5}
+    assert kinds == {REFUSED}
+
+    def parsed(robot: object) -> None:
+        monkeypatch.setattr("softdyn.validation.fuzzing.verdict.parse", robot)
+
+    robot = parse(_written(path, ARM))
+    parsed(lambda path, **_: replace(robot, actuators=()))
+    assert judge(ARM.encode(), path, False).kind == LOST
+    parsed(lambda path, **_: 1 / 0)
+    assert judge(ARM.encode(), path, False).kind == EXCEPTION
+
+    def two_lines(path: Path, **_: object) -> None:
+        raise SoftdynError(f"{path}: one\ntwo")
+
+    parsed(two_lines)
+    assert judge(ARM.encode(), path, False).kind == MESSAGE
+
+
+def _written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
+    outcomes = list(fuzz.in_a_process([], 0, range(8), fragile))
+    assert [index for index, _, _ in outcomes] == list(range(8))
+    kinds = [kind for _, (kind, _, _), _ in outcomes]
+    assert kinds == [ACCEPTED, ACCEPTED, "crash", ACCEPTED, ACCEPTED, "hang", ACCEPTED, ACCEPTED]
+
+
+def test_inputs_behind_findings_are_kept(tmp_path: Path, monkeypatch, capsys) -> None:
+    found = [(0, ("refused", "x", False), 0.1), (1, ("crash", "exit code -11", False), 0.0)]
+    monkeypatch.setattr(fuzz, "in_a_process", lambda *_: iter(found))
+    assert fuzz.main(["--count", "2", "--out", str(tmp_path / "kept")]) == 1
+    assert "1: crash: exit code -11" in capsys.readouterr().out
+    kept = tmp_path / "kept" / "0-1.urdf"
+    assert kept.read_bytes() == mutant(fuzz.base_files(fuzz.CORPUS), 0, 1).data
+
+
+def test_bad_arguments(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert fuzz.main(["--corpus", str(tmp_path)]) == 2
+    assert "base/*.urdf" in capsys.readouterr().err

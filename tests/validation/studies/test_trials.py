@@ -1,0 +1,194 @@
+"""Trials away from the paper's grid: plants that differ, delays, noise, tuning."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import Reference, SetPoint
+from softdyn.commands import tune
+from softdyn.controllers import Command
+from softdyn.controllers.schedule import make_schedule, tuned
+from softdyn.validation import Twin
+from softdyn.validation.studies import beyond, paper, tuning
+from softdyn.validation.studies.trials import Degraded, Plant, Trial, run
+from tests.support.control_cases import robot
+
+
+def test_a_plant_of_other_numbers() -> None:
+    plain, heavy = Twin("finger"), Plant(mass=1.2, stiffness=0.9, damping=1.1).twin("finger")
+    weight = [twin.model.body_mass.sum() for twin in (plain, heavy)]
+    assert weight[1] == pytest.approx(1.2 * weight[0])
+    np.testing.assert_allclose(heavy.model.jnt_stiffness, 0.9 * plain.model.jnt_stiffness)
+    np.testing.assert_allclose(heavy.model.dof_damping, 1.1 * plain.model.dof_damping)
+    # and it acts: the arm falls alike at first, whatever its mass, but bends otherwise
+    for twin in (plain, heavy):
+        twin.advance(np.zeros(2), 400)
+    assert np.abs(plain.qpos - heavy.qpos).max() > 1e-3
+
+
+class Counting:
+    period = 0.1
+
+    def __init__(self) -> None:
+        self.calls = 0
+        self.seen: list[np.ndarray] = []
+
+    def __call__(self, state: Any, reference: Reference) -> Command:
+        self.calls += 1
+        self.seen.append(state.y)
+        return Command(np.full(2, float(self.calls)))
+
+
+def test_delay_and_noise() -> None:
+    model, inner = robot("finger"), Counting()
+    state = model.state(model.q0, np.zeros(model.nv))
+    late = Degraded(inner, Plant(delay=0.01, noise=0.001), 0.005, seed=1)
+    late.period = 0.005
+    assert inner.period == 0.005
+    answers = [late(state, SetPoint(state.y)).u[0] for _ in range(200)]
+    assert answers == [1.0, 1.0, *range(1, 199)]
+    seen = np.array(inner.seen) - state.y
+    assert np.std(seen) == pytest.approx(0.001, rel=0.15)
+
+
+def test_a_trial_is_what_simulate_says() -> None:
+    result = run(Trial("finger", "best", "set_point", 0.25, duration=0.5, shrink=0.7))
+    assert not result["failed"]
+    assert 0 <= result["final_error_cm"] < 3
+    assert result["second_cycle_cm2"] is None
+
+
+def test_cells_cover_the_grid() -> None:
+    trials = beyond.cells(("finger", "spirob"), "best")
+    assert len(trials) == (3 + 2) * 4 + 2 * 5
+    assert max(t.period or 0 for t in trials if t.robot == "spirob") == 0.002
+    row = {
+        "robot": "finger", "kind": "set_point", "period": 0.005, "mean": 1.0, "failed": 1,
+        "cells": [{"final_error_cm": x, "failed": x > 2} for x in (0.5, 1.0, math.nan, 3.0)],
+    }  # fmt: skip
+    text = beyond.markdown([row])
+    assert "| finger | 5 ms | 0.50 | 1.00 | – | 3.00 failed | 1.00 | 1 |" in text
+
+
+def test_the_costs_of_a_run() -> None:
+    at, along = (
+        Trial("finger", "best", "set_point", 0.25),
+        Trial("finger", "best", "tracking", 0.25),
+    )
+    length = 100 * paper.setup("finger").length
+    # an error that falls to 1/e in 0.05 s: its square's integral is 0.025 s of the first one's
+    decay = 0.025 * (1 - math.exp(-40))
+    result = {
+        "failed": False, "first_error_cm": 3.0, "mse_cm2": 9 * decay, "final_error_cm": 0.3,
+    }  # fmt: skip
+    assert tuning.approach_cost(at, result) == pytest.approx(0.25 + 0.1)
+    assert tuning.stay_cost(at, {**result, "final_error_cm": 0.01 * length}) == pytest.approx(1)
+    assert tuning.stay_cost(along, {**result, "mse_cm2": 0.002 * length**2}) == pytest.approx(1)
+    failed = {**result, "failed": True}
+    lost = {**result, "mse_cm2": 1e9, "final_error_cm": 1e9}
+    for cost in (tuning.approach_cost, tuning.stay_cost):
+        assert cost(at, failed) >= cost(at, lost) > cost(at, result)
+
+
+def test_the_training_set_is_not_the_papers() -> None:
+    for cases in (tuning.approach_cases, tuning.stay_cases, tuning.final_cases):
+        trials = cases("helix")
+        assert {t.kind for t in trials} == {"set_point", "tracking"}
+        assert not {t.value for t in trials if t.kind == "set_point"} & set(paper.THETAS)
+        assert not {t.value for t in trials if t.kind == "tracking"} & set(paper.OMEGAS)
+
+
+def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("cma")
+
+    def bowl(trials: Any, jobs: int) -> list[dict[str, Any]]:  # best at a = 0.1, b = 10
+        far = [math.log10(t.gains["a"]) + 1 for t in trials]
+        wide = [math.log10(t.gains["b"]) - 1 for t in trials]
+        return [{"distance": x * x + y * y} for x, y in zip(far, wide, strict=True)]
+
+    monkeypatch.setattr(tuning, "run_all", bowl)
+    trial = Trial("finger", "best", "set_point", 0.25)
+    kept: list[dict[str, Any]] = []
+    traces = [
+        tuning.tune(
+            [trial], lambda _, result: result["distance"], lambda values: values,
+            {"a": 1.0, "b": 1.0}, generations=25, population=8, seed=3, each=kept.append,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    assert traces[0] == traces[1]
+    assert kept == traces[0] + traces[1]
+    assert traces[0][0]["values"] == {"a": 1.0, "b": 1.0}  # the start comes first
+    best = min(traces[0], key=lambda entry: entry["cost"])
+    assert math.log10(best["values"]["a"]) == pytest.approx(-1, abs=0.1)
+    assert math.log10(best["values"]["b"]) == pytest.approx(1, abs=0.1)
+
+
+def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("cma")
+    seen: list[Trial] = []
+
+    def wants_soft(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+        seen.extend(trials)
+        return [
+            {
+                "failed": False, "first_error_cm": 1.0, "mse_cm2": 0.0,
+                "final_error_cm": abs(math.log(t.gains["stay"]["eps"] / 0.05)),
+            }
+            for t in trials
+        ]  # fmt: skip
+
+    monkeypatch.setattr(tuning, "run_all", wants_soft)
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--approach", "2", "--stay", "2", "--population", "6", "--finalists", "3"]
+    assert tune.main(["finger", *arguments]) == 0
+    table = tomllib.loads(Path("schedule.toml").read_text())
+    found, start = make_schedule(table), tuned(softdyn.load("finger"))
+    assert start is not None
+    for stage in ("approach", "stay"):
+        before, after = getattr(start, stage).gains, getattr(found, stage).gains
+        assert abs(math.log(after.eps / 0.05)) < abs(math.log(before.eps / 0.05))
+        assert after.w1 == before.w1  # not tuned
+    trace = json.loads(Path("tuning.json").read_text())
+    assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
+    assert trace["settings"]["start"] == tuning.tables(start)
+    # the approach is judged alone; the finals are of whole schedules on other cases
+    first, last = seen[0].gains, seen[-1].gains
+    assert first is not None
+    assert first["stay"] == first["approach"]
+    assert last is not None
+    assert last["stay"] != last["approach"]
+    finals = [entry for entry in trace["trace"] if entry["stage"] == "final"]
+    assert table == min(finals, key=lambda entry: entry["cost"])["schedule"]
+
+
+def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    def made_up(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+        return [
+            {
+                "final_error_cm": t.value, "mse_cm2": 10 * t.value, "second_cycle_cm2": t.value,
+                "failed": t.value == 1.5, "step_us": {"median": 100.0},
+            }
+            for t in trials
+        ]  # fmt: skip
+
+    monkeypatch.setattr(beyond, "run_all", made_up)
+    rows = beyond.report(("spirob",), "best")
+    assert [(row["kind"], row["period"]) for row in rows] == [
+        ("set_point", 0.001), ("set_point", 0.002), ("tracking", 0.002),
+    ]  # fmt: skip
+    assert rows[0]["mean"] == pytest.approx(0.75)
+    assert rows[0]["failed"] == 1
+    assert rows[2]["mean"] == pytest.approx(3.0)
+    assert rows[2]["second_cycle_mean"] == pytest.approx(0.3)
+    text = beyond.markdown(rows)
+    assert "1.50 failed" in text
+    assert "3.00 (0.30)" in text

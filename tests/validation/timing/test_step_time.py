@@ -1,0 +1,176 @@
+"""Step times: what is reported, on which states, and robots of any size. No time is judged."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.controllers import CONTROLLERS, SoftIdClfQp
+from softdyn.validation.studies import paper
+from softdyn.validation.timing import step_scaling
+from softdyn.validation.timing.chains import chain_urdf
+from softdyn.validation.timing.recording import Recording, record, recorded
+from softdyn.validation.timing.step_scaling import chain
+from softdyn.validation.timing.step_time import Subject, measure
+from softdyn.validation.timing.throughput import throughput
+from tests.support import SCRIPTS
+
+SCRIPT = SCRIPTS / "step_time.py"
+CONTRACT = {
+    "robot", "controller", "median_us", "p99_us", "p999_us", "floor_us", "stack_us", "ratio",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return softdyn.load("finger")
+
+
+@pytest.fixture(scope="module")
+def states(finger):
+    return record(finger, SoftIdClfQp, 25, duration=0.6)
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_command_times_the_states_it_finds(states, tmp_path):
+    file = tmp_path / "states" / "finger.npz"
+    file.parent.mkdir()
+    states.save(file)
+    before = file.stat().st_mtime_ns
+    done = run("--robots", "finger", "--controllers", "soft-id-clf-qp", "uic", "--states", 25,
+               "--rounds", 2, "--no-stack", "--out", tmp_path, "--json", "-")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert file.stat().st_mtime_ns == before
+    rows = json.loads(done.stdout)["rows"]
+    assert [row["controller"] for row in rows] == ["soft-id-clf-qp", "uic"]
+    for row in rows:
+        assert set(row) >= CONTRACT
+        assert row["stack_us"] is None
+        assert row["ratio"] is None
+        assert row["floor_us"] > 0
+        assert 0 < row["median_us"] <= row["p99_us"] <= row["p999_us"]
+        assert (row["proxqp_us"] > 0) == (row["controller"] == "soft-id-clf-qp")
+        assert (row["states"], row["samples"]) == (25, 50)
+    for name in ("step_time.pdf", "step_time.png", "step_time.md", "step_time.json"):
+        assert (tmp_path / name).stat().st_size > 0
+
+
+def test_bad_input_is_one_line(tmp_path):
+    for arguments in (("--robots", "nobody"), ("--controllers", "nobody"), ("--states", "0")):
+        done = run(*arguments, "--out", tmp_path)
+        assert done.returncode == 2
+        assert done.stderr.startswith("error: ")
+        assert done.stderr.count("\n") == 1
+
+
+def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
+    assert len(states) == 25
+    assert set(states.loop) == {*(f"set_point {t:g}" for t in paper.THETAS), "tracking 0.5"}
+    assert (states.t[states.loop == "tracking 0.5"] <= 0.6).all()
+    path = tmp_path / "states.npz"
+    states.save(path)
+    again = Recording.load(path)
+    for name in ("q", "v", "y", "ydot", "yddot", "t", "loop", "digest"):
+        assert np.array_equal(getattr(again, name), getattr(states, name))
+    assert recorded(finger, SoftIdClfQp, 25, path).q.tobytes() == states.q.tobytes()
+    path.write_bytes(b"no archive")
+    with pytest.raises(InputError, match="recorded states"):
+        Recording.load(path)
+
+
+def test_states_of_another_file_are_recorded_anew(finger, states, tmp_path):
+    path = tmp_path / "states.npz"
+    other = Recording(*(getattr(states, n) for n in ("q", "v", "y", "ydot", "yddot", "t", "loop")),
+                      digest="of another file")  # fmt: skip
+    other.save(path)
+    assert recorded(finger, SoftIdClfQp, 25, path).digest != "of another file"
+
+
+def test_parts_and_floor(finger, states):
+    laws = ("soft-id-clf-qp", "ic")
+    subjects = {name: Subject(finger, CONTROLLERS[name], states.steps()) for name in laws}
+    rounds = []
+    times = measure(subjects, 3, lambda: rounds.append(None))
+    assert len(rounds) == 3
+    for name, found in times.items():
+        assert found.step.shape == found.engine.shape == (3, 25)
+        assert (found.dynamics > 0).all()
+        assert (found.law > 0).all()
+        assert (found.engine > 0).all()
+        solves = name != "ic"
+        assert ((found.solve > 0) == solves).all()
+        assert ((found.native > 0) == solves).all()
+        row = found.row()
+        parts = row["dynamics_us"] + row["assembly_us"] + row["solve_us"]
+        assert parts == pytest.approx(row["median_us"], rel=0.5)
+
+
+def test_the_papers_stack_finds_the_same_inputs(finger, states):
+    paper_stack = pytest.importorskip(
+        "softdyn.validation.oracles.paper_stack", exc_type=ImportError
+    )
+    scale = finger.u_max - finger.u_min
+    for name in paper_stack.PROGRAMMES:
+        ours = CONTROLLERS[name](finger)
+        # cvxpy's default accuracy as the reference spells it, and as close as SCS can come
+        for quadratic, accuracy, tolerance in ((False, None, 1e-2), (True, 1e-9, 1e-5)):
+            stack = paper_stack.PaperStack(name, ours.gains, quadratic=quadratic, accuracy=accuracy)
+            errors = []
+            for q, v, reference in states.steps()[1::8]:
+                state = finger.state(q, v)
+                difference = ours(state, reference).u - stack(state, reference)
+                errors.append(np.abs(difference / scale).max())
+            # the CLF-QP of a straight finger has more than one minimiser
+            unique = name != "clf-qp" and accuracy is not None
+            assert (np.max if unique else np.median)(errors) < tolerance
+
+
+def test_the_stack_is_timed_on_the_same_states(finger, states):
+    def stack(controller, quadratic):
+        return lambda state, reference: controller(state, reference).u
+
+    subject = Subject(finger, SoftIdClfQp, states.steps(), stack)
+    row = measure({"it": subject}, 2)["it"].row()
+    assert row["stack_us"] > 0
+    assert row["stack_difference"] == 0
+    assert row["ratio"] == row["stack_us"] / row["median_us"]
+
+
+@pytest.mark.parametrize(("joints", "inputs"), [(1, 1), (4, 2), (7, 3), (48, 24), (200, 3)])
+def test_chains(joints, inputs, tmp_path):
+    model = chain(tmp_path, joints, inputs)
+    assert (model.nv, model.nu) == (joints, inputs)
+    state = model.state(model.q0, np.zeros(joints))
+    assert np.linalg.matrix_rank(state.B) == min(inputs, joints)
+    assert np.allclose(state.y, [0, 0, -0.5])
+    assert model.robot.length == pytest.approx(0.5)
+    assert chain_urdf(joints, inputs) == model.robot.path.read_text()
+
+
+def test_scaling(monkeypatch):
+    monkeypatch.setattr(step_scaling, "FIXED_JOINTS", 7)
+    monkeypatch.setattr(step_scaling, "DURATION", 0.05)
+    found = step_scaling.scaling(joints=(4, 6), inputs=(2,), states=6, rounds=2)
+    assert [(row["n"], row["m"]) for row in found["joints"]] == [(4, 3), (6, 3)]
+    assert [(row["n"], row["m"]) for row in found["inputs"]] == [(7, 2)]
+    for row in (*found["joints"], *found["inputs"]):
+        assert row["proxqp_us"] > 0
+        assert row["floor_us"] > row["proxqp_us"]
+
+
+def test_throughput(finger):
+    row = throughput(finger, "ic-qp", duration=0.2, repeats=1)
+    assert (row["control_steps"], row["plant_steps"]) == (40, 400)
+    parts = ("setup", "state", "controller", "mujoco", "bookkeeping")
+    assert sum(row[f"{part}_s"] for part in parts) == pytest.approx(row["wall_s"])
+    assert row["times_real_time"] == pytest.approx(0.2 / row["wall_s"])

@@ -1,0 +1,231 @@
+"""The pages in a real browser: what is drawn, what is said on the console, whom they talk to."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.validation import Log, simulate
+from softdyn.validation.report.replay import comparison, replay
+from softdyn.validation.studies import paper
+from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.scene import Figure
+from softdyn.view.server import Viewer
+from tests.support import ROOT
+from tests.support.browser import Browser, required
+
+pytestmark = required()
+ALIKE = 40  # sum over the colours of a pixel that is taken for another colour
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A short run of spirob, and one of a controller that does nothing."""
+    model = softdyn.load("spirob")
+
+    class Idle:
+        def __call__(self, state, reference):
+            self.u = np.zeros(model.nu)
+            return self
+
+    from softdyn.controllers import SoftIdClfQp
+
+    goal = paper.set_point("spirob", 1.0)
+    made = [
+        simulate(model, controller, goal, duration=0.6, name=name)
+        for controller, name in ((SoftIdClfQp(model), "soft-id-clf-qp"), (Idle(), "idle"))
+    ]
+    return model, made
+
+
+def changed(a: np.ndarray, b: np.ndarray) -> int:
+    """Pixels of another colour."""
+    return int((np.abs(a - b).sum(axis=2) > ALIKE).sum())
+
+
+def empty_scene(browser: Browser) -> np.ndarray:
+    browser.run("softdyn.stage.visible = false")
+    picture = browser.pixels("canvas")
+    browser.run("softdyn.stage.visible = true")
+    return picture
+
+
+def seek(browser: Browser, t: float) -> np.ndarray:
+    browser.run(f"(softdyn.pause(), softdyn.seek({t}), 1)")
+    return browser.pixels("canvas")
+
+
+def test_a_replay_file_shows_the_robot_move_and_talks_to_nobody(browser, logs, tmp_path):
+    model, (log, _) = logs
+    file = tmp_path / "replay.html"
+    file.write_text(replay(log, model).html(), encoding="utf-8")
+    browser.open(file.as_uri())
+    assert browser.run("softdyn.playing || softdyn.time > 0")
+    start, end = seek(browser, 0.0), seek(browser, 0.6)
+    assert changed(start, empty_scene(browser)) > 1500
+    assert changed(start, end) > 1000
+    assert browser.console == []
+    assert browser.requests
+    assert {url.partition(":")[0] for url in browser.requests} <= {"file", "data", "blob"}
+    assert [url for url in browser.requests if url.startswith("file")] == [file.as_uri()]
+
+
+def test_the_page_s_kinematics_and_cables_are_the_model_s(browser, logs, tmp_path):
+    model, (log, _) = logs
+    file = tmp_path / "replay.html"
+    file.write_text(replay(log, model).html(), encoding="utf-8")
+    browser.open(file.as_uri() + "#pause")
+    shown = browser.run("softdyn.tracks[0].frames.map(f => Array.from(f))")
+    assert len(shown) > 18
+    for frame in shown[:: len(shown) // 6]:
+        browser.run(f"(softdyn.seek({frame[0]}), 1)")
+        q = np.array(frame[1 : 1 + model.nv])
+        tip = browser.run("softdyn.tracks[0].figure.tip()")
+        np.testing.assert_allclose(tip, model.state(q, np.zeros(model.nv)).y, atol=2e-6)
+        lengths = browser.run(
+            "softdyn.tracks[0].figure.cables.map(c => c.points.slice(1)"
+            ".reduce((sum, p, i) => sum + p.distanceTo(c.points[i]), 0))"
+        )
+        np.testing.assert_allclose(lengths, model.tendon_lengths(q), atol=5e-6)
+        k = int(np.searchsorted(log.t, frame[0] - 1e-6))
+        np.testing.assert_allclose(
+            frame[1 + model.nv : 4 + model.nv], log.u[min(k, 299)], atol=1e-4
+        )
+
+
+def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):
+    model, runs = logs
+    for beside in (False, True):
+        file = tmp_path / "both.html"
+        page = comparison(runs, [model, model], side_by_side=beside)
+        file.write_text(page.html(), encoding="utf-8")
+        browser.open(file.as_uri() + "#pause")
+        names = browser.run("[...document.querySelectorAll('#legend b')].map(b => b.textContent)")
+        assert names == ["Soft ID-CLF-QP", "idle"]
+        both = seek(browser, 0.6)
+        browser.run("softdyn.tracks[1].object.visible = false")
+        one = browser.pixels("canvas")
+        browser.run("softdyn.tracks[0].object.visible = false")
+        assert changed(both, one) > 250
+        assert changed(one, browser.pixels("canvas")) > 250
+        assert browser.console == []
+
+
+def test_cables_take_the_colour_of_their_tension(browser):
+    model = softdyn.load("finger")
+    rows = frames(
+        model, [0.0, 1.0], np.zeros((2, 4)), np.array([[1.0, -1.0], [0.0, 0.0]]),
+        np.zeros((2, 3)), np.zeros((2, 3)),
+    )  # fmt: skip
+    page = Page("finger", (Figure.of(model),), (Run("", (Track(0, rows, "x"),)),), live=True)
+    with Viewer(page) as viewer:
+        browser.open(viewer.url)
+        browser.run("(softdyn.following = false, softdyn.seek(0), 1)")
+        read = "softdyn.tracks[0].figure.cables.map(c => c.material.color.toArray())"
+        (flexor, slack, slack_too, extensor) = browser.run(read)
+        assert slack == slack_too
+        assert flexor[0] > 2 * flexor[2]  # red where it pulls
+        assert extensor[2] > 2 * extensor[0]  # blue at its antagonist
+        browser.run("(softdyn.seek(1), 1)")
+        assert browser.run(read) == [slack] * 4
+
+
+def test_the_live_viewer_draws_what_is_pushed(browser):
+    model = softdyn.load("finger")
+    width = 1 + model.nv + model.nu + 6
+    track = Track(0, np.zeros((0, width)), "live")
+    page = Page("finger", (Figure.of(model),), (Run("", (track,)),), live=True)
+
+    def row(t, angle):
+        q = np.full((1, 4), angle)
+        state = model.state(q[0], np.zeros(4))
+        return frames(model, [t], q, np.zeros((1, 2)), state.y[None], np.array([[0.15, 0, -0.15]]))
+
+    with Viewer(page) as viewer:
+        viewer.push(row(0.0, 0.0))
+        browser.open(viewer.url)
+        assert viewer.wait(5)
+        browser.until("softdyn.tracks[0].frames.length == 1")
+        before = browser.pixels("canvas")
+        assert changed(before, empty_scene(browser)) > 1500
+        viewer.push(row(0.1, 0.5))
+        browser.until("softdyn.time > 0.09")
+        assert changed(before, browser.pixels("canvas")) > 1000
+        hosts = {url.split("/")[2] for url in browser.requests if not url.startswith("data:")}
+        assert hosts == {viewer.url.split("/")[2]}
+    browser.settle()
+    assert browser.console == []
+    browser.run(
+        "(softdyn.following = false, softdyn.seek(0), 1)"
+    )  # the page keeps the run when the server is gone
+    assert changed(before, browser.pixels("canvas")) < 500
+
+
+def test_view_py_in_a_browser(browser):
+    process = subprocess.Popen(
+        [sys.executable, ROOT / "scripts/view.py", "spirob", "--no-open"],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        browser.open(process.stdout.readline().strip())
+        first, later = seek(browser, 0.0), seek(browser, 1.2)
+        assert changed(first, empty_scene(browser)) > 1500
+        assert changed(first, later) > 300
+        assert browser.console == []
+        assert all("127.0.0.1" in url or url.startswith("data:") for url in browser.requests)
+        process.terminate()
+        assert process.wait(10) == 0
+    finally:
+        process.kill()
+
+
+def test_a_robot_s_name_is_text(browser, tmp_path):
+    name = "</script><script>document.title = 'stolen'</script><img src=x onerror='stolen = 1'>"
+    model = softdyn.load("finger")
+    page = Page(name, (Figure.of(model),), (Run(name, (Track(0, np.zeros((0, 13)), name),)),))
+    file = tmp_path / "name.html"
+    file.write_text(page.html(), encoding="utf-8")
+    browser.open(file.as_uri() + "#pause")
+    assert browser.run("document.title") == name
+    assert browser.run("document.querySelector('#legend b').textContent") == name
+    assert browser.run("typeof stolen") == "undefined"
+    assert browser.console == []
+
+
+def test_a_phone_sees_robot_and_controls(browser, logs, tmp_path):
+    model, (log, _) = logs
+    file = tmp_path / "replay.html"
+    file.write_text(replay(log, model).html(), encoding="utf-8")
+    browser.open(file.as_uri() + "#pause", 360, 700)
+    assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+    button = browser.run("(({width, height}) => [width, height])(play.getBoundingClientRect())")
+    assert min(button) >= 34
+    assert changed(seek(browser, 0.3), empty_scene(browser)) > 800
+
+
+def test_a_whole_spirob_run_is_a_small_page():
+    model = softdyn.load("spirob")
+    n = 5000
+    rng = np.random.default_rng(0)
+    log = Log(
+        t=np.arange(n + 1) * 0.002, q=rng.normal(size=(n + 1, 27)), v=np.zeros((n + 1, 27)),
+        y=rng.normal(size=(n + 1, 3)), y_ref=np.zeros((n + 1, 3)), error=np.zeros((n + 1, 3)),
+        u=np.zeros((n, 3)), V=np.zeros(n), delta=np.zeros(n), status=np.array([""] * n),
+        step_us=np.zeros(n), u_min=model.u_min, u_max=model.u_max, u_unit="10 N", robot="spirob",
+        controller="ic", kind=None, theta=None, omega=None,
+        duration=10.0, period=0.002, timestep=0.0005, length=0.5, joint_names=model.joint_names,
+        contacts=False, complete=True, failed=False, reason=None, not_solved=0, fallbacks=0,
+        max_bound_violation=0.0, gains=None, versions={},
+    )  # fmt: skip
+    # a tip that jumps about at every step: as many frames as there can be
+    assert len(replay(log, model).html()) < 5e6
