@@ -15,7 +15,7 @@ from softdyn.commands import cli, live
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation import Log
-    from softdyn.validation.studies.paper import Experiment
+    from softdyn.validation.loop.experiment import Experiment
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name

@@ -17,10 +17,10 @@ from tqdm import tqdm
 import softdyn
 from softdyn import InputError, Reference, SoftModel, State
 from softdyn.checks import array, number
+from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.units import input_unit
 from softdyn.validation.plain import plain
-from softdyn.validation.studies.paper import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
@@ -81,7 +81,7 @@ def simulate(
         Integer attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on
         its `guard`) and `gains` are recorded where they exist; an attribute `period` is set to the
         control period (s). Its exceptions pass through.
-    reference : an `Experiment` of `studies.paper`, or t (s) → `Reference`, e.g. a `SetPoint`.
+    reference : an `Experiment`, or t (s) → `Reference`, e.g. a `SetPoint`.
     duration, period : length of the run and control period (s); the experiment's by default,
         10 s and 2 ms without one.
     timestep : plant step (s), an integer part of the period; by default the largest ≤ 0.5 ms.

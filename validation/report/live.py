@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from softdyn import Reference, SoftModel, State
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.report.replay import controller_title, ellipse
-from softdyn.validation.studies.paper import Experiment
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer

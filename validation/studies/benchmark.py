@@ -28,6 +28,7 @@ from softdyn.controllers.registry import blamed
 from softdyn.validation.files import write_json
 from softdyn.validation.loop import metrics
 from softdyn.validation.loop.closed_loop import simulate
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import paper
@@ -49,7 +50,7 @@ class Case:
         parts = (safe(self.robot), safe(self.controller), f"{self.kind}_{number_text(self.value)}")
         return "/".join(parts)
 
-    def experiment(self, model: SoftModel) -> paper.Experiment:
+    def experiment(self, model: SoftModel) -> Experiment:
         """What to run; the paper's ellipse in the robot's own size unless it is the paper's."""
         setup = paper.setup_of(model)
         make = setup.set_point if self.kind == "set_point" else setup.tracking

@@ -1,4 +1,8 @@
-"""The paper's experiments and its results (section Validation), as data."""
+"""The paper's experiments and its results (section Validation), as data.
+
+Set points last the loop's default of 10 s, which is the paper's; a robot that is not in the paper
+has the loop's default period.
+"""
 
 from __future__ import annotations
 
@@ -9,36 +13,11 @@ from typing import Any
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.checks import number
+from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 
 THETAS = (0.0, 0.5, 1.0, 1.5)  # set points, in multiples of π
 OMEGAS = (0.1, 0.2, 0.3, 0.4, 0.5)  # tracking rates, in multiples of π rad/s
-SET_POINT_DURATION = 10.0  # s
 CYCLES = 2
-DEFAULT_PERIOD = 0.002  # s, for a robot that is not in the paper
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """One closed loop to run: a robot starts at rest and follows a reference.
-
-    Attributes
-    ----------
-    robot : name of the robot it is meant for.
-    kind : ``"set_point"`` or ``"tracking"``.
-    theta, omega : which of its kind, in multiples of π; None where it has no such number.
-    reference : t (s) → `Reference`.
-    duration, period : length of the run and of the control period (s).
-    length : the robot's length (m), the scale of a divergence.
-    """
-
-    robot: str
-    kind: str
-    theta: float | None
-    omega: float | None
-    reference: Callable[[float], Reference]
-    duration: float
-    period: float
-    length: float
 
 
 @dataclass(frozen=True)

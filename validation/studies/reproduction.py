@@ -25,6 +25,7 @@ from softdyn.controllers import Command, find_controller
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import simulate
 from softdyn.validation.loop import metrics
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.oracles import reference_laws
 from softdyn.validation.processes import in_processes
@@ -288,7 +289,7 @@ class Setting:
 
     model: SoftModel
     controller: Shown
-    experiment: paper.Experiment
+    experiment: Experiment
     options: dict[str, Any]
 
 

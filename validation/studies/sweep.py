@@ -20,6 +20,7 @@ from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.closed_loop import Schedule
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.benchmark import safe
 from softdyn.validation.studies.fingerprint import digest
@@ -100,7 +101,7 @@ class Case:
             return getattr(self, key)
         return self.target if self.kind == name else None
 
-    def experiment(self, model: SoftModel) -> paper.Experiment:
+    def experiment(self, model: SoftModel) -> Experiment:
         """What to run."""
         setup = replace(paper.setup_of(model), period=self.period)
         if self.kind == "point":

@@ -15,6 +15,7 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.validation.files import atomic
 from softdyn.validation.loop.closed_loop import simulate
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import paper
 
 DURATION = 3.0  # s of every loop: the transient, and what follows it
@@ -80,7 +81,7 @@ def record(
     model: SoftModel,
     make: Callable[[SoftModel], Any],
     count: int,
-    experiments: Sequence[paper.Experiment] | None = None,
+    experiments: Sequence[Experiment] | None = None,
     duration: float = DURATION,
 ) -> Recording:
     """Run short closed loops against the twin and keep `count` of their states.
@@ -129,7 +130,7 @@ def digest_of(model: SoftModel) -> str:
     return hashlib.sha256(model.robot.path.read_bytes()).hexdigest()
 
 
-def _name(experiment: paper.Experiment) -> str:
+def _name(experiment: Experiment) -> str:
     values = (experiment.theta, experiment.omega)
     return " ".join([experiment.kind, *(f"{value:g}" for value in values if value is not None)])
 
