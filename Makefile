@@ -4,12 +4,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test lint clean help
+.PHONY: run test lint count clean help
 
 help:
 	@echo "make run    the paper's table, figures and replays: open results/index.html"
 	@echo "make test   run the test suite"
-	@echo "make lint   ruff and mypy"
+	@echo "make lint   ruff, mypy, and that imports point one way"
+	@echo "make count  lines of code, folder by folder"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
 run: $(READY)
@@ -29,6 +30,9 @@ $(READY): pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	touch $(READY)
+
+count:
+	@$(PYTHON) .ci/code_lines.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
