@@ -182,12 +182,10 @@ def read_toml(path: str) -> dict[str, Any]:
 
 
 def check_outputs(*targets: str | None) -> None:
-    """Refuse, before any work, output files that cannot be written; None and ``-`` are none."""
-    from softdyn.validation.files import check_writable
+    """Refuse, before any work, output files that cannot be written, and two that are one."""
+    from softdyn.validation.files import check_outputs as check
 
-    for target in targets:
-        if target not in (None, "-"):
-            check_writable(target)
+    check(*targets)
 
 
 def make_folder(path: Path) -> None:

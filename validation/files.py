@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import math
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,26 +19,39 @@ from softdyn import InputError
 
 @contextmanager
 def atomic(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a new file beside `path` for writing; it takes that name when all went well.
+    """Open a file for writing that takes the name `path` when all went well.
+
+    A symbolic link is followed. What is no regular file (a device, a pipe) is written through at
+    the end instead of being replaced, and so is what is named below ``/dev`` or ``/proc``.
 
     Raises
     ------
     InputError
-        When the file cannot be written there. What stood at `path` before is untouched.
+        When the file cannot be written there. A regular file that stood there is then untouched.
     """
     path = Path(path)
-    temporary = _beside(path)
     try:
-        with open(temporary, "xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
+        if _is_stream(path):
+            content = io.BytesIO()  # what is written may need to seek
+            yield content
+            with open(path, "wb", buffering=0) as stream:
+                _write_all(stream, content.getbuffer())
+            return
+        target = _followed(path)
+        temporary = _beside(target)
+        try:
+            with open(temporary, "xb") as file:
+                with suppress(FileNotFoundError):
+                    os.fchmod(file.fileno(), stat.S_IMODE(target.stat().st_mode))
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        finally:
+            with suppress(OSError):  # it is gone when all went well
+                temporary.unlink()
     except OSError as error:
         raise _not_writable(path, error) from None
-    finally:
-        with suppress(OSError):  # it is gone when all went well
-            temporary.unlink()
 
 
 def check_writable(path: str | Path) -> Path:
@@ -44,19 +60,45 @@ def check_writable(path: str | Path) -> Path:
     Raises
     ------
     InputError
-        For a folder that does not exist or is read-only, or a `path` that is a folder.
+        For a folder that does not exist or is read-only, a `path` that is a folder, a device that
+        may not be written.
     """
     path = Path(path)
     if os.path.isdir(path):
         raise InputError(str(path), "a file", "a folder")
-    probe = _beside(path)
     try:
+        if _is_stream(path):
+            if not os.access(path, os.W_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            return path
+        probe = _beside(_followed(path))
         with open(probe, "xb"):
             pass
         probe.unlink()
     except OSError as error:
         raise _not_writable(path, error) from None
     return path
+
+
+def check_outputs(*paths: str | Path | None) -> None:
+    """`check_writable` of each file of one command, before any work; None and ``-`` are none.
+
+    Raises
+    ------
+    InputError
+        Also for two outputs that are one file: the second would replace the first.
+    """
+    seen: set[Path] = set()
+    for path in paths:
+        if path is None or str(path) == "-":
+            continue
+        check_writable(path)
+        if _is_stream(Path(path)):
+            continue
+        target = _followed(Path(path))
+        if target in seen:
+            raise InputError(str(path), "a file for one output alone", "another output's file")
+        seen.add(target)
 
 
 def to_json(value: Any) -> str:
@@ -75,10 +117,33 @@ def write_json(path: str | Path, value: Any) -> None:
     write_text(path, to_json(value) + "\n")
 
 
-def _beside(path: Path) -> Path:
-    """A name for a file that becomes `path`: of no other process, thread or machine."""
+def _is_stream(path: Path) -> bool:
+    """Whether `path` takes what is written and cannot be replaced by a file."""
+    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
+        return path.exists()
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except FileNotFoundError:
+        return False
+
+
+def _followed(path: Path) -> Path:
+    """Where the link leads, or `path`; links in a circle are an error of the operating system."""
     if not path.name:
         raise InputError(str(path), "a file", "a folder")
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        target.stat()  # raises
+    return target
+
+
+def _write_all(stream: Any, content: memoryview) -> None:
+    while content:
+        content = content[stream.write(content) :]
+
+
+def _beside(path: Path) -> Path:
+    """A name for a file that becomes `path`: of no other process, thread or machine."""
     return path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
 
 

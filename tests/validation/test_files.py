@@ -2,12 +2,21 @@
 
 import json
 import math
+import os
+import threading
 
 import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation.files import atomic, check_writable, to_json, write_json, write_text
+from softdyn.validation.files import (
+    atomic,
+    check_outputs,
+    check_writable,
+    to_json,
+    write_json,
+    write_text,
+)
 
 
 def test_a_file_appears_when_it_is_done(tmp_path):
@@ -74,3 +83,65 @@ def test_json_is_strict(tmp_path):
     assert "NaN" not in to_json(value)
     write_json(tmp_path / "out", value)
     assert json.loads((tmp_path / "out").read_text()) == expected
+
+
+def test_a_link_is_followed_and_stays(tmp_path):
+    (tmp_path / "far").mkdir()
+    link = tmp_path / "link"
+    link.symlink_to("far/file")
+    check_writable(link)
+    for text in ("new", "again"):  # a link to nothing, then to a file
+        write_text(link, text)
+        assert link.is_symlink()
+        assert (tmp_path / "far" / "file").read_text() == text
+    assert sorted(p.name for p in (tmp_path / "far").iterdir()) == ["file"]
+
+
+def test_links_in_a_circle(tmp_path):
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    for write in (check_writable, lambda path: write_text(path, "")):
+        with pytest.raises(InputError, match="expected a writable file, got Too many levels"):
+            write(tmp_path / "a")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_a_pipe_is_written_through(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    got = []
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()))
+    reader.start()
+    check_writable(pipe)
+    with atomic(pipe) as file:  # as np.savez does, back and forth
+        file.write(b"..." + b"x" * 200_000)
+        file.seek(0)
+        file.write(b"abc")
+    reader.join(timeout=30)
+    assert got == [b"abc" + b"x" * 200_000]
+    assert pipe.is_fifo()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="devices of Linux")
+def test_devices_stay_devices_and_a_full_one_is_no_success():
+    write_text("/dev/null", "x")
+    assert not os.path.isfile("/dev/null")
+    check_writable("/dev/full")
+    with pytest.raises(InputError, match=r"/dev/full: expected a writable file, got No space left"):
+        write_text("/dev/full", "x")
+
+
+def test_a_file_keeps_its_mode(tmp_path):
+    path = tmp_path / "out"
+    path.touch(0o600)
+    write_text(path, "x")
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_two_outputs_are_two_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to("out")
+    check_outputs("out", None, "other", "-", "-", "/dev/null", "/dev/null")
+    for same in ("out", str(tmp_path / "out"), "link"):
+        with pytest.raises(InputError, match="expected a file for one output alone"):
+            check_outputs("out", same)
