@@ -18,7 +18,6 @@ import numpy as np
 import softdyn
 from softdyn.controllers import ImpedanceQp, SoftIdClfQp
 from softdyn.validation import simulate
-from softdyn.validation.loop import metrics
 from softdyn.validation.studies import paper
 
 model = softdyn.load("finger")  # or a path to your own annotated URDF
@@ -35,7 +34,7 @@ rest_page(model)
 experiment = paper.tracking("finger", omega=0.5)
 logs = [simulate(model, kind(model), experiment) for kind in (SoftIdClfQp, ImpedanceQp)]
 for log in logs:
-    print(f"{log.controller}: mean squared error {metrics.mse_cm2(log):.2f} cm²")
+    print(f"{log.controller}: mean squared error {log.mse_cm2:.2f} cm²")
 
 # %% Look: both runs in one scene
 from softdyn.validation.report.replay import comparison

@@ -69,7 +69,6 @@ def measure(
     from softdyn.controllers import SoftIdClfQp
     from softdyn.controllers.programmes.horizon import horizon
     from softdyn.validation import simulate
-    from softdyn.validation.loop import metrics
     from softdyn.validation.studies import paper
 
     model = softdyn.load(robot)
@@ -79,8 +78,8 @@ def measure(
     return {
         "theta": theta if omega is None else None, "omega": omega, "tau_s": tau,
         "failed": log.failed, "reason": log.reason,
-        "final_error_cm": metrics.final_error_cm(log) if omega is None else None,
-        "mse_cm2": metrics.mse_cm2(log) if omega is not None else None,
+        "final_error_cm": log.final_error_cm if omega is None else None,
+        "mse_cm2": log.mse_cm2 if omega is not None else None,
         "not_solved": log.not_solved,
     }  # fmt: skip
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +13,6 @@ from softdyn.commands import cli, live
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
-    from softdyn.validation import Log
     from softdyn.validation.loop.experiment import Experiment
 
 EPILOG = """\
@@ -85,7 +83,7 @@ def main(argv: list[str] | None = None) -> int:
 def command(arguments: argparse.Namespace) -> int:
     """Build, simulate, report."""
     from softdyn.controllers.registry import blamed
-    from softdyn.validation import simulate
+    from softdyn.validation import paper, simulate
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
     model = cli.load_robot(arguments)
@@ -113,13 +111,13 @@ def command(arguments: argparse.Namespace) -> int:
         from softdyn.validation.report.replay import replay
 
         write_text(arguments.html, replay(log, model).html())
-    text = summary(log)
+    text = log.summary(paper.beside(log))
     if viewing:
         text += (
             f"\nviewer         {viewing['frames']} frames of {viewing['frame_us'] or 0:.0f} us, "
             f"none of it in the step time; {viewing['pace'] or 0:.2f} x real time"
         )
-    cli.write_report(report(log) | ({"viewer": viewing} if viewing else {}), arguments.json, text)
+    cli.write_report(log.report() | ({"viewer": viewing} if viewing else {}), arguments.json, text)
     return cli.FAILED if log.failed else cli.PASSED
 
 
@@ -187,69 +185,6 @@ def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
         if name in CONTROLLERS and isinstance(error, TypeError):  # a field missing or unknown
             raise InputError(gains or "", "the fields of controllers.Gains", error) from None
         raise own_error(name, "a controller", error) from error
-
-
-def report(log: Log) -> dict[str, Any]:
-    """The figures of a run under the names of the JSON contract."""
-    from softdyn.validation.loop import metrics
-
-    return {
-        "robot": log.robot,
-        "controller": log.controller,
-        "kind": log.kind,
-        "final_error_cm": metrics.final_error_cm(log),
-        "mse_cm2": metrics.mse_cm2(log),
-        "failed": log.failed,
-        "reason": log.reason,
-        "steps": log.steps,
-        "step_us": metrics.step_times_us(log),
-        "not_solved": log.not_solved,
-        "fallbacks": log.fallbacks,
-        "max_bound_violation": log.max_bound_violation,
-    }
-
-
-def summary(log: Log) -> str:
-    """The same for people, the paper's figures beside ours where it has some."""
-    from softdyn.validation.loop import metrics
-    from softdyn.validation.studies import paper
-
-    if log.theta is not None:
-        goal = f"set point at {log.theta:g} pi"
-    elif log.omega is not None:
-        goal = f"tracking at {log.omega:g} pi rad/s"
-    else:
-        goal = "set point at " + " ".join(f"{x:g}" for x in log.y_ref[0]) + " m"
-    sp = tt = ""
-    row = paper.published(log.robot, log.controller)
-    if row is not None and log.theta is not None:
-        sp = f"   paper, over its set points: {spread(row.sp_mean_cm, row.sp_std_cm)} cm"
-    elif row is not None and log.omega is not None:
-        tt = f"   paper, over its trajectories: {spread(row.tt_mean_cm2, row.tt_std_cm2)} cm²"
-    times = metrics.step_times_us(log)
-    first, last = (100 * math.dist(log.y[i], log.y_ref[i]) for i in (0, -1))
-    lines = [
-        f"{log.robot}, {log.controller}, {goal}: {log.t[-1]:g} s of {log.duration:g} s, "
-        f"period {1e3 * log.period:g} ms",
-        f"final error    {metrics.final_error_cm(log):.3f} cm{sp}",
-        f"mean |e|^2     {metrics.mse_cm2(log):.3f} cm²{tt}",
-    ]
-    if log.steps:
-        parts = ", ".join(f"{name} {value:.0f}" for name, value in times.items())
-        lines.append(f"step time      {parts} us over {log.steps} steps")
-    lines += [
-        f"solver         {log.not_solved} not solved, {log.fallbacks} fallbacks, "
-        f"bounds exceeded by {log.max_bound_violation:.2g}",
-        f"failed: {log.reason}"
-        if log.failed
-        else f"done: |e| fell from {first:.3f} to {last:.3f} cm",
-    ]
-    return "\n".join(lines)
-
-
-def spread(mean: float | None, std: float | None) -> str:
-    """Mean ± standard deviation, or that there is none."""
-    return "failed convergence" if mean is None else f"{mean:.2f} ± {std:.2f}"
 
 
 if __name__ == "__main__":

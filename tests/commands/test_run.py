@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from softdyn.validation import Log, simulate
-from softdyn.validation.loop import metrics
 from softdyn.validation.studies import paper
 from tests.support import SCRIPTS
 
@@ -125,8 +124,8 @@ def test_one_loop_from_a_shell(folder):
     log = Log.load(folder / "run.npz")
     assert (log.theta, log.duration, log.period) == (0.5, 2.0, 0.005)
     assert log.gains["eps"] == 0.03
-    assert report["final_error_cm"] == metrics.final_error_cm(log)
-    assert report["mse_cm2"] == metrics.mse_cm2(log)
+    assert report["final_error_cm"] == log.final_error_cm
+    assert report["mse_cm2"] == log.mse_cm2
     assert sorted(path.suffix for path in folder.iterdir() if path.is_file()) == [
         ".npz", ".py", ".py", ".urdf", ".urdf",
     ]  # fmt: skip
@@ -326,4 +325,4 @@ def test_the_script_and_the_library_agree(call):
     model = softdyn.load("finger")
     log = simulate(model, SoftIdClfQp(model), paper.set_point("finger", 1.0), duration=0.2)
     _, out, _ = call("finger", "soft-id-clf-qp", "--theta", 1, "--duration", 0.2, "--json", "-")
-    assert figures(out)["final_error_cm"] == metrics.final_error_cm(log)
+    assert figures(out)["final_error_cm"] == log.final_error_cm

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,10 @@ import numpy as np
 
 from softdyn import InputError
 from softdyn.validation.files import atomic
+from softdyn.validation.loop.metrics import CM, mean_square
 
 FORMAT = "softdyn-log-2"
+STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
 # Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
 _SHAPES = {
     "t": ("samples",),
@@ -111,6 +115,79 @@ class Log:
     def steps(self) -> int:
         """Number N of control steps done."""
         return len(self.u)
+
+    @property
+    def final_error_cm(self) -> float:
+        """‖e(T)‖ (cm) of the run's final state, the paper's SP; NaN when the run ended early."""
+        return CM * float(np.linalg.norm(self.error[-1])) if self.complete else math.nan
+
+    @property
+    def mse_cm2(self) -> float:
+        """Time-mean of ‖e‖² (cm²) over the whole run, the paper's TT; NaN when it ended early.
+
+        See `metrics.mean_square` for the samples and their weights.
+        """
+        return CM**2 * mean_square(self.t, self.error) if self.complete else math.nan
+
+    @property
+    def step_times_us(self) -> dict[str, float | None]:
+        """Median, 99 %, 99.9 % and maximum (µs) of the control step; None for a run without any."""
+        if not self.steps:
+            return dict.fromkeys(STEP_TIMES)
+        return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
+
+    def report(self) -> dict[str, Any]:
+        """The run's figures under the names of the JSON contract."""
+        return {
+            "robot": self.robot,
+            "controller": self.controller,
+            "kind": self.kind,
+            "final_error_cm": self.final_error_cm,
+            "mse_cm2": self.mse_cm2,
+            "failed": self.failed,
+            "reason": self.reason,
+            "steps": self.steps,
+            "step_us": self.step_times_us,
+            "not_solved": self.not_solved,
+            "fallbacks": self.fallbacks,
+            "max_bound_violation": self.max_bound_violation,
+        }
+
+    def summary(self, beside: Mapping[str, str] | None = None) -> str:
+        """The same for people, several lines.
+
+        Parameters
+        ----------
+        beside : Mapping[str, str], optional
+            Text to stand beside a figure, by its name in `report`: ``final_error_cm``, ``mse_cm2``.
+        """
+        sp, tt = (
+            f"   {beside[name]}" if beside and name in beside else ""
+            for name in ("final_error_cm", "mse_cm2")
+        )
+        lines = [
+            f"{self.robot}, {self.controller}, {self._goal()}: {self.t[-1]:g} s of "
+            f"{self.duration:g} s, period {1e3 * self.period:g} ms",
+            f"final error    {self.final_error_cm:.3f} cm{sp}",
+            f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
+        ]
+        if self.steps:
+            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.step_times_us.items())
+            lines.append(f"step time      {parts} us over {self.steps} steps")
+        lines.append(
+            f"solver         {self.not_solved} not solved, {self.fallbacks} fallbacks, "
+            f"bounds exceeded by {self.max_bound_violation:.2g}"
+        )
+        first, last = (CM * math.dist(self.y[i], self.y_ref[i]) for i in (0, -1))
+        fell = f"done: |e| fell from {first:.3f} to {last:.3f} cm"
+        return "\n".join([*lines, f"failed: {self.reason}" if self.failed else fell])
+
+    def _goal(self) -> str:
+        if self.theta is not None:
+            return f"set point at {self.theta:g} pi"
+        if self.omega is not None:
+            return f"tracking at {self.omega:g} pi rad/s"
+        return "set point at " + " ".join(f"{x:g}" for x in self.y_ref[0]) + " m"
 
     def save(self, path: str | Path) -> None:
         """Write the log as a compressed NPZ file, whole or not at all.

@@ -111,9 +111,9 @@ def save_case(case: Case, log: Log, folder: Path, print_: str, **changes: float 
     result = {
         "fingerprint": print_,
         **asdict(case),
-        "final_error_cm": metrics.final_error_cm(log),
-        "mse_cm2": metrics.mse_cm2(log),
-        "second_cycle_mse_cm2": metrics.second_cycle_mse_cm2(log) if log.omega else None,
+        "final_error_cm": log.final_error_cm,
+        "mse_cm2": log.mse_cm2,
+        "second_cycle_mse_cm2": paper.second_cycle_mse_cm2(log) if log.omega else None,
         "failed": log.failed,
         "reason": log.reason,
         "steps": log.steps,
@@ -127,7 +127,7 @@ def save_case(case: Case, log: Log, folder: Path, print_: str, **changes: float 
     for path in paths.values():
         path.parent.mkdir(parents=True, exist_ok=True)
     replace(log, step_us=np.full_like(log.step_us, np.nan)).save(paths["log"])
-    write_json(paths["times"], metrics.step_times_us(log))
+    write_json(paths["times"], log.step_times_us)
     write_json(paths["result"], {**result, "log_sha256": digest(paths["log"])})
 
 

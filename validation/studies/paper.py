@@ -14,6 +14,8 @@ from typing import Any
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.checks import number
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
+from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.metrics import CM, mean_square
 
 THETAS = (0.0, 0.5, 1.0, 1.5)  # set points, in multiples of π
 OMEGAS = (0.1, 0.2, 0.3, 0.4, 0.5)  # tracking rates, in multiples of π rad/s
@@ -128,6 +130,21 @@ def tracking(robot: str, omega: float) -> Experiment:
     return setup(robot).tracking(omega)
 
 
+def second_cycle_mse_cm2(log: Log) -> float:
+    """Time-mean of ‖e‖² (cm²) over the second of a trajectory's two cycles; NaN as `Log.mse_cm2`.
+
+    Raises
+    ------
+    InputError
+        For a run that is not a whole tracking experiment, which has no cycles.
+    """
+    if log.omega is None or not math.isclose(log.duration, 2 * CYCLES / log.omega):
+        raise InputError("log", "a tracking experiment of two cycles", log.kind)
+    if not log.complete:
+        return math.nan
+    return CM**2 * mean_square(log.t, log.error, start=log.duration / CYCLES)
+
+
 @dataclass(frozen=True)
 class Published:
     """A row of the paper's table: mean and standard deviation, None for "Failed Convergence".
@@ -169,3 +186,21 @@ TABLE = {
 def published(robot: str, controller: str) -> Published | None:
     """The paper's row of a robot and a controller (its command-line name), None if it has none."""
     return TABLE.get((robot, controller))
+
+
+def beside(log: Log) -> dict[str, str]:
+    """What the paper published for a run's robot and controller, for `Log.summary`."""
+    row = published(log.robot, log.controller)
+    if row is None:
+        return {}
+    if log.theta is not None:
+        sp = _spread(row.sp_mean_cm, row.sp_std_cm)
+        return {"final_error_cm": f"paper, over its set points: {sp} cm"}
+    if log.omega is not None:
+        tt = _spread(row.tt_mean_cm2, row.tt_std_cm2)
+        return {"mse_cm2": f"paper, over its trajectories: {tt} cm²"}
+    return {}
+
+
+def _spread(mean: float | None, std: float | None) -> str:
+    return "failed convergence" if mean is None else f"{mean:.2f} ± {std:.2f}"

@@ -24,7 +24,6 @@ from softdyn import Ellipse, InputError, Reference, SoftModel, State
 from softdyn.controllers import Command, find_controller
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import simulate
-from softdyn.validation.loop import metrics
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.oracles import reference_laws
@@ -365,7 +364,7 @@ def run_case(name: str, case: Case, folder: Path, print_: str) -> tuple[str, Cas
 def mse_cm2(log: Log, *, sampled: bool) -> float:
     """TT of a run (cm²): ours, or the reference's, which logs every fifth step and averages."""
     if not sampled or not log.complete:
-        return metrics.mse_cm2(log)
+        return log.mse_cm2
     return 1e4 * float(np.mean(np.sum(log.error[::5] ** 2, axis=1)))
 
 

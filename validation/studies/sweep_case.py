@@ -26,9 +26,9 @@ from softdyn.controllers import CONTROLLERS, Gains, find_controller
 from softdyn.controllers.registry import own_error
 from softdyn.description import library as catalogue
 from softdyn.exceptions import one_line
-from softdyn.validation.loop import metrics
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
+from softdyn.validation.studies import paper
 from softdyn.validation.studies.fingerprint import _code as code_of_packages
 from softdyn.validation.studies.fingerprint import digest
 from softdyn.validation.studies.sweep import Case, Source
@@ -117,8 +117,8 @@ def _closed_loop(
             error = own_error(name, "a command", error)  # type: ignore[arg-type]
         return Answer(_result(task, "raised", _reason(error)))
     figures = {
-        "final_error_cm": metrics.final_error_cm(log),
-        "mse_cm2": metrics.mse_cm2(log),
+        "final_error_cm": log.final_error_cm,
+        "mse_cm2": log.mse_cm2,
         "second_cycle_mse_cm2": _second_cycle(log),
         "steps": log.steps,
         "simulated_s": float(log.t[-1]),
@@ -145,7 +145,7 @@ def _result(task: Task, outcome: str, reason: str | None) -> dict[str, Any]:
 
 def _second_cycle(log: Log) -> float | None:
     try:
-        return metrics.second_cycle_mse_cm2(log)
+        return paper.second_cycle_mse_cm2(log)
     except InputError:  # no two whole cycles
         return None
 

@@ -12,7 +12,6 @@ import numpy as np
 import softdyn
 from softdyn import Ellipse, Reference, State
 from softdyn.controllers import find_controller
-from softdyn.validation.loop import metrics
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.processes import in_order
 from softdyn.validation.studies import paper
@@ -136,13 +135,13 @@ def run(trial: Trial) -> dict[str, Any]:
     error = 100 * np.linalg.norm(log.error, axis=1)
     return {
         "first_error_cm": float(error[0]),
-        "final_error_cm": metrics.final_error_cm(log),
+        "final_error_cm": log.final_error_cm,
         "last_second_cm": float(error[log.t >= log.t[-1] - 1].max()) if log.complete else None,
-        "mse_cm2": metrics.mse_cm2(log),
-        "second_cycle_cm2": metrics.second_cycle_mse_cm2(log) if whole_run else None,
+        "mse_cm2": log.mse_cm2,
+        "second_cycle_cm2": paper.second_cycle_mse_cm2(log) if whole_run else None,
         "failed": log.failed,
         "reason": log.reason,
-        "step_us": metrics.step_times_us(log),
+        "step_us": log.step_times_us,
         "not_solved": log.not_solved,
         "fallbacks": log.fallbacks,
         "max_bound_violation": log.max_bound_violation,

@@ -9,6 +9,7 @@ import pytest
 from softdyn import InputError
 from softdyn.validation import Log
 from softdyn.validation.loop import metrics
+from softdyn.validation.studies import paper
 
 
 def make_log(t, error, **changes):
@@ -32,19 +33,19 @@ def make_log(t, error, **changes):
 
 def test_final_error_is_the_last_samples():
     log = make_log([0, 1, 2], [[1, 0, 0], [0, 1, 0], [0.03, 0, 0.04]])
-    assert metrics.final_error_cm(log) == pytest.approx(5.0, rel=1e-15)
+    assert log.final_error_cm == pytest.approx(5.0, rel=1e-15)
 
 
 def test_mse_weights_uneven_samples():
     # ‖e‖² = 0.01, 0.04, 0 at t = 0, 1, 3: (0.025 · 1 + 0.02 · 2) / 3 m²
     log = make_log([0, 1, 3], [[0.1, 0, 0], [0, 0.2, 0], [0, 0, 0]])
-    assert metrics.mse_cm2(log) == pytest.approx(1e4 * 0.065 / 3, rel=1e-14)
+    assert log.mse_cm2 == pytest.approx(1e4 * 0.065 / 3, rel=1e-14)
 
 
 def test_mse_of_a_constant_error_is_its_square_whatever_the_samples():
     for t in ([0, 2], [0, 0.1, 2], np.linspace(0, 2, 77)):
         log = make_log(t, np.tile([0.03, 0.04, 0.0], (len(t), 1)))
-        assert metrics.mse_cm2(log) == pytest.approx(25.0, rel=1e-13)
+        assert log.mse_cm2 == pytest.approx(25.0, rel=1e-13)
 
 
 def test_mse_converges_to_the_integral_at_second_order():
@@ -67,18 +68,18 @@ def test_second_cycle():
     t = np.linspace(0, 4, 401)  # two cycles at ω = π
     error = np.where(t[:, None] < 2, 0.5, 0.01) * [1, 0, 0]
     log = make_log(t, error, omega=1.0, kind="tracking")
-    assert metrics.second_cycle_mse_cm2(log) == pytest.approx(1.0, rel=1e-12)
-    assert metrics.mse_cm2(log) > 1000
-    assert math.isnan(metrics.second_cycle_mse_cm2(replace(log, complete=False)))
+    assert paper.second_cycle_mse_cm2(log) == pytest.approx(1.0, rel=1e-12)
+    assert log.mse_cm2 > 1000
+    assert math.isnan(paper.second_cycle_mse_cm2(replace(log, complete=False)))
     for changes in ({"omega": None}, {"duration": 3.0}):
         with pytest.raises(InputError, match="two cycles"):
-            metrics.second_cycle_mse_cm2(replace(log, **changes))
+            paper.second_cycle_mse_cm2(replace(log, **changes))
 
 
 def test_a_run_that_ended_early_has_no_figures():
     log = make_log([0, 1], [[1, 0, 0], [0, 0, 0]], complete=False, duration=10.0)
-    assert math.isnan(metrics.final_error_cm(log))
-    assert math.isnan(metrics.mse_cm2(log))
+    assert math.isnan(log.final_error_cm)
+    assert math.isnan(log.mse_cm2)
 
 
 def test_mean_and_population_deviation():
@@ -95,9 +96,9 @@ def test_a_mean_without_all_its_cases_is_none(values):
 def test_step_times():
     log = make_log(np.arange(1002), np.zeros((1002, 3)))  # 1 … 1001 µs
     expected = {"median": 501.0, "p99": 991.0, "p999": 1000.0, "max": 1001.0}
-    assert metrics.step_times_us(log) == pytest.approx(expected)
+    assert log.step_times_us == pytest.approx(expected)
     empty = make_log([0.0], [[0, 0, 0]])
-    assert metrics.step_times_us(empty) == dict.fromkeys(expected)
+    assert empty.step_times_us == dict.fromkeys(expected)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from softdyn.controllers import Command, Impedance, find_controller
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import Log, StateMap, Twin
 from softdyn.validation.crosschecks.mujoco_terms import Judge
-from softdyn.validation.loop import metrics
 from softdyn.validation.oracles.reference_laws import AngularTask, make_law, optional
 from softdyn.validation.studies import paper, reproduction
 from softdyn.validation.studies.benchmark import Case
@@ -257,7 +256,7 @@ def test_sampled_is_the_plain_mean_of_every_fifth_error():
     errors = 100 * np.linalg.norm(log.y - log.y_ref, axis=1)
     expected = sum(errors[k] ** 2 for k in range(0, len(errors), 5)) / len(range(0, 2001, 5))
     assert mse_cm2(log, sampled=True) == pytest.approx(expected)
-    assert mse_cm2(log, sampled=False) == metrics.mse_cm2(log)
+    assert mse_cm2(log, sampled=False) == log.mse_cm2
     assert log.timestep == log.period == 0.005
     assert not log.failed
 
