@@ -17,6 +17,8 @@ import numpy as np
 
 FORMATS = ("stl", "dae", "obj")
 MAX_BYTES = 64 * 2**20
+MAX_MATERIALS = 2**20  # bytes of one material library
+LARGEST = 1e30  # m; vertices become float32
 MAX_FACES = 12_000  # of one mesh; what has more is thinned
 CREASE = np.radians(35)  # two faces that meet at more keep an edge between them
 
@@ -44,7 +46,8 @@ def locate(urdf: Path, reference: str) -> Path:
     Parameters
     ----------
     urdf : the robot's file.
-    reference : a path relative to it, or ``package://NAME/path`` with NAME a folder above it.
+    reference : a path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF
+        that has a ``package.xml``, or, without one, the URDF's own folder or the one above it.
 
     Raises
     ------
@@ -56,9 +59,17 @@ def locate(urdf: Path, reference: str) -> Path:
     scheme, _, path = reference.rpartition("://")
     if scheme == "package":
         name, _, path = path.lstrip("/").partition("/")  # some write three slashes
-        base = root = next((f for f in (folder, *folder.parents) if name and f.name == name), None)
+        above = (folder, *folder.parents)
+        packages = (
+            f for i, f in enumerate(above)
+            if name and f.name == name and (i < 2 or (f / "package.xml").is_file())
+        )  # fmt: skip
+        base = root = next(packages, None)
         if base is None or root is None:
-            raise MeshError(f"expected a folder {name!r} above {folder}, got none")
+            expected = f"a folder {name!r} with a package.xml above {folder}"
+            raise MeshError(
+                f"expected {expected}, or {folder} or its parent of that name, got none"
+            )
     elif scheme:
         raise MeshError(f"expected package:// or a relative path, got {reference!r}")
     else:
@@ -102,7 +113,10 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
     if kind == "dae" and re.search(rb"<!(DOCTYPE|ENTITY)", content):
         raise MeshError(f"expected a mesh without a document type, got one in {path}")
     try:
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=_materials(path))
+        with np.errstate(all="ignore"):  # numbers beyond all bounds are refused below
+            scene = trimesh.load_scene(
+                io.BytesIO(content), file_type=kind, resolver=_materials(path)
+            )
         scale = _unit(scene)
         parts = [_part(part, scale) for part in scene.dump() if len(getattr(part, "faces", ()))]
     except MeshError:
@@ -118,8 +132,15 @@ def _materials(mesh: Path) -> dict[str, bytes]:
     """The material libraries beside a Wavefront mesh, by name: all that its reader gets to see."""
     if mesh.suffix.lower() != ".obj":
         return {}
-    found = (path for path in mesh.parent.glob("*.mtl") if path.resolve().parent == mesh.parent)
-    return {path.name: path.read_bytes() for path in found}
+    found = {
+        path.name: path
+        for path in mesh.parent.glob("*.mtl")
+        if path.is_file() and path.resolve().parent == mesh.parent  # a pipe would never end
+    }
+    for path in found.values():
+        if path.stat().st_size > MAX_MATERIALS:
+            raise MeshError(f"expected at most {MAX_MATERIALS} bytes of materials, got {path}")
+    return {name: path.read_bytes() for name, path in found.items()}
 
 
 def _unit(scene: Any) -> float:
@@ -135,8 +156,8 @@ def _part(part: Any, scale: float) -> Mesh:
     import trimesh
 
     vertices, faces = np.asarray(part.vertices, float) * scale, np.asarray(part.faces)
-    if not np.isfinite(vertices).all():
-        raise MeshError("expected finite vertices, got others")
+    if not (np.abs(vertices) < LARGEST).all():  # NaN is not
+        raise MeshError(f"expected vertices within {LARGEST:g} m, got others")
     rgba = None
     if part.visual.defined and part.visual.kind in ("texture", "face", "vertex"):
         colour = np.asarray(part.visual.material.main_color if part.visual.kind == "texture"

@@ -18,6 +18,7 @@ from softdyn.description.strict_xml import Element, read
 
 Rgba = tuple[float, ...]
 GREY: Rgba = (0.62, 0.64, 0.68, 1.0)
+MAX_SIZE = 1e4  # m; a page holds float32, and what is larger cannot be shown beside a robot
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,10 @@ def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
         shapes = list(link.children("visual")) or list(link.children("collision"))
         for shape in shapes:
             try:
-                found += _shapes(robot, link.text("name"), shape, named)
+                shown = _shapes(robot, link.text("name"), shape, named)
+                if not all(_reach(visual) <= MAX_SIZE for visual in shown):
+                    raise MeshError(f"expected shapes within {MAX_SIZE:g} m, got a larger one")
+                found += shown
             except MeshError as error:
                 problems.append(f"{robot.path}: {link.label}: {error}")
     return tuple(found), tuple(dict.fromkeys(problems))
@@ -91,6 +95,23 @@ def triangles(visual: Visual) -> np.ndarray:
     else:
         found = trimesh.creation.icosphere(2, shape.radius).triangles
     return np.asarray(found) @ visual.pose[:3, :3].T + visual.pose[:3, 3]
+
+
+def _reach(visual: Visual) -> float:
+    """No point of a shape is farther from its link's origin (m); NaN where a number is."""
+    shape = visual.shape
+    if isinstance(shape, Mesh):
+        radius = float(np.linalg.norm(np.abs(shape.vertices).max(axis=0)))
+    elif isinstance(shape, Box):
+        radius = float(np.linalg.norm(shape.size))
+    elif isinstance(shape, Cylinder):
+        radius = shape.radius + shape.length
+    else:
+        radius = shape.radius
+    with np.errstate(over="ignore"):
+        return float(
+            np.linalg.norm(visual.pose[:3, :3], 2) * radius + np.linalg.norm(visual.pose[:3, 3])
+        )
 
 
 def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -> list[Visual]:

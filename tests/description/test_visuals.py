@@ -84,6 +84,51 @@ def test_meshes_of_a_package_are_found_beside_its_urdf_folder(tmp_path):
         assert locate(urdf, reference) == package / "box.stl"
 
 
+def test_a_package_without_a_package_xml_is_the_urdf_s_folder_or_the_next(tmp_path):
+    folder = tmp_path / "far" / "robots" / "urdf"
+    folder.mkdir(parents=True)
+    for base in (tmp_path / "far", tmp_path / "far" / "robots", folder):
+        trimesh.creation.box().export(base / "box.stl")
+    for name in ("urdf", "robots"):
+        assert locate(folder / "r.urdf", f"package://{name}/box.stl").parent.name == name
+    with pytest.raises(MeshError, match=r"a folder 'far' with a package.xml above"):
+        locate(folder / "r.urdf", "package://far/box.stl")
+    (tmp_path / "far" / "package.xml").touch()
+    assert locate(folder / "r.urdf", "package://far/box.stl") == tmp_path / "far" / "box.stl"
+
+
+def problem(folder, geometry: str) -> str:
+    found, problems = visuals(robot(folder, f"<visual><geometry>{geometry}</geometry></visual>"))
+    assert found == ()
+    (line,) = problems
+    return line
+
+
+def test_materials_are_small_files(tmp_path):
+    trimesh.creation.box().export(tmp_path / "box.obj")
+    os.mkfifo(tmp_path / "pipe.mtl")  # nobody writes to it
+    body = '<visual><geometry><mesh filename="box.obj"/></geometry></visual>'
+    assert visuals(robot(tmp_path, body))[1] == ()
+    with open(tmp_path / "large.mtl", "wb") as file:
+        file.truncate(2**30)
+    os.utime(tmp_path / "box.obj")  # what was read once is kept
+    assert "bytes of materials, got" in problem(tmp_path, '<mesh filename="box.obj"/>')
+
+
+def test_shapes_beyond_all_bounds_are_not_shown(tmp_path):
+    large = "v 0 0 0\nv 1e300 0 0\nv 0 1 0\nf 1 2 3\n"
+    (tmp_path / "large.obj").write_text(large)
+    (tmp_path / "unit.obj").write_text(large.replace("1e300", "1"))
+    for geometry in (
+        '<mesh filename="large.obj"/>', '<mesh filename="unit.obj" scale="1 1e30 1"/>',
+        '<box size="1 1 1e30"/>', '<cylinder radius="1" length="1e40"/>',
+        '<sphere radius="1e5"/>',
+    ):  # fmt: skip
+        assert "expected" in problem(tmp_path, geometry)
+    far = '<visual><origin xyz="0 0 1e30"/><geometry><sphere radius="1"/></geometry></visual>'
+    assert "within 10000 m" in visuals(robot(tmp_path, far))[1][0]
+
+
 def test_a_mesh_that_cannot_be_shown_is_a_line_and_no_error(tmp_path):
     (tmp_path / "broken.stl").write_bytes(b"solid nothing")
     (tmp_path / "bomb.dae").write_text('<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>')
