@@ -8,13 +8,19 @@ decide.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
+import softdyn
 from softdyn import InputError
-from softdyn.controllers import Schedule
+from softdyn.controllers import Schedule, SoftIdClfQp, Stage
+from softdyn.controllers.programmes.horizon import horizon
+from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.trials import Trial, run_all
 
@@ -25,6 +31,7 @@ MANY_OMEGAS = (0.08, 0.09, 0.11, 0.12, 0.14, 0.17, 0.25, 0.35, 0.45)
 APPROACH = 1.0  # s
 WORST = 10.0  # cost of a failed run; no run costs more
 SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
+TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "hold", "u0")
 
 Tables = Mapping[str, Any]
 Cost = Callable[[Trial, Mapping[str, Any]], float]
@@ -85,6 +92,9 @@ def stay_cost(trial: Trial, result: Mapping[str, Any]) -> float:
     return float(min(WORST, result["mse_cm2"] / length**2 / TRACKED))
 
 
+# -- schedules as tables ---------------------------------------------------------------------------
+
+
 def tables(schedule: Schedule) -> dict[str, Any]:
     """What `softdyn.controllers.schedule.make_schedule` reads."""
     found = asdict(schedule)
@@ -93,10 +103,160 @@ def tables(schedule: Schedule) -> dict[str, Any]:
     return found
 
 
+def first_schedule(robot: str, table: Tables | None = None) -> dict[str, Any]:
+    """Where a search starts: `table`, the robot's tuned schedule, or its published gains twice."""
+    model = softdyn.load(robot)
+    length = paper.setup_of(model).length
+    schedule = make_schedule(table) if table else tuned(model)
+    if schedule is None:
+        gains = SoftIdClfQp(model).gains
+        both = Stage(gains, horizon(gains))
+        schedule = Schedule(both, both, arrive=0.02 * length, leave=0.2 * length, dwell=0.2)
+    return tables(schedule)
+
+
 def only(schedule: Tables, stage: str, values: Mapping[str, float]) -> dict[str, Any]:
     """A schedule whose both stages are one of `schedule`'s, with other values."""
     both = {**schedule[stage], **values}
     return {**schedule, "approach": both, "stay": both}
+
+
+def changed(schedule: Tables, stage: str, values: Mapping[str, float]) -> dict[str, Any]:
+    """The schedule with other values in one stage, of four digits."""
+    new = {name: float(f"{value:.4g}") for name, value in values.items()}
+    return {**schedule, stage: {**schedule[stage], **new}}
+
+
+def toml(schedule: Tables) -> str:
+    """A schedule as text."""
+    parts = {"": schedule} | {f"\n[{name}]\n": schedule[name] for name in STAGES}
+    return "".join(
+        head + "".join(f"{k} = {v:g}\n" for k, v in table.items() if not isinstance(v, Mapping))
+        for head, table in parts.items()
+    )
+
+
+# -- searching -------------------------------------------------------------------------------------
+
+# stage → what it is judged on, and what becomes of the schedule: the approach is tuned alone, for
+# the stay is not yet
+STAGES = {
+    "approach": (approach_cases, approach_cost, only),
+    "stay": (stay_cases, stay_cost, changed),
+}
+
+
+@dataclass(frozen=True)
+class Search:
+    """A tuning: with the same one the same candidates come again.
+
+    Attributes
+    ----------
+    robot : its name.
+    start : the tables of the schedule that it starts from.
+    generations : stage → how many of CMA-ES (Hansen, `cma`); 0 keeps the stage.
+    population : candidates a generation.
+    finalists : how many meet at the end, the start included; 0 for no finals.
+    seed : > 0.
+    """
+
+    robot: str
+    start: Tables
+    generations: Mapping[str, int]
+    population: int
+    finalists: int
+    seed: int
+
+
+def read(path: str | Path) -> Search:
+    """The search that a summary, see `search`, is of.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or is no such summary.
+    """
+    try:
+        return Search(**json.loads(Path(path).read_bytes())["settings"])
+    except OSError as error:
+        raise InputError(str(path), "a readable file", error.strerror or error) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(str(path), "a summary that tune.py wrote", error) from None
+
+
+def search(
+    wanted: Search, jobs: int = -1, each: Callable[[dict[str, Any]], None] | None = None
+) -> dict[str, Any]:
+    """Tune one stage after the other, then let the finals decide.
+
+    Parameters
+    ----------
+    jobs : processes, -1 for one per core.
+    each : told every candidate with its stage and its scores as it comes.
+
+    Returns
+    -------
+    dict
+        ``settings``; ``winners`` of the searches, by stage; ``finals``, the start first, with the
+        scores of the best; ``schedule``, the tables of what was found.
+    """
+
+    def tell(stage: str, entry: dict[str, Any]) -> None:
+        if each is not None:
+            each({"stage": stage, **entry})
+
+    schedule: Tables = wanted.start
+    contenders = [schedule]
+    winners = {}
+    for stage, (cases, cost, candidate) in STAGES.items():
+        if wanted.generations[stage] == 0:
+            continue
+        trace = tune(
+            cases(wanted.robot),
+            cost,
+            partial(candidate, schedule, stage),
+            {name: schedule[stage][name] for name in TUNED if schedule[stage][name] > 0},
+            generations=wanted.generations[stage],
+            population=wanted.population,
+            seed=wanted.seed,
+            jobs=jobs,
+            each=partial(tell, stage),
+        )
+        ranked = sorted(trace, key=lambda entry: entry["cost"])
+        keys = ("generation", "values", "cost")
+        winners[stage] = {"start_cost": trace[0]["cost"]} | {key: ranked[0][key] for key in keys}
+        found = [changed(schedule, stage, entry["values"]) for entry in ranked]
+        schedule, contenders = found[0], [wanted.start, *found]
+    finals: list[dict[str, Any]] = []
+    if wanted.finalists:
+        contenders = contenders[: wanted.finalists]
+        judged = judge(final_cases(wanted.robot), stay_cost, contenders, jobs)
+        finals = [{"schedule": c} | j for c, j in zip(contenders, judged, strict=True)]
+        for final in finals:
+            tell("final", final)
+        best = min(finals, key=lambda final: final["cost"])
+        schedule = best["schedule"]
+        finals = [final if final is best else without_scores(final) for final in finals]
+    return {
+        "settings": vars(wanted), "winners": winners, "finals": finals, "schedule": schedule
+    }  # fmt: skip
+
+
+def without_scores(entry: dict[str, Any]) -> dict[str, Any]:
+    """An entry of a trace without what each of its cases cost."""
+    return {key: value for key, value in entry.items() if key != "scores"}
+
+
+def text(found: Mapping[str, Any]) -> str:
+    """What `search` found, for people."""
+    lines = [
+        f"{stage}: cost {winner['start_cost']:.4g} at the start, {winner['cost']:.4g} now"
+        for stage, winner in found["winners"].items()
+    ]
+    if found["finals"]:
+        costs = ", ".join(f"{final['cost']:.4g}" for final in found["finals"])
+        lines.append(f"final: cost {costs} (start first)")
+    return "\n".join(lines)
 
 
 def judge(

@@ -19,6 +19,7 @@ from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation import Twin
 from softdyn.validation.studies import beyond, paper, tuning
 from softdyn.validation.studies.trials import Degraded, Plant, Trial, run
+from tests.support import ROOT
 from tests.support.control_cases import robot
 
 
@@ -149,7 +150,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(tuning, "run_all", wants_soft)
     monkeypatch.chdir(tmp_path)
     arguments = ["--approach", "2", "--stay", "2", "--population", "6", "--finalists", "3"]
-    assert tune.main(["finger", *arguments]) == 0
+    assert tune.main(["finger", *arguments, "--trace", "trace.json"]) == 0
     table = tomllib.loads(Path("schedule.toml").read_text())
     found, start = make_schedule(table), tuned(softdyn.load("finger"))
     assert start is not None
@@ -157,7 +158,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
         before, after = getattr(start, stage).gains, getattr(found, stage).gains
         assert abs(math.log(after.eps / 0.05)) < abs(math.log(before.eps / 0.05))
         assert after.w1 == before.w1  # not tuned
-    trace = json.loads(Path("tuning.json").read_text())
+    trace = json.loads(Path("trace.json").read_text())
     assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
     assert trace["settings"]["start"] == tuning.tables(start)
     # the approach is judged alone; the finals are of whole schedules on other cases
@@ -167,7 +168,42 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert last is not None
     assert last["stay"] != last["approach"]
     finals = [entry for entry in trace["trace"] if entry["stage"] == "final"]
-    assert table == min(finals, key=lambda entry: entry["cost"])["schedule"]
+    best = min(finals, key=lambda entry: entry["cost"])
+    assert table == best["schedule"]
+
+    # the summary: what made it, each stage's winner, the finals with the scores of the best
+    summary = json.loads(Path("tuning.json").read_text())
+    assert summary["settings"] == trace["settings"]
+    for stage, winner in summary["winners"].items():
+        entries = [entry for entry in trace["trace"] if entry["stage"] == stage]
+        assert winner["cost"] == min(entry["cost"] for entry in entries)
+        assert winner["start_cost"] == entries[0]["cost"]
+    assert [final["cost"] for final in summary["finals"]] == [final["cost"] for final in finals]
+    assert [final for final in summary["finals"] if "scores" in final] == [
+        {key: best[key] for key in ("schedule", "scores", "cost")}
+    ]
+
+    # and it is enough to make the same again
+    Path("tuning.json").rename("first.json")
+    assert tune.main(["--again", "first.json", "--trace", "again.json"]) == 0
+    assert Path("again.json").read_text() == Path("trace.json").read_text()
+    assert Path("first.json").read_text() == Path("tuning.json").read_text()
+    assert tune.main(["--again", "trace.json"]) == 0
+    Path("bad.json").write_text("{}")
+    assert tune.main(["--again", "bad.json"]) == 2
+    assert tune.main(["--again", "none.json"]) == 2
+
+
+def test_the_kept_summaries_can_be_made_again() -> None:
+    found = sorted((ROOT / "docs" / "tuning").glob("*.json"))
+    assert found
+    for path in found:
+        wanted = tuning.read(path)
+        assert make_schedule(wanted.start) == make_schedule(
+            tuning.first_schedule(wanted.robot, wanted.start)
+        )
+        assert wanted.seed > 0
+        assert set(wanted.generations) == set(tuning.STAGES)
 
 
 def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
