@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -31,38 +29,28 @@ exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 b
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
-    found.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
-    found.add_argument(
-        "--thetas", nargs="*", type=cli.finite, metavar="T", help="set points, multiples of pi"
-    )
-    found.add_argument(
-        "--omegas", nargs="*", type=cli.positive, metavar="W", help="rates, multiples of pi rad/s"
-    )
-    found.add_argument(
-        "--jobs", type=cli.count, metavar="N", help="processes (default: one per core)"
-    )
-    found.add_argument("--out", default="results", metavar="DIR", help="default: results")
-    figures = found.add_mutually_exclusive_group()
-    figures.add_argument(
-        "--plots",
-        action="store_true",
-        help="run nothing, make figures and index.html again from the logs",
-    )
-    figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
+parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
+parser.add_argument(
+    "--thetas", nargs="*", type=cli.finite, metavar="T", help="set points, multiples of pi"
+)
+parser.add_argument(
+    "--omegas", nargs="*", type=cli.positive, metavar="W", help="rates, multiples of pi rad/s"
+)
+parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
+parser.add_argument("--out", default="results", metavar="DIR", help="default: results")
+figures = parser.add_mutually_exclusive_group()
+figures.add_argument(
+    "--plots",
+    action="store_true",
+    help="run nothing, make figures and index.html again from the logs",
+)
+figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
     from softdyn.validation.files import to_json, write_text
@@ -158,5 +146,4 @@ def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> i
     return cli.PASSED
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

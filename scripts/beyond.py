@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
-
 from softdyn.commands import cli
 
 EPILOG = """\
@@ -16,19 +13,11 @@ exit codes: 0 every case ran, failed loops included; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    cli.add_trial_options(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+cli.add_trial_options(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run, report."""
     from softdyn.validation.studies import beyond
 
@@ -38,5 +27,4 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

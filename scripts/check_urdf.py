@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
@@ -27,24 +25,16 @@ exit codes: 0 the file is sound, whatever it amounts to; 1 some numbers look wro
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    found.add_argument(
-        "--samples", type=cli.count, default=100, metavar="N", help="random poses (default: 100)"
-    )
-    cli.add_robot_options(found)
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument(
+    "--samples", type=cli.count, default=100, metavar="N", help="random poses (default: 100)"
+)
+cli.add_robot_options(parser)
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Load, examine, report."""
     import warnings
 
@@ -240,5 +230,4 @@ def _stability(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -16,14 +16,16 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-Command = Callable[[argparse.Namespace], int]
+Arguments = argparse.Namespace
+Command = Callable[[Arguments], int]
 
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that says what is wrong on one line and knows negative numbers."""
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+    def __init__(self, description: str | None, epilog: str | None = None) -> None:
+        layout = argparse.RawDescriptionHelpFormatter
+        super().__init__(description=description, epilog=epilog, formatter_class=layout)
         # argparse takes -1e-3 for an option: its own pattern knows no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
 
@@ -58,6 +60,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def whole(text: str) -> int:
+    """A whole number >= 0, for `type=`."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a whole number >= 0, got {text!r}")
+    return int(text)
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """The option for `write_report`, the same in every command."""
     parser.add_argument(
@@ -78,7 +87,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_robot(arguments: argparse.Namespace) -> SoftModel:
+def load_robot(arguments: Arguments) -> SoftModel:
     """The ROBOT of the command line."""
     import softdyn
 
@@ -98,7 +107,7 @@ def add_trial_options(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def check_trials(arguments: argparse.Namespace) -> None:
+def check_trials(arguments: Arguments) -> None:
     """Refuse, before any work, what `add_trial_options` cannot know to be wrong."""
     from softdyn.controllers import find_controller
     from softdyn.validation.studies import paper
@@ -109,11 +118,21 @@ def check_trials(arguments: argparse.Namespace) -> None:
         paper.setup(robot)
 
 
-def start(parser: Parser, command: Command, argv: list[str] | None = None) -> int:
-    """Read the arguments and run `command`; returns the exit code."""
-    arguments = parser.parse_args(argv)
-    one_thread()
-    return run(command, arguments)
+def program(parser: Parser, command: Command, module: str) -> Callable[..., int]:
+    """The ``main(argv=None)`` of a command: reads the arguments, returns the exit code.
+
+    The last line of every command, ``main = cli.program(parser, command, __name__)``. Where the
+    module is run as a program, it runs at once, and Python ends with the exit code.
+    """
+
+    def main(argv: list[str] | None = None) -> int:
+        arguments = parser.parse_args(argv)
+        one_thread()
+        return run(command, arguments)
+
+    if module == "__main__":
+        sys.exit(main())
+    return main
 
 
 def one_thread() -> None:
@@ -122,7 +141,7 @@ def one_thread() -> None:
         os.environ[f"{library}_NUM_THREADS"] = "1"
 
 
-def run(command: Command, arguments: argparse.Namespace) -> int:
+def run(command: Command, arguments: Arguments) -> int:
     """Call `command` and turn what it raises into an exit code and one line on stderr."""
     from softdyn import InputError, SoftdynError, UrdfError
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from typing import TYPE_CHECKING
 
@@ -28,48 +27,31 @@ exit codes: 0 everything agrees; 1 something differs; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    which = found.add_mutually_exclusive_group(required=True)
-    which.add_argument("robot", metavar="ROBOT", nargs="?")
-    which.add_argument(
-        "--catalogue", action="store_true", help="every URDF of example-robot-data, one row each"
-    )
-    which.add_argument("--random", type=cli.count, metavar="N", help="N random robots")
-    cli.add_robot_options(found)
-    found.add_argument(
-        "--states-only", action="store_true", help="random states, and no trajectories"
-    )
-    found.add_argument(
-        "--jobs", type=cli.count, metavar="N", help="processes for many robots (default: all cores)"
-    )
-    found.add_argument(
-        "--markdown", metavar="FILE", help="write the rows of --catalogue as a document"
-    )
-    found.add_argument(
-        "--samples", type=cli.count, default=20, metavar="N", help="random states (default: 20)"
-    )
-    found.add_argument(
-        "--seed", type=seed, default=0, metavar="S", help="of the random states (default: 0)"
-    )
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+which = parser.add_mutually_exclusive_group(required=True)
+which.add_argument("robot", metavar="ROBOT", nargs="?")
+which.add_argument(
+    "--catalogue", action="store_true", help="every URDF of example-robot-data, one row each"
+)
+which.add_argument("--random", type=cli.count, metavar="N", help="N random robots")
+cli.add_robot_options(parser)
+parser.add_argument("--states-only", action="store_true", help="random states, and no trajectories")
+parser.add_argument(
+    "--jobs", type=cli.count, metavar="N", help="processes for many robots (default: all cores)"
+)
+parser.add_argument(
+    "--markdown", metavar="FILE", help="write the rows of --catalogue as a document"
+)
+parser.add_argument(
+    "--samples", type=cli.count, default=20, metavar="N", help="random states (default: 20)"
+)
+parser.add_argument(
+    "--seed", type=cli.whole, default=0, metavar="S", help="of the random states (default: 0)"
+)
+cli.add_json(parser)
 
 
-def seed(text: str) -> int:
-    """A whole number >= 0, for `type=`."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a whole number >= 0, got {text!r}")
-    return int(text)
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Load, compare, report."""
     from softdyn.validation import Twin, crosscheck
 
@@ -93,7 +75,7 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED if result.passed else cli.FAILED
 
 
-def many(arguments: argparse.Namespace) -> int:
+def many(arguments: cli.Arguments) -> int:
     """One row a robot, and how many there are of each kind."""
     from tqdm import tqdm
 
@@ -181,5 +163,4 @@ def summary(result: CrossCheck) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -39,28 +37,20 @@ exit codes: 0 no finding; 1 some; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument(
-        "--count", type=cli.count, default=1000, metavar="N", help="inputs (default: 1000)"
-    )
-    found.add_argument("--seed", type=int, default=0, metavar="S", help="(default: 0)")
-    found.add_argument("--first", type=int, default=0, metavar="I", help="number of the first one")
-    found.add_argument(
-        "--corpus", type=Path, default=CORPUS, metavar="DIR", help="where base files are"
-    )
-    found.add_argument("--out", type=Path, metavar="DIR", help="folder for inputs with a finding")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument(
+    "--count", type=cli.count, default=1000, metavar="N", help="inputs (default: 1000)"
+)
+parser.add_argument("--seed", type=int, default=0, metavar="S", help="(default: 0)")
+parser.add_argument("--first", type=int, default=0, metavar="I", help="number of the first one")
+parser.add_argument(
+    "--corpus", type=Path, default=CORPUS, metavar="DIR", help="where base files are"
+)
+parser.add_argument("--out", type=Path, metavar="DIR", help="folder for inputs with a finding")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Fuzz, count, report."""
     from tqdm import tqdm
 
@@ -228,5 +218,4 @@ def summary(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

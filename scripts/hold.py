@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from typing import Any
 
 from softdyn.commands import cli
@@ -20,26 +18,18 @@ exit codes: 0 done; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    found.add_argument(
-        "--shares", type=float, nargs="+", default=SHARES, metavar="S",
-        help=f"horizons, as shares of eps (default: {' '.join(map(str, SHARES))})",
-    )  # fmt: skip
-    found.add_argument("--period", type=cli.positive, metavar="S", help="default: the robot's")
-    found.add_argument("--jobs", type=cli.count, default=1, metavar="N", help="processes")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument(
+    "--shares", type=float, nargs="+", default=SHARES, metavar="S",
+    help=f"horizons, as shares of eps (default: {' '.join(map(str, SHARES))})",
+)  # fmt: skip
+parser.add_argument("--period", type=cli.positive, metavar="S", help="default: the robot's")
+parser.add_argument("--jobs", type=cli.count, default=1, metavar="N", help="processes")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run every case, print the table."""
     from softdyn.validation.processes import in_order
     from softdyn.validation.studies import paper
@@ -103,5 +93,4 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(pipes(lines))
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

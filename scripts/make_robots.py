@@ -10,7 +10,6 @@ Units are SI and radians. Numbers are printed with ``repr``, so no digit is lost
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -412,19 +411,11 @@ def files() -> dict[str, bytes]:
     return content
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=(__doc__ or "").partition("\n")[0])
-    found.add_argument("--check", action="store_true", help="write nothing, name files that differ")
-    return found
+parser = cli.Parser(__doc__.partition("\n")[0])
+parser.add_argument("--check", action="store_true", help="write nothing, name files that differ")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Write the files that differ, or name them with ``--check``."""
     from softdyn.validation.files import atomic
 
@@ -444,5 +435,4 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.FAILED if arguments.check and different else cli.PASSED
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -32,29 +30,21 @@ exit codes: 0 no barrier was violated by more than 1 mm or 0.01 rad; 1 one was; 
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    found.add_argument(
-        "--theta", type=cli.finite, default=0.0, metavar="T", help="set point (default: 0)"
-    )
-    found.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
-    found.add_argument("--limits", action="store_true", help="joint limits are barriers too")
-    found.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
-    found.add_argument("--seed", type=int, default=0, metavar="S")
-    found.add_argument("--html", metavar="FILE", help="write a page that replays the three runs")
-    found.add_argument("--log", metavar="PREFIX", help="save the three runs, for replay.py")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument(
+    "--theta", type=cli.finite, default=0.0, metavar="T", help="set point (default: 0)"
+)
+parser.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
+parser.add_argument("--limits", action="store_true", help="joint limits are barriers too")
+parser.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
+parser.add_argument("--seed", type=int, default=0, metavar="S")
+parser.add_argument("--html", metavar="FILE", help="write a page that replays the three runs")
+parser.add_argument("--log", metavar="PREFIX", help="save the three runs, for replay.py")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run, judge, report."""
     import numpy as np
     from tqdm import tqdm
@@ -194,5 +184,4 @@ def summary(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

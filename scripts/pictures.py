@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import BinaryIO
@@ -29,19 +27,11 @@ FLAGS = (
 )  # fmt: skip
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--out", default="docs/robots.png", metavar="FILE", help="%(default)s")
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--out", default="docs/robots.png", metavar="FILE", help="%(default)s")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run the loops, draw their ends, write one picture."""
     import softdyn
     from softdyn.controllers import SoftIdClfQp
@@ -92,5 +82,4 @@ def side_by_side(files: list[Path], stream: BinaryIO) -> None:
     whole.save(stream, "PNG", optimize=True)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from typing import TYPE_CHECKING
 
 from softdyn.commands import cli
@@ -22,29 +20,19 @@ exit codes: 0 written; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("logs", nargs="+", metavar="LOG")
-    found.add_argument("--html", metavar="FILE", help="the page to write")
-    found.add_argument("--plot", metavar="FILE", help="errors and inputs over time, a PNG")
-    found.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
-    found.add_argument(
-        "--side-by-side", action="store_true", help="next to each other, not in one place"
-    )
-    found.add_argument(
-        "--robot", metavar="ROBOT", help="the logs' robot, where it is no bundled one"
-    )
-    cli.add_robot_options(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("logs", nargs="+", metavar="LOG")
+parser.add_argument("--html", metavar="FILE", help="the page to write")
+parser.add_argument("--plot", metavar="FILE", help="errors and inputs over time, a PNG")
+parser.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
+parser.add_argument(
+    "--side-by-side", action="store_true", help="next to each other, not in one place"
+)
+parser.add_argument("--robot", metavar="ROBOT", help="the logs' robot, where it is no bundled one")
+cli.add_robot_options(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Read the logs, write the page."""
     import softdyn
     from softdyn.validation import Log
@@ -91,5 +79,4 @@ def draw(logs: list[Log], labels: list[str] | None, file: str) -> None:
             figure.savefig(stream, format="png", dpi=120)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

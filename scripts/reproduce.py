@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -28,32 +26,22 @@ exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 b
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help="default: every one")
-    found.add_argument("--list", action="store_true", help="say what there is and stop")
-    found.add_argument("--robots", nargs="+", metavar="ROBOT")
-    found.add_argument("--controllers", nargs="+", metavar="CONTROLLER")
-    found.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="multiples of pi")
-    found.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help="as thetas")
-    found.add_argument(
-        "--jobs", type=cli.count, metavar="N", help="processes (default: one per core)"
-    )
-    found.add_argument("--out", default="results/reproduction", metavar="DIR")
-    found.add_argument(
-        "--grid", default="results", metavar="DIR", help="benchmark.py's folder (default: results)"
-    )
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help="default: every one")
+parser.add_argument("--list", action="store_true", help="say what there is and stop")
+parser.add_argument("--robots", nargs="+", metavar="ROBOT")
+parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER")
+parser.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="multiples of pi")
+parser.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help="as thetas")
+parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
+parser.add_argument("--out", default="results/reproduction", metavar="DIR")
+parser.add_argument(
+    "--grid", default="results", metavar="DIR", help="benchmark.py's folder (default: results)"
+)
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then the table."""
     from tqdm import tqdm
 
@@ -141,5 +129,4 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     return "\n".join(parts) + "\n"
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

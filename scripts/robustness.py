@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -24,20 +22,12 @@ FACTORS = (0.8, 0.9, 1.1, 1.2)
 SET_POINTS, RATE = (0.25, 1.25), 0.25
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    cli.add_trial_options(found)
-    found.add_argument("--period", type=cli.positive, default=0.005, metavar="S")
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+cli.add_trial_options(parser)
+parser.add_argument("--period", type=cli.positive, default=0.005, metavar="S")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run, report."""
     from softdyn.validation.studies.trials import run_all
 
@@ -94,5 +84,4 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     return "\n".join(pipes([list(rows[0]), *texts]))
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

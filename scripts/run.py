@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,50 +36,40 @@ exit codes: 0 the loop ended closer to its reference than it began; 1 it failed 
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    cli.add_robot_options(found)
-    found.add_argument("controller", metavar="CONTROLLER")
-    goal = found.add_mutually_exclusive_group(required=True)
-    goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
-    goal.add_argument(
-        "--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles"
-    )
-    goal.add_argument(
-        "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
-    )
-    found.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
-    found.add_argument(
-        "--period",
-        type=cli.positive,
-        metavar="S",
-        help="control period in s (default: the paper's, 0.002 for other robots)",
-    )
-    found.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
-    found.add_argument("--contacts", action="store_true", help="let the links touch")
-    found.add_argument("--log", metavar="FILE", help="write the run as NPZ")
-    found.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
-    found.add_argument("--view", action="store_true", help="show the run live in the browser")
-    found.add_argument(
-        "--speed",
-        type=cli.positive,
-        default=1.0,
-        metavar="X",
-        help="pace of --view, simulated seconds per second (default: 1)",
-    )
-    live.add_server_options(found)
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+cli.add_robot_options(parser)
+parser.add_argument("controller", metavar="CONTROLLER")
+goal = parser.add_mutually_exclusive_group(required=True)
+goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
+goal.add_argument("--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles")
+goal.add_argument(
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
+)
+parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
+parser.add_argument(
+    "--period",
+    type=cli.positive,
+    metavar="S",
+    help="control period in s (default: the paper's, 0.002 for other robots)",
+)
+parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
+parser.add_argument("--contacts", action="store_true", help="let the links touch")
+parser.add_argument("--log", metavar="FILE", help="write the run as NPZ")
+parser.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
+parser.add_argument("--view", action="store_true", help="show the run live in the browser")
+parser.add_argument(
+    "--speed",
+    type=cli.positive,
+    default=1.0,
+    metavar="X",
+    help="pace of --view, simulated seconds per second (default: 1)",
+)
+live.add_server_options(parser)
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Build, simulate, report."""
     from softdyn.controllers.registry import blamed
     from softdyn.validation import paper, simulate
@@ -123,7 +112,7 @@ def command(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def shown(
-    model: SoftModel, experiment: Experiment, arguments: argparse.Namespace, viewing: dict[str, Any]
+    model: SoftModel, experiment: Experiment, arguments: cli.Arguments, viewing: dict[str, Any]
 ) -> Iterator[Any]:
     """What `simulate` calls at each step to show it, None without --view; `viewing` is filled."""
     if not arguments.view:
@@ -147,7 +136,7 @@ def shown(
         viewer.say("done: the page keeps the run")
 
 
-def make_experiment(model: SoftModel, arguments: argparse.Namespace) -> Experiment:
+def make_experiment(model: SoftModel, arguments: cli.Arguments) -> Experiment:
     """The paper's experiment for a bundled robot; one of its own size for any other."""
     from dataclasses import replace
 
@@ -187,5 +176,4 @@ def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
         raise own_error(name, "a controller", error) from error
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

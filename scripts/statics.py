@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -34,77 +33,65 @@ exit codes: 0 done; 1 no equilibrium was found; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    cli.add_robot_options(found)
-    goal = found.add_mutually_exclusive_group()
-    goal.add_argument("--theta", type=cli.finite, metavar="T", help="the set point at T pi")
-    goal.add_argument(
-        "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="a point in m"
-    )
-    goal.add_argument(
-        "--inputs", type=cli.finite, nargs="+", metavar="U", help="where these inputs lead"
-    )
-    found.add_argument(
-        "--rays",
-        type=cli.count,
-        default=40,
-        metavar="N",
-        help="random inputs to raise (default: 40)",
-    )
-    found.add_argument(
-        "--spread",
-        type=cli.count,
-        default=100,
-        metavar="N",
-        help="stable rests sought where there are few (default: 100)",
-    )
-    found.add_argument(
-        "--shapes",
-        type=cli.count,
-        default=12,
-        metavar="N",
-        help="random shapes to start from, for each target (default: 12)",
-    )
-    found.add_argument(
-        "--seed", type=int, default=0, metavar="S", help="of all that is random (default: 0)"
-    )
-    found.add_argument(
-        "--hold",
-        type=cli.positive,
-        default=10.0,
-        metavar="S",
-        help="length of the twin's run in s (default: 10)",
-    )
-    found.add_argument(
-        "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
-    )
-    found.add_argument("--map", metavar="FILE", help="draw the rests and the targets: .png or .pdf")
-    found.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+cli.add_robot_options(parser)
+goal = parser.add_mutually_exclusive_group()
+goal.add_argument("--theta", type=cli.finite, metavar="T", help="the set point at T pi")
+goal.add_argument(
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="a point in m"
+)
+goal.add_argument(
+    "--inputs", type=cli.finite, nargs="+", metavar="U", help="where these inputs lead"
+)
+parser.add_argument(
+    "--rays",
+    type=cli.count,
+    default=40,
+    metavar="N",
+    help="random inputs to raise (default: 40)",
+)
+parser.add_argument(
+    "--spread",
+    type=cli.count,
+    default=100,
+    metavar="N",
+    help="stable rests sought where there are few (default: 100)",
+)
+parser.add_argument(
+    "--shapes",
+    type=cli.count,
+    default=12,
+    metavar="N",
+    help="random shapes to start from, for each target (default: 12)",
+)
+parser.add_argument(
+    "--seed", type=cli.whole, default=0, metavar="S", help="of all that is random (default: 0)"
+)
+parser.add_argument(
+    "--hold",
+    type=cli.positive,
+    default=10.0,
+    metavar="S",
+    help="length of the twin's run in s (default: 10)",
+)
+parser.add_argument(
+    "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
+)
+parser.add_argument("--map", metavar="FILE", help="draw the rests and the targets: .png or .pdf")
+parser.add_argument(
+    "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
+)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    if arguments.seed < 0:
-        parser().error(f"argument --seed: expected a number >= 0, got {arguments.seed}")
-    if arguments.inputs is not None and arguments.map is not None:
-        parser().error("argument --map: not allowed with --inputs")
-    cli.one_thread()
-    return cli.run(command, arguments)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Search, judge, report."""
     from softdyn.statics import StaticsError
     from softdyn.validation.files import check_writable
     from softdyn.validation.report.statics_figure import check_path
 
+    if arguments.inputs is not None and arguments.map is not None:
+        parser.error("argument --map: not allowed with --inputs")
     if arguments.map is not None:
         check_writable(check_path(arguments.map))
     if arguments.json not in (None, "-"):
@@ -119,7 +106,7 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED
 
 
-def lead(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
+def lead(model: SoftModel, arguments: cli.Arguments) -> dict[str, Any]:
     """Where the given inputs lead from rest."""
     import numpy as np
 
@@ -138,7 +125,7 @@ def lead(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def search(model: SoftModel, arguments: argparse.Namespace) -> dict[str, Any]:
+def search(model: SoftModel, arguments: cli.Arguments) -> dict[str, Any]:
     """The targets, each from many starts."""
     import numpy as np
 
@@ -181,9 +168,7 @@ def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
     return log.q[-1], log.u[-1]
 
 
-def targets(
-    model: SoftModel, arguments: argparse.Namespace
-) -> list[tuple[float | None, np.ndarray]]:
+def targets(model: SoftModel, arguments: cli.Arguments) -> list[tuple[float | None, np.ndarray]]:
     """(θ or None, point) of every target asked for."""
     import numpy as np
 
@@ -306,5 +291,4 @@ def target_name(line: dict[str, Any]) -> str:
     return "θ = " + {0.0: "0", 1.0: "π"}.get(line["theta"], f"{line['theta']:g}π")
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

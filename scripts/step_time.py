@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -27,33 +26,25 @@ exit codes: 0 done; 2 bad input; 130 interrupted.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
-    found.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
-    found.add_argument(
-        "--states", type=cli.count, default=400, metavar="N", help="a robot (default: 400)"
-    )
-    found.add_argument(
-        "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
-    )
-    found.add_argument("--no-stack", action="store_true", help="leave the paper's stack out")
-    found.add_argument("--scaling", action="store_true", help="also against n and m, on chains")
-    found.add_argument("--throughput", action="store_true", help="also whole closed loops")
-    found.add_argument(
-        "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
-    )
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
+parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
+parser.add_argument(
+    "--states", type=cli.count, default=400, metavar="N", help="a robot (default: 400)"
+)
+parser.add_argument(
+    "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
+)
+parser.add_argument("--no-stack", action="store_true", help="leave the paper's stack out")
+parser.add_argument("--scaling", action="store_true", help="also against n and m, on chains")
+parser.add_argument("--throughput", action="store_true", help="also whole closed loops")
+parser.add_argument(
+    "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
+)
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Measure what is asked for, then tables and figures."""
     import softdyn
     from softdyn.controllers import find_controller
@@ -152,5 +143,4 @@ class Progress:
             self._bar.close()
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

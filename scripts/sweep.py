@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -39,27 +37,17 @@ scheduler went away; 2 bad input; 130 interrupted.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("file", metavar="FILE", help="the sweep, a TOML file")
-    where = found.add_mutually_exclusive_group()
-    where.add_argument(
-        "--jobs", type=cli.count, metavar="N", help="processes (default: one per core)"
-    )
-    where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="of a dask cluster")
-    found.add_argument("--out", metavar="DIR", help="default: results/ and FILE's name")
-    found.add_argument("--dry-run", action="store_true", help="only tell what there is to do")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("file", metavar="FILE", help="the sweep, a TOML file")
+where = parser.add_mutually_exclusive_group()
+where.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
+where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="of a dask cluster")
+parser.add_argument("--out", metavar="DIR", help="default: results/ and FILE's name")
+parser.add_argument("--dry-run", action="store_true", help="only tell what there is to do")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then the tables."""
     from tqdm import tqdm
 
@@ -157,5 +145,4 @@ def summary(report: dict[str, Any], out: Path) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

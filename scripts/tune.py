@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
 from typing import Any
 
 from softdyn.commands import cli
@@ -26,37 +24,29 @@ exit codes: 0 done; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    what = found.add_mutually_exclusive_group(required=True)
-    what.add_argument("robot", metavar="ROBOT", nargs="?")
-    what.add_argument("--again", metavar="FILE", help="all settings from a summary (JSON)")
-    found.add_argument("--gains", metavar="FILE", help="the schedule to start from, TOML")
-    for stage, generations in (("approach", 10), ("stay", 8)):
-        found.add_argument(
-            f"--{stage}", type=int, default=generations, metavar="N",
-            help=f"generations of the {stage}, 0 to keep it (default: {generations})",
-        )  # fmt: skip
-    found.add_argument(
-        "--finalists", type=cli.count, default=6, metavar="N",
-        help="how many meet at the end, the start included (default: 6)",
+parser = cli.Parser(__doc__, EPILOG)
+what = parser.add_mutually_exclusive_group(required=True)
+what.add_argument("robot", metavar="ROBOT", nargs="?")
+what.add_argument("--again", metavar="FILE", help="all settings from a summary (JSON)")
+parser.add_argument("--gains", metavar="FILE", help="the schedule to start from, TOML")
+for stage, generations in (("approach", 10), ("stay", 8)):
+    parser.add_argument(
+        f"--{stage}", type=int, default=generations, metavar="N",
+        help=f"generations of the {stage}, 0 to keep it (default: {generations})",
     )  # fmt: skip
-    found.add_argument("--population", type=cli.count, default=10, metavar="N")
-    found.add_argument("--seed", type=cli.count, default=1, metavar="S", help="> 0")
-    found.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
-    found.add_argument("--out", default="schedule.toml", metavar="FILE")
-    found.add_argument("--summary", default="tuning.json", metavar="FILE")
-    found.add_argument("--trace", metavar="FILE", help="default: none")
-    return found
+parser.add_argument(
+    "--finalists", type=cli.count, default=6, metavar="N",
+    help="how many meet at the end, the start included (default: 6)",
+)  # fmt: skip
+parser.add_argument("--population", type=cli.count, default=10, metavar="N")
+parser.add_argument("--seed", type=cli.count, default=1, metavar="S", help="> 0")
+parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
+parser.add_argument("--out", default="schedule.toml", metavar="FILE")
+parser.add_argument("--summary", default="tuning.json", metavar="FILE")
+parser.add_argument("--trace", metavar="FILE", help="default: none")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Search, write the trace as it grows, the schedule and the summary at the end."""
     from softdyn.validation.files import write_json, write_text
     from softdyn.validation.studies import tuning
@@ -87,5 +77,4 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
-
 from softdyn.commands import cli, live
 
 EPILOG = """\
@@ -20,22 +17,14 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 """
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("robot", metavar="ROBOT")
-    found.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
-    live.add_server_options(found)
-    cli.add_robot_options(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
+live.add_server_options(parser)
+cli.add_robot_options(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Write the page, or serve it until somebody ends it."""
     import threading
 
@@ -59,5 +48,4 @@ def command(arguments: argparse.Namespace) -> int:
     return cli.PASSED
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from time import thread_time_ns
 from typing import Any
@@ -22,22 +21,14 @@ exit codes: 0 all answers finite, within bounds and within the limit; 1 not; 2 b
 LIMIT_US = 5000.0
 
 
-def parser() -> cli.Parser:
-    """The command line."""
-    found = cli.Parser(description=__doc__, epilog=EPILOG)
-    found.add_argument("--robots", nargs="+", metavar="ROBOT", help="(default: all bundled)")
-    found.add_argument("--controllers", nargs="+", metavar="NAME", help="(default: all)")
-    found.add_argument("--repeats", type=cli.count, default=5, metavar="N", help="(default: 5)")
-    cli.add_json(found)
-    return found
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--robots", nargs="+", metavar="ROBOT", help="(default: all bundled)")
+parser.add_argument("--controllers", nargs="+", metavar="NAME", help="(default: all)")
+parser.add_argument("--repeats", type=cli.count, default=5, metavar="N", help="(default: 5)")
+cli.add_json(parser)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; returns the exit code."""
-    return cli.start(parser(), command, argv)
-
-
-def command(arguments: argparse.Namespace) -> int:
+def command(arguments: cli.Arguments) -> int:
     """Measure and report."""
     import softdyn
     from softdyn import bundled_names
@@ -83,7 +74,7 @@ def cases(model: Any) -> Any:
         yield name, good, reference
 
 
-def measure(model: Any, controller: Any, arguments: argparse.Namespace) -> dict[str, Any]:
+def measure(model: Any, controller: Any, arguments: cli.Arguments) -> dict[str, Any]:
     """Times of one controller over all cases (µs), its fallbacks, the case that took longest."""
     import numpy as np
 
@@ -129,5 +120,4 @@ def summary(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+main = cli.program(parser, command, __name__)

@@ -47,7 +47,7 @@ def test_the_commands_that_write_pages_run(tmp_path, monkeypatch, capsys):
         if "--html" in arguments or "--log" in arguments:
             assert module.main(arguments) == 0, capsys.readouterr().err
         else:  # serves until it is ended
-            module.parser().parse_args(arguments)
+            module.parser.parse_args(arguments)
     pages = {path.name: path.stat().st_size for path in tmp_path.glob("*.html")}
     assert pages.keys() == {"ours.html", "both.html"}
     assert all(0.8e6 < size < 1.2e6 for size in pages.values())
