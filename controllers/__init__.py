@@ -6,7 +6,7 @@ from softdyn.controllers.gains import Gains
 from softdyn.controllers.id_clf_qp import IdClfQp, SoftIdClfQp
 from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance_qp import ImpedanceQp
-from softdyn.controllers.mpc import Mpc, Tuning
+from softdyn.controllers.mpc import Mpc, MpcParameters
 from softdyn.controllers.registry import BEYOND, CONTROLLERS, find_controller
 from softdyn.controllers.schedule import Schedule, Stage
 from softdyn.controllers.staged import Staged
@@ -23,12 +23,12 @@ __all__ = [
     "ImpedanceQp",
     "InputGuard",
     "Mpc",
+    "MpcParameters",
     "Schedule",
     "SoftIdClfQp",
     "Stage",
     "Staged",
     "Status",
-    "Tuning",
     "UnderactuatedImpedance",
     "find_controller",
 ]

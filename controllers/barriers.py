@@ -50,7 +50,7 @@ class Values(NamedTuple):
     unit: np.ndarray
 
 
-class Barrier(Protocol):
+class ControlBarrier(Protocol):
     """Something not to run into."""
 
     @property
@@ -190,7 +190,7 @@ class BarrierRows:
     relaxation : the most by which one did, as the mm or 0.01 rad that b may sink for it.
     """
 
-    def __init__(self, model: SoftModel, barriers: Sequence[Barrier], tau: float) -> None:
+    def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._barriers, self._tau = tuple(barriers), tau
         self._u_min, self._u_max = model.u_min, model.u_max
         self._range = np.where(model.u_max > model.u_min, model.u_max - model.u_min, 1.0)

@@ -28,7 +28,11 @@ class ClfQp:
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
         self.gains = resolve(model, self.name, gains)
         self._qp = TaskQp(model, self.gains, Linearisation(self.gains, model.nu), decrease=True)
-        self.guard = self._qp.guard
+        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
+
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -44,7 +44,11 @@ class Command:
 
 
 class Controller(Protocol):
-    """One instance a run: it may keep a warm start and counters, never the robot's state."""
+    """One instance a run: it may keep a warm start and counters, never the robot's state.
+
+    A controller may also have ``reset(period)``, called once before a run with the control period
+    (s): what depends on it, or on the run before, is set there. `validation.simulate` does.
+    """
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input for this control period."""
@@ -138,7 +142,7 @@ class InputGuard:
         return Command(self._held, V, delta, status)
 
 
-def rehearse(
+def warm_up(
     law: Callable[[State, Reference], Command], model: SoftModel, guard: InputGuard
 ) -> None:
     """Call a law once at rest, so that its kernels are compiled before it controls anything."""

@@ -9,7 +9,7 @@ import numpy as np
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.checks import array, number
 from softdyn.compiled import compiled
-from softdyn.controllers.barriers import Barrier, BarrierRows
+from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.controller import Command, InputGuard, guarded
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.programmes.horizon import over_hold
@@ -32,16 +32,17 @@ class SoftIdClfQp:
     ----------
     model : the robot.
     gains : the paper's for a bundled robot by default; required for any other.
-    hold : horizon τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
-    u0 : the input (nu,), or one for all, that costs nothing: w3 ‖u - u0‖². Tension in all cables
-        keeps co-contracted shapes from relaxing, `docs/beyond.md`; 0 in the paper.
+    horizon : τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
+    u_ref : the input (nu,), or one for all, that costs nothing: w3 ‖u - u_ref‖². Tension in all
+        cables keeps co-contracted shapes from relaxing, `docs/beyond.md`; 0 in the paper.
     barriers : what not to run into, `barriers`; `barrier_rows` says what came of it.
         They want a horizon: the accelerations of damped joints at the start of a hold mislead.
 
     Raises
     ------
     InputError
-        No gains for this robot, a robot without inputs, a negative horizon, or no (nu,) numbers u0.
+        No gains for this robot, a robot without inputs, a negative horizon, or an u_ref of
+        another shape.
     """
 
     name = "soft-id-clf-qp"
@@ -51,33 +52,41 @@ class SoftIdClfQp:
         model: SoftModel,
         gains: Gains | None = None,
         *,
-        hold: float = 0.0,
-        u0: np.ndarray | float = 0.0,
-        barriers: Sequence[Barrier] = (),
+        horizon: float = 0.0,
+        u_ref: np.ndarray | float = 0.0,
+        barriers: Sequence[ControlBarrier] = (),
     ) -> None:
         self.gains = resolve(model, self.name, gains)
-        self.hold = number("hold", hold, lower=0.0)
-        self.u0 = array("u0", [u0] * model.nu if np.ndim(u0) == 0 else u0, (model.nu,))
-        self.barrier_rows = BarrierRows(model, barriers, self.hold) if barriers else None
+        self.horizon = number("horizon", horizon, lower=0.0)
+        self.u_ref = array(
+            "u_ref", [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref, (model.nu,)
+        )
+        self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
         self._qp = TaskQp(
             model,
             self.gains,
-            SoftInverseDynamics(self.gains, model.nu, self.u0),
+            SoftInverseDynamics(self.gains, model.nu, self.u_ref),
             decrease=True,
             barriers=self.barrier_rows,
         )
         if self.barrier_rows is not None:
-            self.barrier_rows.reset()  # of the rehearsal
-        self.guard = self._qp.guard
+            self.barrier_rows.reset()  # of warming up
+        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
 
     def share(self, guard: InputGuard) -> None:
         """Count and hold inputs in another law's guard: of one that takes turns with this one."""
         self.guard = self._qp.guard = guard
 
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
+        if self.barrier_rows is not None:
+            self.barrier_rows.reset()
+
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
-        return self._qp.command(over_hold(state, self.hold), reference)
+        return self._qp.command(over_hold(state, self.horizon), reference)
 
 
 class IdClfQp:
@@ -94,7 +103,11 @@ class IdClfQp:
         self._qp = TaskQp(
             model, self.gains, HardInverseDynamics(self.gains, model.nu), decrease=True
         )
-        self.guard = self._qp.guard
+        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
+
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -8,7 +8,7 @@ import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.controller import Command, InputGuard, guarded, rehearse
+from softdyn.controllers.controller import Command, InputGuard, guarded, warm_up
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.programmes.linear_algebra import (
     add,
@@ -16,7 +16,7 @@ from softdyn.controllers.programmes.linear_algebra import (
     dot,
     factor,
     inner,
-    orthogonalise,
+    jacobi_svd,
     row_space,
     substitute,
 )
@@ -83,7 +83,7 @@ class ImpedanceLaw:
         self._task = Task(gains)
         self._B: np.ndarray | None = None
         self._factors = (np.empty((0, 0)),) * 3
-        rehearse(partial(self.command, project=True), model, self.guard)
+        warm_up(partial(self.command, project=True), model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint, *, project: bool) -> Command:
         """u = clamp(B⁺ τ); `project` removes the torques that no input can give."""
@@ -111,6 +111,10 @@ class Impedance:
         self._law = ImpedanceLaw(model, self.gains)
         self.guard = self._law.guard
 
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
+
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
@@ -130,6 +134,10 @@ class UnderactuatedImpedance:
         self.gains = resolve(model, self.name, gains)
         self._law = ImpedanceLaw(model, self.gains)
         self.guard = self._law.guard
+
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -153,7 +161,7 @@ def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) 
     """
     (r, n), a = reach.shape, len(range_B)
     angles, turned = inner(reach, range_B), np.eye(r)
-    orthogonalise(angles, turned)
+    jacobi_svd(angles, turned)
     cosines, largest = np.empty(r), 0.0
     for i in range(r):
         cosines[i] = np.sqrt(dot(angles[i], angles[i]))

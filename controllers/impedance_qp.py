@@ -22,7 +22,11 @@ class ImpedanceQp:
         self._qp = TaskQp(
             model, self.gains, SoftInverseDynamics(self.gains, model.nu), decrease=False
         )
-        self.guard = self._qp.guard
+        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
+
+    def reset(self, period: float) -> None:
+        """Begin a run; no law of its own depends on the control period (s)."""
+        self.guard.reset()
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, rehearse
+from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
 from softdyn.controllers.programmes.prediction import one_period, programme, ramps
 from softdyn.controllers.programmes.qp import DenseQp, Problem
 from softdyn.dynamics.derivatives import tangent_dynamics
@@ -29,7 +29,7 @@ STOP = 1e4  # stiffness of a stop, in M_jj / Δt²
 
 
 @dataclass(frozen=True)
-class Tuning:
+class MpcParameters:
     """What a user may tune; the same defaults for every robot.
 
     Attributes
@@ -50,25 +50,27 @@ class Tuning:
             value = getattr(self, field.name)
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not (number and math.isfinite(value) and value > 0):
-                raise InputError(f"tuning.{field.name}", "a positive number", value)
+                raise InputError(f"parameters.{field.name}", "a positive number", value)
 
 
-def resolve_tuning(gains: Tuning | Mapping[str, Any] | None) -> Tuning:
-    """The tuning meant by a constructor's argument.
+def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcParameters:
+    """The parameters meant by a constructor's argument.
 
     Raises
     ------
     InputError
-        For anything but a `Tuning`, a mapping of its fields, or None.
+        For anything but an `MpcParameters`, a mapping of its fields, or None.
     """
-    if gains is None:
-        return Tuning()
-    if isinstance(gains, Tuning):
-        return gains
-    names = [field.name for field in fields(Tuning)]
-    if isinstance(gains, Mapping) and set(gains) <= set(names):
-        return Tuning(**gains)
-    raise InputError("gains", f"softdyn.controllers.Tuning ({', '.join(names)})", repr(gains))
+    if given is None:
+        return MpcParameters()
+    if isinstance(given, MpcParameters):
+        return given
+    names = [field.name for field in fields(MpcParameters)]
+    if isinstance(given, Mapping) and set(given) <= set(names):
+        return MpcParameters(**given)
+    raise InputError(
+        "parameters", f"softdyn.controllers.MpcParameters ({', '.join(names)})", repr(given)
+    )
 
 
 class Mpc:
@@ -85,40 +87,43 @@ class Mpc:
     Parameters
     ----------
     model : the robot.
-    gains : a `Tuning`, or a mapping of its fields; the default one if omitted.
-    period : control period T (s); `softdyn.validation.simulate` sets the attribute.
+    parameters : an `MpcParameters`, or a mapping of its fields; the default one if omitted.
+    period : control period T (s); `reset` sets another.
 
     Raises
     ------
     InputError
-        A robot without actuators, or gains of another kind.
+        A robot without actuators, or parameters of another kind.
     """
 
     name = "mpc"
 
-    def __init__(self, model: SoftModel, gains: Any = None, period: float = DEFAULT_PERIOD) -> None:
+    def __init__(
+        self, model: SoftModel, parameters: Any = None, period: float = DEFAULT_PERIOD
+    ) -> None:
         if model.nu == 0:
             raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
-        self.gains = resolve_tuning(gains)
-        self.period = period
+        self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max)
         self._model = model
-        self._step = self.gains.horizon / KNOTS[-1]
+        self._step = self.parameters.horizon / KNOTS[-1]
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
         self._shape = ramps(KNOTS)
         size = len(KNOTS) * model.nu
         self._qp, self._identity = DenseQp(size, size), np.eye(size)
+        self.solvers = (self._qp,)
         with np.errstate(all="ignore"):
             self._weigh(model)
         reach = model.upper - model.lower
         self._margin = np.where(np.isfinite(reach), NEAR_STOP * reach, 0.0)
-        self.reset()
-        rehearse(self, model, self.guard)
-        self.reset()
+        self.reset(period)
+        warm_up(self, model, self.guard)
+        self.reset(period)
 
-    def reset(self) -> None:
-        """Forget the run: the input applied now, the estimate of unmodelled forces."""
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s): forget the input applied, the estimated forces."""
         model = self._model
+        self.period = period
         self.guard.reset()
         self._u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._unmodelled = np.zeros(model.nv)
@@ -160,12 +165,12 @@ class Mpc:
 
     def _weigh(self, model: SoftModel) -> None:
         """The metric of joint speeds and inputs, at rest."""
-        state, H = model.state(model.q0, np.zeros(model.nv)), self.gains.horizon
+        state, H = model.state(model.q0, np.zeros(model.nv)), self.parameters.horizon
         S = state.M / H**2 + state.D / H + np.diag(model.stiffness)
         factor = np.linalg.cholesky(S)
         compliance = np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2)
-        self._metric = self.gains.speed * H * math.sqrt(compliance) * factor.T.copy()
-        R = self.gains.rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
+        self._metric = self.parameters.speed * H * math.sqrt(compliance) * factor.T.copy()
+        R = self.parameters.rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
         lengths = np.diff((0, *KNOTS)).astype(float)
         differences = np.eye(len(KNOTS)) - np.eye(len(KNOTS), k=-1)
         rates = differences.T @ np.diag(1 / lengths) @ differences
@@ -184,6 +189,6 @@ class Mpc:
         if self._expected is not None:
             expected, matrix = self._expected
             residual = matrix @ (v - expected) / self.period
-            share = min(1.0, self.period / self.gains.memory)
+            share = min(1.0, self.period / self.parameters.memory)
             estimate = estimate + share * np.where(held | self._held, 0.0, residual)
         return np.where(held, 0.0, estimate)

@@ -18,7 +18,7 @@ from softdyn.checks import number
 from softdyn.controllers.gains import Gains
 
 FOLDER = Path(__file__).parent / "schedules"
-OWN = ("hold", "u0")  # of a stage's table, beside the gains
+OWN = ("horizon", "u_ref")  # of a stage's table, beside the gains
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class Stage:
     """What `SoftIdClfQp` takes: gains, horizon (s), the input that costs nothing."""
 
     gains: Gains
-    hold: float = 0.0
-    u0: float = 0.0
+    horizon: float = 0.0
+    u_ref: float = 0.0
 
     def __post_init__(self) -> None:
-        number("hold", self.hold, lower=0.0)
-        number("u0", self.u0)
+        number("horizon", self.horizon, lower=0.0)
+        number("u_ref", self.u_ref)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Schedule:
 
 def make_schedule(table: Mapping[str, Any]) -> Schedule:
     """A `Schedule` from the tables of a TOML file: ``[approach]`` and ``[stay]`` with the fields of
-    `Gains`, ``hold`` and ``u0``, and the other attributes.
+    `Gains`, ``horizon`` and ``u_ref``, and the other attributes.
 
     Raises
     ------

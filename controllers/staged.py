@@ -20,7 +20,7 @@ class Staged:
     ----------
     model : the robot.
     gains : a `Schedule`, or the tables that `make_schedule` takes; the tuned one by default.
-    period : control period (s); `softdyn.validation.simulate` sets the attribute.
+    period : control period (s); `reset` sets another.
 
     Raises
     ------
@@ -45,17 +45,18 @@ class Staged:
         if not isinstance(schedule, Schedule):
             raise InputError("gains", "softdyn.controllers.Schedule(…) or tables", repr(schedule))
         self.gains = schedule
-        self.period = period
         self._approach, self._stay = (
-            SoftIdClfQp(model, stage.gains, hold=stage.hold, u0=stage.u0)
+            SoftIdClfQp(model, stage.gains, horizon=stage.horizon, u_ref=stage.u_ref)
             for stage in (schedule.approach, schedule.stay)
         )
         self.guard = self._approach.guard
         self._stay.share(self.guard)
-        self.reset()
+        self.solvers = self._approach.solvers + self._stay.solvers
+        self.reset(period)
 
-    def reset(self) -> None:
-        """Forget the run."""
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s): forget the one before."""
+        self.period = period
         self.guard.reset()
         self._near = 0.0  # s
         self._staying = False

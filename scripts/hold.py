@@ -57,14 +57,14 @@ def measure(
     """One run: its final error in cm, or its mean squared one in cm²."""
     import softdyn
     from softdyn.controllers import SoftIdClfQp
-    from softdyn.controllers.programmes.horizon import horizon
+    from softdyn.controllers.programmes.horizon import default_horizon
     from softdyn.validation import simulate
     from softdyn.validation.studies import paper
 
     model = softdyn.load(robot)
-    tau = share * horizon(SoftIdClfQp(model).gains)
+    tau = share * default_horizon(SoftIdClfQp(model).gains)
     experiment = paper.set_point(robot, theta) if omega is None else paper.tracking(robot, omega)
-    log = simulate(model, SoftIdClfQp(model, hold=tau), experiment, period=period)
+    log = simulate(model, SoftIdClfQp(model, horizon=tau), experiment, period=period)
     return {
         "theta": theta if omega is None else None, "omega": omega, "tau_s": tau,
         "failed": log.failed, "reason": log.reason,

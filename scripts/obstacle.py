@@ -69,11 +69,11 @@ def command(arguments: cli.Arguments) -> int:
     runs = []
     for name, law in (
         ("published", SoftIdClfQp(model)),
-        ("over the hold", SoftIdClfQp(model, hold=tau)),
+        ("over the hold", SoftIdClfQp(model, horizon=tau)),
     ):
         runs.append((name, law, simulate(model, law, goal, **options)))
     ball = in_the_way([log.y for _, _, log in runs], radius)
-    law = SoftIdClfQp(model, hold=tau, barriers=[ball, *limits])
+    law = SoftIdClfQp(model, horizon=tau, barriers=[ball, *limits])
     runs.append(("with barriers", law, simulate(model, law, goal, **options)))
     rows = [figures(name, controller, log, ball) for name, controller, log in runs]
     if arguments.log is not None:
@@ -96,7 +96,7 @@ def command(arguments: cli.Arguments) -> int:
     start = model.state(model.q0, np.zeros(model.nv)).y
     for k in tqdm(range(arguments.runs), disable=None, leave=False):
         target, ball = draw(model, rng, start, radius)
-        controller = SoftIdClfQp(model, hold=tau, barriers=[ball, *limits])
+        controller = SoftIdClfQp(model, horizon=tau, barriers=[ball, *limits])
         log = simulate(model, controller, target, **options)
         rows.append(figures(f"random {k}", controller, log, ball))
     worst = max(row["violation"] for row in rows[2:])

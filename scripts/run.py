@@ -20,7 +20,7 @@ of a robot of example-robot-data.
 
 CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic or ic-qp; best or mpc, which need no gains
 for any robot (--gains may give best a schedule, as those in controllers/schedules/, and mpc fields
-of softdyn.controllers.Tuning); or a class of your own as FILE.py:CLASS,
+of softdyn.controllers.MpcParameters); or a class of your own as FILE.py:CLASS,
 built once as CLASS(model), or CLASS(model, table) with --gains, and called as
 controller(state, reference); what it returns needs an attribute u.
 

@@ -14,14 +14,14 @@ from softdyn.compiled import compiled
 from softdyn.controllers import CONTROLLERS
 from softdyn.controllers.programmes.linear_algebra import (
     cholesky,
-    eliminate,
     extend,
     factor,
-    orthogonalise,
+    jacobi_svd,
+    lq,
+    lu_solve,
     row_space,
     substitute,
     substitute_back,
-    triangular,
 )
 from tests.support import ROOT
 from tests.support.control_cases import BUNDLED, MICRO, drawn, recorded, robot
@@ -78,7 +78,7 @@ def test_bases(which):
         assert np.allclose(inverse, np.linalg.pinv(state.B, rcond=1e-6), atol=1e-6)
         rows = span @ state.M
         Z, triangle = np.empty((len(rows) + len(reach), len(state.v))), np.empty((len(rows),) * 2)
-        triangular(rows, Z, triangle)
+        lq(rows, Z, triangle)
         Z = Z[: extend(Z, len(rows), reach)]
         assert np.allclose(Z @ Z.T, np.eye(len(Z)), atol=1e-12)
         assert np.allclose(triangle @ Z[: len(rows)], rows, atol=1e-12 * np.abs(rows).max())
@@ -92,11 +92,11 @@ def test_small_systems(n):
     A, b = rng.normal(size=(n, n)), rng.normal(size=n)
     A[0, 0] = 0.0 if n > 1 else A[0, 0]  # a pivot is needed
     x = np.linalg.solve(A, b)
-    assert eliminate(A.copy(), b)
+    assert lu_solve(A.copy(), b)
     assert np.allclose(b, x, rtol=1e-9, atol=1e-12)
     A[-1] = 2 * A[0] if n > 1 else 0.0
     A[:, -1] = 0.0
-    assert not eliminate(A, b)
+    assert not lu_solve(A, b)
 
     root = rng.normal(size=(n, n + 1))
     M, right = root @ root.T + 0.1 * np.eye(n), rng.normal(size=(n, 3))
@@ -118,7 +118,7 @@ def test_turned_rows(shape):
         rows = rng.normal(size=shape)
         rows[-1] = rows[0] + scale * rows[-1]
         turned, orthogonal = np.eye(shape[0]), rows.copy()
-        orthogonalise(orthogonal, turned)
+        jacobi_svd(orthogonal, turned)
         assert np.allclose(turned @ turned.T, np.eye(shape[0]), atol=1e-14)
         assert np.allclose(turned @ rows, orthogonal, atol=1e-14)
         sizes = np.sort(np.linalg.norm(orthogonal, axis=1))[::-1][: min(shape)]

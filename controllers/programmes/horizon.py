@@ -43,6 +43,6 @@ def _over(state: State, tau: float) -> State:
     return replace(state, M=M, h=h)
 
 
-def horizon(gains: Gains) -> float:
+def default_horizon(gains: Gains) -> float:
     """The horizon (s) to use: ε, within which the decrease condition is to act; `docs/hold.md`."""
     return gains.eps

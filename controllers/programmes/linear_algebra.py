@@ -35,7 +35,7 @@ def _cholesky(M, rows):
     return L.T, np.linalg.solve(L, rows.T).T
 
 
-def _eliminate(A, b):
+def _lu_solve(A, b):
     try:
         b[:] = np.linalg.solve(A, b)
     except np.linalg.LinAlgError:
@@ -113,7 +113,7 @@ def row_space(rows: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def triangular(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
+def lq(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
     """Orthonormalise independent rows (k, n): rows = triangle @ basis, `triangle` (k, k) lower.
 
     Fills the first k rows of `basis` and `triangle`.
@@ -178,7 +178,7 @@ def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     span = row_space(Bt)
     r, m = len(span), len(Bt)
     rows, triangle = np.empty((r, m)), np.empty((r, r))
-    triangular(inner(span, Bt), rows, triangle)
+    lq(inner(span, Bt), rows, triangle)
     return span, triangle, rows
 
 
@@ -211,8 +211,8 @@ def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, R[:, n:].T.copy()
 
 
-@plainly(_eliminate)
-def eliminate(A: np.ndarray, b: np.ndarray) -> bool:
+@plainly(_lu_solve)
+def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
     """Solve A x = b in place of `b`, by Gauss with row pivots; False where A (n, n) is singular."""
     n = len(b)
     for k in range(n):
@@ -240,7 +240,7 @@ def eliminate(A: np.ndarray, b: np.ndarray) -> bool:
 
 
 @compiled
-def orthogonalise(rows: np.ndarray, turned: np.ndarray) -> None:
+def jacobi_svd(rows: np.ndarray, turned: np.ndarray) -> None:
     """Turn the rows (k, n) until they are orthogonal, and those of `turned` (k, k) with them.
 
     One-sided Jacobi rotations (Hestenes 1958): norms of the rows are then the singular values, each

@@ -2,13 +2,13 @@
 
 Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
 
-    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u0‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
+    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u_ref‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
 
 subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h) (+ a free null input where B loses
 rank): U (M q̈ + h) = U B u, with the rows of U an orthonormal basis of range(B).
 `docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with c = w4 D / (w2 + w4) and the
 rows of Z an orthonormal basis of the rows of [U M; J]. The actuated rows give the first part of z
-in terms of u; the unknowns are u and the rest, at most three. u0 is 0 in the paper.
+in terms of u; the unknowns are u and the rest, at most three. u_ref is 0 in the paper.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from softdyn.controllers.programmes.linear_algebra import (
     dot,
     extend,
     inner,
+    lq,
     row_space,
     substitute,
-    triangular,
 )
 from softdyn.controllers.programmes.task import Task
 from softdyn.controllers.programmes.task_qp import Condensed
@@ -36,9 +36,9 @@ class SoftInverseDynamics:
     `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
     """
 
-    def __init__(self, gains: Gains, nu: int, u0: np.ndarray | None = None) -> None:
+    def __init__(self, gains: Gains, nu: int, u_ref: np.ndarray | None = None) -> None:
         self.size = 3 + nu
-        self._pull = None if u0 is None or not u0.any() else 2 * gains.w3 * u0
+        self._pull = None if u_ref is None or not u_ref.any() else 2 * gains.w3 * u_ref
         total = gains.w2 + gains.w4
         # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
         c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
@@ -80,7 +80,7 @@ def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g
         # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
         # is. They read triangle z[:a] = span (B u - h + c M v).
         actuated = inner(span, M)  # M is symmetric
-        triangular(actuated, Z, triangle)
+        lq(actuated, Z, triangle)
         for i in range(a):
             for j in range(m):
                 right[i, j] = span_B[i, j]

@@ -9,7 +9,7 @@ import numpy as np
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.barriers import BarrierRows
-from softdyn.controllers.controller import Command, InputGuard, Status, rehearse
+from softdyn.controllers.controller import Command, InputGuard, Status, warm_up
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.programmes.qp import DenseQp, Problem
 from softdyn.controllers.programmes.task import Task
@@ -74,7 +74,7 @@ class TaskQp:
         self._rho, self._decrease, self._barriers = float(gains.rho), decrease, barriers
         size, m = objective.size, model.nu
         self._nu, self._size = m, size
-        self._qp = DenseQp(size + decrease, m + decrease)
+        self.solver = DenseQp(size + decrease, m + decrease)
         # x = (u, …, δ); what the steps do not change is written once
         self._problem = Problem.empty(size + decrease, m + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
@@ -85,7 +85,7 @@ class TaskQp:
         self._problem.A[:m, :m] = np.eye(m)
         if decrease:
             self._problem.lower[m], self._problem.A[m, size] = -np.inf, -1.0
-        rehearse(self.command, model, self.guard)
+        warm_up(self.command, model, self.guard)
 
     def command(self, state: State, reference: Reference | SetPoint) -> Command:
         """The bounded input, or the guard's fallback."""
@@ -93,7 +93,7 @@ class TaskQp:
         task.update(state, reference)
         condensed = self._objective.condense(state, task)
         _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
-        solution = self._qp.solve(problem)
+        solution = self.solver.solve(problem)
         if self._barriers is not None:
             solution = self._barriers.enforce(problem, solution, state)
         if solution is None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from softdyn import SoftModel
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.programmes.horizon import horizon
+from softdyn.controllers.programmes.horizon import default_horizon
 
 
 class OverHold(SoftIdClfQp):
@@ -20,4 +20,4 @@ class OverHold(SoftIdClfQp):
     def __init__(self, model: SoftModel, table: dict[str, Any] | None = None) -> None:
         published = SoftIdClfQp(model).gains
         gains = replace(published, **(table or {}))
-        super().__init__(model, gains, hold=horizon(published))
+        super().__init__(model, gains, horizon=default_horizon(published))

@@ -104,7 +104,7 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
     spread = float((model.u_max - model.u_min).max())
     for state, reference in drawn(name)[::2]:
         barriers = some_barriers(model, state.y)
-        controller = SoftIdClfQp(model, gains(name), hold=TAU, barriers=barriers)
+        controller = SoftIdClfQp(model, gains(name), horizon=TAU, barriers=barriers)
         command = controller(state, reference)
         assert command.status is Status.OK
         held = over_hold(state, TAU)
@@ -113,7 +113,7 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
             continue
         upper = rows.upper + ROOM * rows.unit
         assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
-        free = SoftIdClfQp(model, gains(name), hold=TAU)(state, reference).u
+        free = SoftIdClfQp(model, gains(name), horizon=TAU)(state, reference).u
         active += np.abs(free - command.u).max() > 1e-6 * spread
         programme = textbook(held, reference, controller.gains, margin=BACKOFF)
         exact = solve_quadprog(with_rows(programme, rows.matrix, upper, model.nv))
@@ -131,7 +131,7 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
         HalfSpace([1.0, 0.0, 0.0], state.y[0] + 0.05),
         HalfSpace([-1.0, 0.0, 0.0], -state.y[0] + 0.05),
     ]
-    controller = SoftIdClfQp(model, hold=TAU, barriers=walls)
+    controller = SoftIdClfQp(model, horizon=TAU, barriers=walls)
     command = controller(state, SetPoint(state.y))
     assert command.status is Status.OK
     assert (command.u >= model.u_min).all()
@@ -146,7 +146,7 @@ def test_a_barrier_out_of_the_way_changes_nothing() -> None:
     model = robot("finger")
     far = [Sphere([5.0, 0.0, 0.0], 0.1), HalfSpace([0.0, 0.0, 1.0], -9.0)]
     # without a horizon the damping force at its start alone would break the rows
-    one, two = (SoftIdClfQp(model, hold=TAU, barriers=b) for b in ((), far))
+    one, two = (SoftIdClfQp(model, horizon=TAU, barriers=b) for b in ((), far))
     for state, reference in drawn("finger"):
         np.testing.assert_array_equal(one(state, reference).u, two(state, reference).u)
     assert two.barrier_rows.relaxed == 0
@@ -159,7 +159,7 @@ def test_the_tip_stops_at_a_wall_the_published_law_passes() -> None:
     wall = HalfSpace([0.0, 0.0, 1.0], start[2] - 0.06)
     lowest = {}
     for name, barriers in (("free", ()), ("walled", (wall,))):
-        controller = SoftIdClfQp(model, hold=TAU, barriers=barriers)
+        controller = SoftIdClfQp(model, horizon=TAU, barriers=barriers)
         log = simulate(model, controller, goal, duration=1.0, period=0.005)
         lowest[name] = log.y[:, 2].min() - wall.offset
     assert lowest["free"] < -0.02

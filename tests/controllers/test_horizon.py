@@ -27,7 +27,7 @@ def controller_of(name: str, **options: object) -> SoftIdClfQp:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_no_horizon_is_the_published_law(name: str) -> None:
-    published, held = controller_of(name), controller_of(name, hold=0.0)
+    published, held = controller_of(name), controller_of(name, horizon=0.0)
     for state, reference in drawn(name):
         assert over_hold(state, 0.0) is state
         np.testing.assert_array_equal(published(state, reference).u, held(state, reference).u)
@@ -66,7 +66,7 @@ def test_inputs_are_those_of_the_textbook_form_with_the_other_dynamics(
     name: str, tau: float
 ) -> None:
     model = robot(name)
-    controller = controller_of(name, hold=tau)
+    controller = controller_of(name, horizon=tau)
     for state, reference in drawn(name)[::2]:
         M = state.M + tau * state.D + tau**2 * np.diag(model.stiffness)
         h = state.h + tau * model.stiffness * state.v
@@ -82,8 +82,8 @@ def test_inputs_are_those_of_the_textbook_form_with_the_other_dynamics(
 
 def test_the_horizon_matters_and_must_make_sense() -> None:
     state, reference = drawn("finger")[4]
-    one, two = (controller_of("finger", hold=tau)(state, reference).u for tau in (0.0, 0.03))
+    one, two = (controller_of("finger", horizon=tau)(state, reference).u for tau in (0.0, 0.03))
     assert np.abs(one - two).max() > 1e-4
     for wrong in (-1e-3, float("nan"), "long"):
-        with pytest.raises(InputError, match="hold"):
-            controller_of("finger", hold=wrong)
+        with pytest.raises(InputError, match="horizon"):
+            controller_of("finger", horizon=wrong)

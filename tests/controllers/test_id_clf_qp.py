@@ -88,16 +88,16 @@ def test_inputs_are_those_of_the_textbook_form(name: str) -> None:
 @pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
 def test_an_input_that_costs_nothing(name: str) -> None:
     model, gains = robot(name), gains_of(name)
-    u0 = float(model.u_min[0] + 0.3 * spread(model))
-    for given in (u0, np.full(model.nu, u0)):
-        controller = SoftIdClfQp(model, gains, u0=given)
+    u_ref = float(model.u_min[0] + 0.3 * spread(model))
+    for given in (u_ref, np.full(model.nu, u_ref)):
+        controller = SoftIdClfQp(model, gains, u_ref=given)
         for state, reference in cases(name)[:6]:
-            exact = solve_both(model, textbook(state, reference, gains, u0=u0))
+            exact = solve_both(model, textbook(state, reference, gains, u_ref=u_ref))
             u = controller(state, reference).u
             np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
     for wrong in (np.zeros(model.nu + 1), "x", np.nan, [[0.0] * model.nu]):
-        with pytest.raises(InputError, match="u0"):
-            SoftIdClfQp(model, gains, u0=wrong)
+        with pytest.raises(InputError, match="u_ref"):
+            SoftIdClfQp(model, gains, u_ref=wrong)
 
 
 @every_robot

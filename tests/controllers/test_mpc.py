@@ -12,7 +12,7 @@ from test_controllers import ask, hostile_references
 
 import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError
-from softdyn.controllers import Mpc, Status, Tuning, find_controller
+from softdyn.controllers import Mpc, MpcParameters, Status, find_controller
 from softdyn.controllers.mpc import KNOTS
 from softdyn.controllers.programmes.prediction import one_period, programme, ramps, respond, stacked
 from softdyn.description import library as catalogue
@@ -136,7 +136,7 @@ def test_the_answer_is_the_optimum(which: str) -> None:
     for state, goal in drawn(which)[:6]:
         controller = Mpc(model, period=1.0)  # longer than a knot: u is the first knot's
         seen = watch(controller)
-        controller.reset()
+        controller.reset(controller.period)
         command = controller(state, goal)
         problem = seen[0]
         size = np.sqrt(np.diag(problem.H))
@@ -171,7 +171,7 @@ def full(controller: Mpc, seen: list) -> np.ndarray:
 def test_ordinary_states_need_no_fallback(which: str) -> None:
     model, controller = robot(which), Mpc(robot(which))
     for state, goal in drawn(which)[:9]:
-        controller.reset()
+        controller.reset(controller.period)
         command = ask(controller, model, state, goal)
         assert command.status is Status.OK
         assert command.V >= 0
@@ -199,7 +199,7 @@ def test_hostile_numbers(which: str) -> None:
             array = np.array(getattr(state, name))
             array.flat[0] = value
             ask(controller, model, replace(state, **{name: array}), goal)
-    controller.reset()
+    controller.reset(controller.period)
     assert ask(controller, model, state, goal).status is Status.OK  # none of it sticks
 
 
@@ -246,8 +246,8 @@ def test_a_joint_at_its_stop_is_held() -> None:
 def test_names_and_wrong_gains() -> None:
     assert find_controller("mpc") is Mpc
     model = robot("finger")
-    assert Mpc(model).gains == Tuning()
-    assert Mpc(model, {"speed": 0.1}).gains == Tuning(speed=0.1)
+    assert Mpc(model).parameters == MpcParameters()
+    assert Mpc(model, {"speed": 0.1}).parameters == MpcParameters(speed=0.1)
     for wrong in (5.0, "x", {"Kp": 1}, [], object(), {"speed": -1.0}, {"rate": float("nan")}):
         with pytest.raises(InputError):
             Mpc(model, wrong)

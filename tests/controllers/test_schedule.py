@@ -36,8 +36,8 @@ SCHEDULE = Schedule(Stage(FAST, 0.02), Stage(SLOW, 0.1), arrive=0.01, leave=0.05
 def test_stages_follow_the_distance() -> None:
     model = robot("finger")
     law = Staged(model, SCHEDULE, period=0.03)
-    approach = SoftIdClfQp(model, FAST, hold=0.02)
-    stay = SoftIdClfQp(model, SLOW, hold=0.1)
+    approach = SoftIdClfQp(model, FAST, horizon=0.02)
+    stay = SoftIdClfQp(model, SLOW, horizon=0.1)
     state = recorded("finger")[2][0]
     # near for dwell, counted from the first time within; beyond `leave` at once
     distances = [0.2, 0.009, 0.009, 0.011, 0.009, 0.009, 0.009, 0.009, 0.04, 0.06, 0.009]
@@ -64,8 +64,9 @@ def test_both_stages_share_a_guard() -> None:
         assert command.status is Status.NON_FINITE
         np.testing.assert_array_equal(command.u, good.u)
     assert law.guard.fallbacks == 2
-    law.reset()
+    law.reset(0.01)
     assert law.guard.fallbacks == 0
+    assert law.period == 0.01
 
 
 def test_a_tip_that_is_nowhere_changes_no_stage() -> None:
@@ -86,7 +87,7 @@ def test_tuned_schedules(name: str) -> None:
     assert isinstance(law, Staged)
     assert law.gains == schedule
     for stage in (schedule.approach, schedule.stay):  # the bound of docs/hold.md
-        assert stage.hold > 0
+        assert stage.horizon > 0
     for state, reference in drawn(name)[:3]:
         assert law(state, reference).status is Status.OK
 
@@ -107,7 +108,7 @@ def test_other_robots_need_no_gains(tmp_path: Path) -> None:
 
 def test_tables() -> None:
     table: dict[str, Any] = {
-        "approach": {"Kp": 900, "eps": 0.02, "hold": 0.02}, "stay": {"Kp": 50, "eps": 0.2},
+        "approach": {"Kp": 900, "eps": 0.02, "horizon": 0.02}, "stay": {"Kp": 50, "eps": 0.2},
         "arrive": 0.01, "leave": 0.05, "dwell": 0,
     }  # fmt: skip
     schedule = make_schedule(table)
@@ -118,7 +119,8 @@ def test_tables() -> None:
         {**table, "stay": 5}, {**table, "stay": {}}, {**table, "stay": {"Kp": 1, "Kq": 2}},
         {**table, "stay": {"Kp": -1}}, {**table, "leave": 0.01}, {**table, "arrive": 0},
         {**table, "dwell": -1}, {**table, "dwell": math.nan}, {**table, "arrive": "near"},
-        {**table, "stay": {"Kp": 1, "hold": -1}}, {**table, "stay": {"Kp": 1, "hold": math.inf}},
+        {**table, "stay": {"Kp": 1, "horizon": -1}},
+        {**table, "stay": {"Kp": 1, "horizon": math.inf}},
     ]  # fmt: skip
     for tables in wrong:
         with pytest.raises(InputError):

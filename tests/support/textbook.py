@@ -63,12 +63,12 @@ def textbook(
     tolerance: float = RANK_TOLERANCE,
     decrease: bool = True,
     hard: bool = False,
-    u0: float = 0.0,
+    u_ref: float = 0.0,
 ) -> Programme:
     """The programme at a state; the null-space projector's J⁺ uses the stated threshold.
 
     `margin` draws the input bounds in by this share of their range. Without `decrease` it is the
-    paper's IC-QP; `hard` asks all of the dynamics, M q̈ + h = B u, as the ID-CLF-QP does; `u0` is
+    paper's IC-QP; `hard` asks all of the dynamics, M q̈ + h = B u, as the ID-CLF-QP does; `u_ref` is
     the input that costs nothing, 0 in the paper.
     """
     J, v = state.J, state.v
@@ -87,7 +87,7 @@ def textbook(
     for weight, rows, target in (
         (gains.w1, J @ q̈, mu_ref - drift),
         (gains.w2, q̈, np.zeros(n)),
-        (gains.w3, u, np.full(m, u0)),
+        (gains.w3, u, np.full(m, u_ref)),
         (gains.w4, N @ q̈, null_ref),
         (gains.rho, δ, np.zeros(1)),
     ):

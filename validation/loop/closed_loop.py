@@ -79,8 +79,9 @@ def simulate(
     model : the robot; the twin is built from its file, by its own path.
     controller : (State, Reference) → an object with `u` (nu,) and optionally V, delta, status.
         Integer attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on
-        its `guard`) and `gains` are recorded where they exist; an attribute `period` is set to the
-        control period (s). Its exceptions pass through.
+        its `guard`) and `gains` (or `parameters`) are recorded where they exist. Where it has a
+        method `reset`, that is called once before the run with the control period (s). Its
+        exceptions pass through.
     reference : an `Experiment`, or t (s) → `Reference`, e.g. a `SetPoint`.
     duration, period : length of the run and control period (s); the experiment's by default,
         10 s and 2 ms without one.
@@ -109,8 +110,6 @@ def simulate(
     )
     if not callable(controller):
         raise InputError("controller", "a callable (state, reference) -> command", repr(controller))
-    if hasattr(controller, "period"):
-        controller.period = schedule.period
     q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
     v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
     length = experiment.length if experiment else model.robot.length
@@ -125,6 +124,8 @@ def simulate(
     qpos, qvel = plant.data.qpos, plant.data.qvel  # views
     steps, t = schedule.steps, schedule.times()
     record = _Record(model, t)
+    if hasattr(controller, "reset"):
+        controller.reset(schedule.period)
     counters = _Counters(controller)
     reason = None
 
@@ -195,7 +196,7 @@ def simulate(
         not_solved=counters.since("not_solved"),
         fallbacks=counters.since("fallbacks"),
         max_bound_violation=max(record.violation(k), counters.violation()),
-        gains=plain(getattr(controller, "gains", None)),
+        gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
         versions=dict(_versions()),
     )
 

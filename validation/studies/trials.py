@@ -88,14 +88,11 @@ class Degraded:
         self._lag = round(plant.delay / period)
         self._random = np.random.default_rng(seed)
 
-    @property
-    def period(self) -> float:
-        """The controller's, where it has one: the loop sets it."""
-        return float(self._controller.period)
-
-    @period.setter
-    def period(self, value: float) -> None:
-        self._controller.period = value
+    def reset(self, period: float) -> None:
+        """Begin a run: nothing waits, and the controller begins one too, where it can."""
+        self._waiting.clear()
+        if hasattr(self._controller, "reset"):
+            self._controller.reset(period)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["_controller"], name)

@@ -19,7 +19,7 @@ from typing import Any
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Schedule, SoftIdClfQp, Stage
-from softdyn.controllers.programmes.horizon import horizon
+from softdyn.controllers.programmes.horizon import default_horizon
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.trials import Trial, run_all
@@ -31,7 +31,7 @@ MANY_OMEGAS = (0.08, 0.09, 0.11, 0.12, 0.14, 0.17, 0.25, 0.35, 0.45)
 APPROACH = 1.0  # s
 WORST = 10.0  # cost of a failed run; no run costs more
 SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
-TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "hold", "u0")
+TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "horizon", "u_ref")
 
 Tables = Mapping[str, Any]
 Cost = Callable[[Trial, Mapping[str, Any]], float]
@@ -110,7 +110,7 @@ def first_schedule(robot: str, table: Tables | None = None) -> dict[str, Any]:
     schedule = make_schedule(table) if table else tuned(model)
     if schedule is None:
         gains = SoftIdClfQp(model).gains
-        both = Stage(gains, horizon(gains))
+        both = Stage(gains, default_horizon(gains))
         schedule = Schedule(both, both, arrive=0.02 * length, leave=0.2 * length, dwell=0.2)
     return tables(schedule)
 

@@ -95,52 +95,6 @@ class Times:
         }
 
 
-class Probe:
-    """Stands in for a ProxQP object and clocks what it does, from outside and from inside.
-
-    Attributes
-    ----------
-    outside : ns in ``init``, ``update`` and ``solve`` as Python sees them.
-    inside : µs of the same by ProxQP's own clocks.
-    """
-
-    def __init__(self, qp: Any) -> None:
-        self._qp = qp
-        self.settings, self.results = qp.settings, qp.results
-        self._info = qp.results.info
-        self.settings.compute_timings = True
-        self.outside, self.inside = 0, 0.0
-
-    def init(self, *data: Any) -> None:
-        """As ProxQP's."""
-        self._clocked(self._qp.init, data)
-        self.inside += self._info.setup_time
-
-    def update(self, *data: Any) -> None:
-        """As ProxQP's."""
-        self._clocked(self._qp.update, data)
-        self.inside += self._info.setup_time
-
-    def solve(self, *data: Any) -> None:
-        """As ProxQP's."""
-        self._clocked(self._qp.solve, data)
-        self.inside += self._info.solve_time
-
-    def _clocked(self, call: Callable[..., None], data: tuple[Any, ...]) -> None:
-        began = perf_counter_ns()
-        call(*data)
-        self.outside += perf_counter_ns() - began
-
-
-def probed(controller: Any) -> Probe | None:
-    """Put a probe into a controller; None where it has no ProxQP object."""
-    solver: Any = getattr(getattr(controller, "_qp", None), "_qp", None)
-    if getattr(solver, "_qp", None) is None:
-        return None
-    solver._qp = Probe(solver._qp)
-    return solver._qp
-
-
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:
     """The calls of Pinocchio that a step makes, (q, v) → nothing, with nothing around them.
 
@@ -169,7 +123,7 @@ class Subject:
 
     Parameters
     ----------
-    make : builds the controller; twice, since one copy carries the probe.
+    make : builds the controller; twice, since one copy's QP solvers (its `solvers`) are clocked.
     steps : (q, v, reference) of every step.
     stack : (controller, quadratic) → the paper's stack for it, if it is to be timed too.
     """
@@ -183,7 +137,7 @@ class Subject:
     ) -> None:
         self._model, self._steps = model, list(steps)
         self._law, self._looked_into = make(model), make(model)
-        self._probe = probed(self._looked_into)
+        self._clocks = [solver.clocked() for solver in getattr(self._looked_into, "solvers", ())]
         for i in range(WARM_UP):
             q, v, reference = self._steps[i % len(self._steps)]
             state = model.state(q, v)
@@ -235,7 +189,7 @@ class Subject:
             began = now()
             pinocchio(q, v)
             calls[i] = now() - began
-        if self._probe is not None:
+        if self._clocks:
             self._look(ns["solve"][k], self._native[k])
         for quadratic, stack in self._stacks.items():
             # one state a round: its step takes as long as two hundred of ours
@@ -245,13 +199,13 @@ class Subject:
             self._stack_ns[quadratic].append(now() - began)
 
     def _look(self, solve: np.ndarray, native: np.ndarray) -> None:
-        probe = self._probe
-        assert probe is not None
         for i, (q, v, reference) in enumerate(self._steps):
             state = self._model.state(q, v)
-            probe.outside, probe.inside = 0, 0.0
+            for clock in self._clocks:
+                clock.reset()
             self._looked_into(state, reference)
-            solve[i], native[i] = probe.outside, probe.inside
+            solve[i] = sum(clock.outside for clock in self._clocks)
+            native[i] = sum(clock.inside for clock in self._clocks)
 
     def times(self) -> Times:
         """All rounds, in µs."""

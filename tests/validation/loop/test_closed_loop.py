@@ -264,6 +264,21 @@ def test_the_experiments_numbers_are_defaults(cart):
 # --- controllers of all sorts -------------------------------------------------------------------
 
 
+def test_a_controller_is_reset_once_with_the_period(cart):
+    calls = []
+
+    class Starts:
+        def reset(self, period):
+            calls.append(period)
+
+        def __call__(self, state, reference):
+            calls.append("step")
+            return SimpleNamespace(u=[0.0])
+
+    simulate(cart, Starts(), TARGET, duration=0.02, period=0.01)
+    assert calls == [0.01, "step", "step"]
+
+
 @pytest.mark.parametrize(
     "u", [[NAN], [INF], [-INF], [], [1.0, 2.0], 1.0, [[1.0]], None, "1", ["1"], [None], [1j]]
 )

@@ -36,11 +36,13 @@ def test_a_plant_of_other_numbers() -> None:
 
 
 class Counting:
-    period = 0.1
-
     def __init__(self) -> None:
         self.calls = 0
         self.seen: list[np.ndarray] = []
+        self.period = 0.1
+
+    def reset(self, period: float) -> None:
+        self.period = period
 
     def __call__(self, state: Any, reference: Reference) -> Command:
         self.calls += 1
@@ -52,7 +54,7 @@ def test_delay_and_noise() -> None:
     model, inner = robot("finger"), Counting()
     state = model.state(model.q0, np.zeros(model.nv))
     late = Degraded(inner, Plant(delay=0.01, noise=0.001), 0.005, seed=1)
-    late.period = 0.005
+    late.reset(0.005)
     assert inner.period == 0.005
     answers = [late(state, SetPoint(state.y)).u[0] for _ in range(200)]
     assert answers == [1.0, 1.0, *range(1, 199)]

@@ -11,7 +11,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from softdyn.controllers import CONTROLLERS, SoftIdClfQp
+from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
 from softdyn.validation.studies import paper
 from softdyn.validation.timing import step_scaling
 from softdyn.validation.timing.chains import chain_urdf
@@ -97,8 +97,11 @@ def test_states_of_another_file_are_recorded_anew(finger, states, tmp_path):
 
 
 def test_parts_and_floor(finger, states):
-    laws = ("soft-id-clf-qp", "ic")
-    subjects = {name: Subject(finger, CONTROLLERS[name], states.steps()) for name in laws}
+    laws = {**CONTROLLERS, **BEYOND}
+    subjects = {
+        name: Subject(finger, laws[name], states.steps())
+        for name in ("soft-id-clf-qp", "ic", "best", "mpc")
+    }
     rounds = []
     times = measure(subjects, 3, lambda: rounds.append(None))
     assert len(rounds) == 3
