@@ -37,7 +37,7 @@ numba = _numba()
 COMPILES = numba is not None
 
 
-def plainly(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
+def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
     """`compiled`, but `plain` runs where nothing is compiled: NumPy's calls instead of loops."""
 
     def choose(function: Kernel) -> Kernel:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn.compiled import compiled, plainly
+from softdyn.compiled import compiled, compiled_or
 
 # A row counts while what the larger rows leave of it exceeds this share of the largest row.
 RANK_TOLERANCE = 1e-6
@@ -43,7 +43,7 @@ def _lu_solve(A, b):
     return True
 
 
-@plainly(np.dot, reorder=True)
+@compiled_or(np.dot, reorder=True)
 def dot(a: np.ndarray, b: np.ndarray) -> float:
     """a · b of two vectors (n,)."""
     total = 0.0
@@ -52,7 +52,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     return total
 
 
-@plainly(_inner)
+@compiled_or(_inner)
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); reads the latter once."""
     products = np.empty((len(a), len(b)))
@@ -62,7 +62,7 @@ def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return products
 
 
-@plainly(_add)
+@compiled_or(_add)
 def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
     """row += part · other, of vectors (n,)."""
     for i in range(len(row)):
@@ -127,7 +127,7 @@ def lq(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
         basis[i] /= norm
 
 
-@plainly(_substitute)
+@compiled_or(_substitute)
 def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
     """Solve triangle @ x = right, lower triangular (k, k), in place of `right` (k, c)."""
     for i in range(len(right)):
@@ -138,7 +138,7 @@ def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
             right[i, c] /= triangle[i, i]
 
 
-@plainly(_substitute_back)
+@compiled_or(_substitute_back)
 def substitute_back(upper: np.ndarray, rows: np.ndarray) -> None:
     """Solve upper @ x = row, upper triangular (k, k), in place of each of `rows` (c, k)."""
     k = len(upper)
@@ -182,7 +182,7 @@ def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return span, triangle, rows
 
 
-@plainly(_cholesky)
+@compiled_or(_cholesky)
 def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Upper triangular R (n, n) with RᵀR = M, its lower half unset, and `rows` R⁻¹ (k, n).
 
@@ -211,7 +211,7 @@ def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, R[:, n:].T.copy()
 
 
-@plainly(_lu_solve)
+@compiled_or(_lu_solve)
 def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
     """Solve A x = b in place of `b`, by Gauss with row pivots; False where A (n, n) is singular."""
     n = len(b)

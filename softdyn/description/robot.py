@@ -144,6 +144,12 @@ class Robot:
         """Mimic joints, in the file's order."""
         return tuple(joint for joint in self.joints if joint.mimic is not None)
 
+    @property
+    def root(self) -> str:
+        """The one link without a parent."""
+        moved = {joint.child for joint in self.joints}
+        return next(link.name for link in self.links if link.name not in moved)
+
     def chain(self, link: str) -> tuple[Joint, ...]:
         """The joints from the root to `link`, root first."""
         above = {joint.child: joint for joint in self.joints}
@@ -176,22 +182,16 @@ def levels(root: str, joints: Iterable[Joint]) -> Iterator[list[str]]:
         level = [joint.child for link in level for joint in below.get(link, ())]
 
 
-def root(robot: Robot) -> str:
-    """The one link without a parent."""
-    moved = {joint.child for joint in robot.joints}
-    return next(link.name for link in robot.links if link.name not in moved)
-
-
 def deepest_leaf(robot: Robot) -> str:
     """The link with the most joints between it and the root; the first in the file of equals."""
-    *_, deepest = levels(root(robot), robot.joints)
+    *_, deepest = levels(robot.root, robot.joints)
     return next(link.name for link in robot.links if link.name in deepest)
 
 
 def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Pose (rotation, translation) of every link in the root's frame at q = 0."""
     below = children(robot.joints)
-    front = [root(robot)]
+    front = [robot.root]
     placed = {front[0]: (np.eye(3), np.zeros(3))}
     while front:
         link = front.pop()
@@ -226,7 +226,7 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     placed = poses(robot)
     bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
     if robot.floating:
-        bodies = {root(robot): Inertia.zero()} | bodies
+        bodies = {robot.root: Inertia.zero()} | bodies
     carrier = carriers(robot)
     for link in robot.links:
         name = carrier[link.name]

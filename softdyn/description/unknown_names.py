@@ -44,7 +44,7 @@ MEANT = {
 FREE = ("gazebo",)  # a container of other tools' elements, which may have any of these names
 
 
-def check_strays(robot: Element) -> None:
+def check_known_names(robot: Element) -> None:
     """Refuse misplaced and misspelt elements and attributes of standard URDF.
 
     The ``<softdyn>`` block refuses every unknown name by itself.
@@ -56,8 +56,8 @@ def check_strays(robot: Element) -> None:
     """
     for block in robot.node.iter("softdyn"):
         if block is not robot.node and block.getparent() is not robot.node:
-            stray = Element(robot.file, block, "<softdyn>")
-            raise stray.error("<softdyn> right inside <robot>", f"inside <{_tag(block)}>")
+            misplaced = Element(robot.file, block, "<softdyn>")
+            raise misplaced.error("<softdyn> right inside <robot>", f"inside <{_tag(block)}>")
     _check(robot)
 
 

@@ -17,23 +17,17 @@ from softdyn.description.annotations import BLOCK, Block, check_paths, read_bloc
 from softdyn.description.inertia import Inertia, rotation_rpy
 from softdyn.description.robot import (
     MOVING,
-    Actuator,
     Joint,
-    JointTerm,
     Link,
     Mimic,
     Robot,
-    Site,
-    Tendon,
     carriers,
     deepest_leaf,
     levels,
     moving_bodies,
-)
-from softdyn.description.robot import root as root_of
+)  # fmt: skip
 from softdyn.description.strict_xml import Element, read
-from softdyn.description.unknown_names import check_strays
-from softdyn.exceptions import UrdfError
+from softdyn.description.unknown_names import check_known_names
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
 MAX_DOF = 256
@@ -84,7 +78,7 @@ def parse(
     root = read(path)
     if root.tag != "robot":
         raise root.error("the root element <robot>", f"<{root.tag}>")
-    check_strays(root)
+    check_known_names(root)
     name = root.text("name")
     links = root.unique("link", _link)
     if not 0 < len(links) <= MAX_LINKS:
@@ -325,7 +319,7 @@ def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
             if massive.isdisjoint(driven):
                 got = f"none on or beyond joint {joint.name!r}"
                 raise elements[joint.child].error("a positive mass that the joint moves", got)
-    if robot.floating and root_of(robot) not in massive:
+    if robot.floating and robot.root not in massive:
         raise root.error("a positive mass on a floating base", "none")
     return tuple(f"{robot.path}: {elements[link].label}: {defects[link]}" for link in defects)
 
@@ -340,9 +334,3 @@ def _massive(robot: Robot, bodies: set[str]) -> set[str]:
             massive.add(link)
             link = above.get(link)
     return massive
-
-
-__all__ = [
-    "Actuator", "Joint", "JointTerm", "Link", "Robot", "Site", "Tendon", "UrdfError",
-    "moving_bodies", "parse",
-]  # fmt: skip

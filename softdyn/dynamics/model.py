@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.compiled import COMPILES
-from softdyn.description.robot import Joint, root
-from softdyn.description.urdf import Robot, moving_bodies
+from softdyn.description.inertia import MICROMETRE, Inertia
+from softdyn.description.robot import Joint, Robot, moving_bodies
 from softdyn.dynamics.kernels import Live, fixed_terms, spatial_terms
 from softdyn.dynamics.state import State
 from softdyn.dynamics.tendons import compile_tendons
@@ -397,7 +397,7 @@ def _read_only(values: object) -> np.ndarray:
 
 def _free_joint(robot: Robot) -> Joint:
     """The joint that a floating base hangs on: no file has it."""
-    return Joint(FREE, "floating", "", root(robot), np.eye(3), np.zeros(3), np.zeros(3))
+    return Joint(FREE, "floating", "", robot.root, np.eye(3), np.zeros(3), np.zeros(3))
 
 
 def _build(robot: Robot) -> pin.Model:
@@ -414,18 +414,32 @@ def _build(robot: Robot) -> pin.Model:
         moving = {FREE: _free_joint(robot)} | moving
     if not moving:
         raise UrdfError(robot.path, "<robot>", "at least one joint that moves", "none")
+    bodies = moving_bodies(robot)
     freedoms = len(moving) + (5 if robot.floating else 0)
     if set(model.names[1:]) != set(moving) or model.nv != freedoms:
         raise UrdfError(robot.path, "<robot>", f"joints {sorted(moving)}", list(model.names[1:]))
-    bodies = moving_bodies(robot)
-    for name, inertia in zip(model.names[1:], model.inertias[1:], strict=True):
-        link = moving[name].child
-        mass = bodies[link].mass
-        if not math.isclose(inertia.mass, mass, rel_tol=1e-9, abs_tol=1e-12):
+    for joint, inertia in zip(model.names[1:], model.inertias[1:], strict=True):
+        link = moving[joint].child
+        _check_inertia(robot, link, inertia, bodies[link])
+    return model
+
+
+def _check_inertia(robot: Robot, link: str, read: pin.Inertia, body: Inertia) -> None:
+    """Compare a moving body as Pinocchio has read it with the strict parse's, up to rounding."""
+    size = max(1.0, float(np.abs(body.com).max()))
+    slack = 1e-9 * np.abs(body.tensor).max() + MICROMETRE**2 * body.mass
+    compared: list[tuple[str, str, Any, Any, float]] = [
+        ("mass", "kg", body.mass, read.mass, max(1e-9 * body.mass, 1e-12)),
+        ("inertia", "kg m^2", body.tensor, read.inertia, slack),
+    ]
+    if body.mass > 0:  # nothing has no centre
+        compared.insert(1, ("centre of mass", "m", body.com, read.lever, 1e-9 * size))
+    for what, unit, expected, got, tolerance in compared:
+        if not np.abs(np.subtract(got, expected)).max() <= tolerance:
+            texts = (" ".join(f"{x:g}" for x in np.ravel(values)) for values in (expected, got))
             raise UrdfError(
                 robot.path,
                 f'<link name="{link}">',
-                f"mass {mass:g} kg, its fixed links included",
-                f"{inertia.mass:g} kg in Pinocchio",
+                f"{what} {next(texts)} {unit}, its fixed links included",
+                f"{next(texts)} {unit} in Pinocchio",
             )
-    return model

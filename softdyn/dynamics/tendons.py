@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from softdyn.compiled import compiled
-from softdyn.description.urdf import Tendon
+from softdyn.description.robot import Tendon
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.description.robot import Joint, Robot, levels, poses, root
+from softdyn.description.robot import Joint, Robot, levels, poses
 from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.tendon_paths import Path, fixed_path
@@ -86,7 +86,7 @@ class Figure:
         if robot.floating:
             place = list(values.values())[:6]
             base[:3, 3], base[:3, :3] = place[:3], _rotation(np.array(place[3:]))
-        placed = {root(robot): base}
+        placed = {robot.root: base}
         depth = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
         for joint in sorted(robot.joints, key=lambda joint: depth[joint.child]):
             move = np.eye(4)
@@ -118,7 +118,7 @@ class Figure:
             "tip": links[robot.task],
             "dof": model.nv,
             "floating": robot.floating,
-            "root": links[root(robot)],
+            "root": links[robot.root],
             "joints": [
                 {
                     "parent": links[joint.parent],
@@ -169,7 +169,7 @@ def tension_colour(part: float) -> tuple[float, ...]:
 
 
 def _levels(robot: Robot) -> Iterator[list[str]]:
-    return levels(root(robot), robot.joints)
+    return levels(robot.root, robot.joints)
 
 
 def _matrix(joint: Joint) -> np.ndarray:

@@ -19,8 +19,8 @@ from lxml import etree
 import softdyn
 from softdyn import SoftdynError, SoftModel, UrdfError
 from softdyn.description.library import BUNDLED
-from softdyn.description.robot import Robot, poses
-from softdyn.description.urdf import MAX_DOF, MAX_LINKS, moving_bodies, parse
+from softdyn.description.robot import Robot, moving_bodies, poses
+from softdyn.description.urdf import MAX_DOF, MAX_LINKS, parse
 from softdyn.validation.twin.bodies import read_bodies
 from tests.support import ROOT
 from tests.support.misuses import (

@@ -6,6 +6,7 @@ Each case states both sides, so that it fails when an engine learns better, too.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,3 +136,39 @@ def test_mujoco_does_not_start_anew_behind_our_back(value: float) -> None:
     with pytest.raises(SimulationError):
         twin.advance(np.zeros(2), 10)
     assert twin.time >= before > 0
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "expected"),
+    [
+        ('value="0.1"', 'value="0.2"', r"mass 0\.1 kg, its fixed links included"),
+        ('xyz="0 0 0.05"', 'xyz="0 0 0.051"', r"centre of mass 0 0 0\.05 m, its fixed links"),
+        ('izz="9e-5"', 'izz="9.1e-5"', r"inertia 9e-05 0 0 0 9e-05 0 0 0 9e-05 kg m\^2, its fixed"),
+    ],
+)
+def test_a_body_that_pinocchio_reads_otherwise_is_refused(
+    was: str, becomes: str, expected: str, tmp_path: Path
+) -> None:
+    solid = '<inertial><origin xyz="0 0 0.05"/><mass value="0.1"/>' + (
+        '<inertia ixx="9e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="9e-5"/></inertial>'
+    )
+    path = tmp_path / "r.urdf"
+    path.write_text(robot(solid))
+    parsed = parse(path)
+    assert parsed.xml.count(was) == 1
+    other = replace(parsed, xml=parsed.xml.replace(was, becomes))
+    with pytest.raises(UrdfError, match=expected) as caught:
+        softdyn.build(other)
+    assert caught.value.element == '<link name="bob">'
+    assert caught.value.got.endswith("in Pinocchio")
+
+
+def test_pinocchio_misplaces_the_centre_of_very_light_bodies(tmp_path: Path) -> None:
+    """It divides by no mass below 2e-16 kg: of two equal links the centre is not in the middle."""
+    light = INERTIAL.replace('value="0.1"', 'value="1e-17"').replace("e-5", "e-17")
+    far = light.replace('xyz="0.05 0 0"', 'xyz="3 0 0"')
+    weld = '<joint name="w" type="fixed"><parent link="bob"/><child link="pin"/></joint>'
+    path = tmp_path / "r.urdf"
+    path.write_text(robot(light, more=f'<link name="pin">{far}</link>{weld}'))
+    with pytest.raises(UrdfError, match=r"expected centre of mass 1\.525 0 0 m"):
+        softdyn.build(parse(path))

@@ -1,0 +1,29 @@
+"""What `import softdyn` and `softdyn.load` load, and what they leave for its first use."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("mujoco", "matplotlib", "meshcat", "tornado", "proxsuite", "trimesh", "yourdfpy")
+
+
+def loaded(statements: str) -> set[str]:
+    """The modules of a fresh interpreter after `statements`."""
+    program = f"{statements}\nimport sys; print(*sys.modules)"
+    command = [sys.executable, "-c", program]
+    return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+
+
+@pytest.mark.parametrize("statement", ["", "softdyn.SoftModel, softdyn.State, softdyn.parse"])
+def test_the_package_needs_no_judge_no_plots_and_no_server(statement):
+    modules = loaded(f"import softdyn\n{statement}")
+    assert modules.isdisjoint(HEAVY)
+    assert ("pinocchio" in modules) == bool(statement)  # `--help` answers without an engine
+
+
+def test_a_model_needs_neither_scipy_spatial_nor_the_judge():
+    modules = loaded("import softdyn\nmodel = softdyn.load('finger')\nmodel.state(model.q0, [0]*4)")
+    assert modules.isdisjoint((*HEAVY, "scipy.spatial"))
