@@ -4,11 +4,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test lint count clean help
+.PHONY: run test test-oldest test-pythons lint count clean help
 
 help:
 	@echo "make run    the paper's table, figures and replays: open results/index.html"
 	@echo "make test   run the test suite"
+	@echo "make test-oldest   the tests with the oldest packages that pyproject.toml admits"
+	@echo "make test-pythons  the tests with each supported Python that is found"
 	@echo "make lint   ruff, mypy, and that imports point one way"
 	@echo "make count  lines of code, folder by folder"
 	@echo "make clean  remove the virtual environment and build leftovers"
@@ -18,6 +20,26 @@ run: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest -n auto
+
+# uv chooses the packages and finds the interpreters; CI runs these two apart (.ci/optional).
+UV = $(BIN)/uv
+$(UV): $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+
+test-oldest: $(UV)
+	$(UV) venv --quiet --clear --python 3.11 .venv-oldest
+	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster,tune]"
+	.venv-oldest/bin/python -m pytest -n auto
+
+test-pythons: $(UV)
+	@set -e; for version in 3.11 3.12 3.13; do \
+	  if ! found=$$($(UV) python find --no-python-downloads $$version 2>/dev/null); then \
+	    echo "Python $$version: not found, UNTESTED"; continue; fi; \
+	  echo "Python $$version: $$found"; \
+	  $(UV) venv --quiet --clear --python $$found .venv-$$version; \
+	  $(UV) pip install --quiet --python .venv-$$version --editable ".[test]"; \
+	  .venv-$$version/bin/python -m pytest -n auto; \
+	done
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -35,4 +57,4 @@ count:
 	@$(PYTHON) .ci/code_lines.py
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-* build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
