@@ -32,7 +32,8 @@ test-oldest: $(UV)
 	.venv-oldest/bin/python -m pytest -n auto
 
 test-pythons: $(UV)
-	@set -e; for version in 3.11 3.12 3.13; do \
+	@set -e; export PYENV_VERSION=$$(pyenv versions --bare 2>/dev/null | paste -sd:); \
+	for version in 3.11 3.12 3.13; do \
 	  if ! found=$$($(UV) python find --no-python-downloads $$version 2>/dev/null); then \
 	    echo "Python $$version: not found, UNTESTED"; continue; fi; \
 	  echo "Python $$version: $$found"; \
