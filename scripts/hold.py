@@ -76,7 +76,7 @@ def measure(
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown: final errors at the set points, their mean, the mean squared error tracking."""
-    from softdyn.validation.report.tables import pipes
+    from softdyn.validation.tables import pipes
 
     lines = [["τ / ε", "τ (ms)", "SP at θ = 0, 0.5, 1, 1.5 (cm)", "mean", "TT at ω = 0.5 (cm²)"]]
     for row in rows:

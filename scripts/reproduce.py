@@ -88,7 +88,7 @@ def command(arguments: cli.Arguments) -> int:
 
 def listing(known: dict[str, Any]) -> str:
     """Names and what they mean, in columns."""
-    from softdyn.validation.report.tables import columns
+    from softdyn.validation.tables import columns
 
     return columns(list(known.items()))
 
@@ -110,14 +110,14 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """Aligned columns for a terminal."""
-    from softdyn.validation.report.tables import columns
+    from softdyn.validation.tables import columns
 
     return columns([TITLES, *(cells(row) for row in rows)])
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table, then every run's figure and the reasons of the failed ones."""
-    from softdyn.validation.report.tables import pipes
+    from softdyn.validation.tables import pipes
 
     parts = ["# Reproduction", "", *pipes([TITLES, *(cells(row) for row in rows)]), ""]
     for row in rows:

@@ -78,7 +78,7 @@ def changes(robot: str, controller: str, period: float) -> dict[str, list[Trial]
 
 def markdown(rows: list[dict[str, Any]]) -> str:
     """The table; set points in cm, trajectories in cm²."""
-    from softdyn.validation.report.tables import pipes
+    from softdyn.validation.tables import pipes
 
     texts = [[f"{x:.2f}" if isinstance(x, float) else x for x in row.values()] for row in rows]
     return "\n".join(pipes([list(rows[0]), *texts]))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
+
+from softdyn.validation.tables import columns, pipes
 
 TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
 PAPER_NAMES = {
@@ -50,24 +51,6 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 def text(rows: list[dict[str, Any]]) -> str:
     """Aligned columns for a terminal."""
     return columns([TITLES, *(cells(row) for row in rows)])
-
-
-def columns(lines: Sequence[Sequence[str]]) -> str:
-    """Lines of as many cells each, as columns of text."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    )
-
-
-def pipes(lines: Sequence[Sequence[Any]]) -> list[str]:
-    """The lines of a Markdown table, the first its titles; each cell on one line."""
-    made = [
-        "| " + " | ".join(" ".join(str(cell).split()).replace("|", r"\|") for cell in line) + " |"
-        for line in lines
-    ]
-    return [made[0], "|" + " --- |" * len(lines[0]), *made[1:]]
 
 
 def markdown(rows: list[dict[str, Any]]) -> str:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from softdyn.validation.loop.metrics import mean_std
-from softdyn.validation.report.tables import pipes
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.trials import Trial, run_all
+from softdyn.validation.tables import pipes
 
 PERIODS = (0.001, 0.002)  # s, beside each robot's published one
 

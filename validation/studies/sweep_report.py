@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softdyn.validation.report.tables import pipes
 from softdyn.validation.studies.sweep import FIGURES, PLANT, Case, Sweep
 from softdyn.validation.studies.sweep_run import load, load_any
+from softdyn.validation.tables import inline, pipes
 
 BEST = 10
 SHOWN_REASONS = 20
@@ -134,7 +134,7 @@ def _cell(value: Any) -> str:
 def to_markdown(sweep: Sweep, found: list[Row]) -> str:
     """What varied, how the cases ended, the best of every robot, and why cases failed."""
     total = len(sweep.cases)
-    parts = [f"# Sweep {_inline(sweep.path.name)}", "", _counts(found, total), "", *_varied(sweep)]
+    parts = [f"# Sweep {inline(sweep.path.name)}", "", _counts(found, total), "", *_varied(sweep)]
     for robot in sweep.robots:
         of_robot = [row for row in found if row[0].robot == robot]
         if of_robot:
@@ -169,20 +169,20 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
     figure = FIGURES[sweep.figure]
     names = _columns(sweep)
     made = settings(found, sweep.figure)
-    parts = ["", f"## {_inline(robot)}"]
+    parts = ["", f"## {inline(robot)}"]
     if any(len(setting.rows) > 1 for setting in made):
         lines = [["", *names, f"mean {figure}", "worst", "failed"]]
         for i, setting in enumerate(made[:BEST], 1):
             failed = f"{setting.failed} of {len(setting.rows)}"
             figures = map(_value, (setting.mean, setting.worst))
             lines.append([str(i), *_inputs(setting.case, names), *figures, failed])
-        parts += ["", f"Best settings by the mean {figure} over their targets.", "", *_table(lines)]
+        parts += ["", f"Best settings by the mean {figure} over their targets.", "", *pipes(lines)]
     lines = [["", *names, "target", figure, "outcome", "file"]]
     for i, (case, result) in enumerate(ranked(found, sweep.figure), 1):
         ended = (_value(result.get(sweep.figure)), result["outcome"].replace("_", " "))
         file = f"cases/{case.name}.json"
         lines.append([str(i), *_inputs(case, names), _target(case), *ended, file])
-    return [*parts, "", f"Best cases by {figure}.", "", *_table(lines)]
+    return [*parts, "", f"Best cases by {figure}.", "", *pipes(lines)]
 
 
 def ranked(found: Iterable[Row], figure: str) -> list[Row]:
@@ -225,8 +225,8 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     for case, result in failures[:SHOWN_REASONS]:
         inputs = [f"{n} = {v}" for n, v in zip(names, _inputs(case, names), strict=True)]
         words = ", ".join([case.robot, *inputs, _target(case)])
-        parts.append(f"- {_inline(words)}: {result['outcome'].replace('_', ' ')}, "
-                     f"{_inline(result['reason'])}")  # fmt: skip
+        parts.append(f"- {inline(words)}: {result['outcome'].replace('_', ' ')}, "
+                     f"{inline(result['reason'])}")  # fmt: skip
     more = len(failures) - SHOWN_REASONS
     return [*parts, *([f"- and {more} more: see sweep.csv"] if more > 0 else [])]
 
@@ -245,12 +245,3 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple):
         return "(" + ", ".join(f"{x:g}" for x in value) + ")"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _table(lines: list[list[str]]) -> list[str]:
-    return pipes([[_inline(cell) for cell in line] for line in lines])
-
-
-def _inline(text: Any) -> str:
-    """Text on one line that Markdown shows as it is."""
-    return " ".join(str(text).split()).replace("<", "&lt;")

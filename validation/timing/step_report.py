@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from softdyn.validation import tables
+
 ENGINES = ("pin", "proxsuite", "mujoco", "numpy", "numba")
 
 STEP = (  # title, key, format
@@ -60,17 +62,15 @@ def machine() -> dict[str, Any]:
 
 def text(report: dict[str, Any]) -> str:
     """Aligned tables for a terminal."""
-    tables = [_aligned(columns, rows) for _, columns, rows in _tables(report)]
-    return "\n\n".join([*tables, _machine(report)])
+    parts = [_aligned(columns, rows) for _, columns, rows in _tables(report)]
+    return "\n\n".join([*parts, _machine(report)])
 
 
 def markdown(report: dict[str, Any]) -> str:
     """The tables with headings."""
     parts = ["# Step times", "", _machine(report)]
     for title, columns, rows in _tables(report):
-        lines = _cells(columns, rows)
-        lines.insert(1, ["---"] * len(columns))
-        parts += ["", f"## {title}", "", *(f"| {' | '.join(line)} |" for line in lines)]
+        parts += ["", f"## {title}", "", *tables.pipes(_cells(columns, rows))]
     return "\n".join(parts) + "\n"
 
 
@@ -93,16 +93,8 @@ def _machine(report: dict[str, Any]) -> str:
 
 
 def _aligned(columns: Columns, rows: list[dict[str, Any]]) -> str:
-    lines = _cells(columns, rows)
-    widths = [max(len(line[i]) for line in lines) for i in range(len(columns))]
-    words = [not form for _, _, form in columns]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if word else cell.rjust(width)
-            for cell, width, word in zip(line, widths, words, strict=True)
-        ).rstrip()
-        for line in lines
-    )
+    numbers = [k for k, (_, _, form) in enumerate(columns) if form]
+    return tables.columns(_cells(columns, rows), numbers)
 
 
 def _cells(columns: Columns, rows: list[dict[str, Any]]) -> list[list[str]]:
