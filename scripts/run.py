@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli, live
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
+    from softdyn.validation import Log
+    from softdyn.validation.loop.closed_loop import ClosedLoop
     from softdyn.validation.loop.experiment import Experiment
+    from softdyn.validation.report.live import Shown
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
@@ -72,27 +74,27 @@ cli.add_json(parser)
 def command(arguments: cli.Arguments) -> int:
     """Build, simulate, report."""
     from softdyn.controllers.registry import blamed
-    from softdyn.validation import paper, simulate
+    from softdyn.validation import paper
+    from softdyn.validation.loop.closed_loop import ClosedLoop
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
     model = cli.load_robot(arguments)
     experiment = make_experiment(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)
-    viewing: dict[str, Any] = {}
-    with (
-        blamed(arguments.controller, "a command"),
-        shown(model, experiment, arguments, viewing) as on_step,
-    ):
-        log = simulate(
+    shown = None
+    with blamed(arguments.controller, "a command"):
+        loop = ClosedLoop(
             model,
             controller,
             experiment,
             duration=arguments.duration,
             contacts=arguments.contacts,
             name=arguments.controller,
-            progress=True,
-            on_step=on_step,
         )
+        if arguments.view:
+            log, shown = watch(loop, arguments)
+        else:
+            log = loop.run(progress=True)
     if arguments.log is not None:
         log.save(arguments.log)
     if arguments.html is not None:
@@ -101,39 +103,25 @@ def command(arguments: cli.Arguments) -> int:
 
         write_text(arguments.html, replay(log, model).html())
     text = log.summary(paper.beside(log))
-    if viewing:
-        text += (
-            f"\nviewer         {viewing['frames']} frames of {viewing['frame_us'] or 0:.0f} us, "
-            f"none of it in the step time; {viewing['pace'] or 0:.2f} x real time"
-        )
-    cli.write_report(log.report() | ({"viewer": viewing} if viewing else {}), arguments.json, text)
+    report = log.report()
+    if shown is not None:
+        text += f"\n{shown}"
+        report["viewer"] = asdict(shown)
+    cli.write_report(report, arguments.json, text)
     return cli.FAILED if log.failed else cli.PASSED
 
 
-@contextmanager
-def shown(
-    model: SoftModel, experiment: Experiment, arguments: cli.Arguments, viewing: dict[str, Any]
-) -> Iterator[Any]:
-    """What `simulate` calls at each step to show it, None without --view; `viewing` is filled."""
-    if not arguments.view:
-        yield None
-        return
-    from dataclasses import replace
-
-    from softdyn.validation.report.live import WAIT, Show, live_page
+def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
+    """Run the loop while the browser shows it."""
+    from softdyn.validation.report import live as view
     from softdyn.view.server import Viewer
 
-    if arguments.duration is not None:
-        experiment = replace(experiment, duration=arguments.duration)
-    with Viewer(live_page(model, arguments.controller, experiment), arguments.port) as viewer:
+    with Viewer(view.live_page(loop), arguments.port) as viewer:
         print(viewer.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
             viewer.open()
-        viewer.wait(WAIT)
-        show = Show(viewer, model, experiment.reference, arguments.speed)
-        yield show
-        viewing.update(show.finish())
-        viewer.say("done: the page keeps the run")
+        viewer.wait(view.WAIT)
+        return view.watch(loop, viewer, arguments.speed)
 
 
 def make_experiment(model: SoftModel, arguments: cli.Arguments) -> Experiment:

@@ -5,42 +5,282 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter_ns
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 import softdyn
 from softdyn import InputError, Reference, SoftModel, State
-from softdyn.checks import array, number
+from softdyn.checks import array
+from softdyn.validation.loop import verdict
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.record import Answer, Counts, Record
+from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.loop.units import input_unit
 from softdyn.validation.plain import plain
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
-MAX_TIMESTEP = 5e-4  # s; coarser steps add numerical damping that flatters every controller
-MAX_STEPS = 2_000_000
-DIVERGED = 2.0  # ‖e‖ in robot lengths
-RESOLUTION = 1e-6  # m; a final error below it is zero, whatever the initial one was
-
-
-class Answer(Protocol):
-    """What `simulate` needs of a controller's answer; V, delta and status are optional."""
-
-    @property
-    def u(self) -> Any:
-        """(nu,) the input."""
-        ...
-
-
 Controller = Callable[[State, Any], Answer]
 ReferenceLike = Experiment | Callable[[float], Reference]
+OnStep = Callable[[float, State, Answer], None]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What happened at the begin of a control period.
+
+    Attributes
+    ----------
+    t : float
+        Time (s).
+    state : State
+        What the controller saw.
+    answer : Answer
+        What it gave back.
+    """
+
+    t: float
+    state: State
+    answer: Answer
+
+
+class ClosedLoop:
+    """A controller and its plant, control period by control period.
+
+    At the begin of a period the twin's state goes through `model.state` and the controller
+    (`control`); the answer is clipped to the robot's bounds and held while MuJoCo integrates with
+    ``implicitfast``, joint limits on (`advance`). `step` is both, `run` all of them.
+
+    A run is *failed* when
+
+    - an answer is not a finite (nu,) array,
+    - the plant diverges: a state that is not finite, a MuJoCo warning, or a tip farther from its
+      reference than twice the robot's length (each of these ends the run and is in the log), or
+    - the final ‖e‖ is not below the initial one (and not below a micrometre either).
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot; the twin is built from its file, by its own path.
+    controller : Callable[[State, Reference], Answer]
+        Gives an object with `u` (nu,) and optionally V, delta, status. Integer attributes
+        `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on its `guard`) and
+        `gains` (or `parameters`) are recorded where they exist. A method `reset` is called once
+        before the run with the control period (s). Its exceptions pass through.
+    reference : Experiment or Callable[[float], Reference]
+        The second is of t (s), e.g. a `SetPoint`.
+    duration, period : float, optional
+        Length of the run, to the nearest plant step, and control period (s); the experiment's by
+        default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
+        hold is shorter.
+    timestep : float, optional
+        Plant step (s), an integer part of the period; by default the largest ≤ 0.5 ms.
+    q0, v0 : np.ndarray, (nq,), (nv,), optional
+        Initial state; rest by default.
+    contacts : bool
+        Whether the plant's links can touch.
+    friction : bool
+        Whether the plant has the file's dry friction.
+    twin : Callable[..., Twin]
+        Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
+    name : str, optional
+        What the log calls the controller; its `name` or its class by default.
+
+    Attributes
+    ----------
+    model, controller, plant, name
+        As above; `plant` is what `twin` made.
+    experiment : Experiment or None
+        The reference, if it is one.
+    reference : Callable[[float], Reference]
+        The desired tip at t (s), checked.
+    grid : TimeGrid
+        The run's periods and plant steps.
+    steps : int
+        Control steps done.
+    done : bool
+        Whether the run is over.
+    reason : str or None
+        Why it ended early, or failed.
+
+    Raises
+    ------
+    InputError
+        For arguments that cannot be run, and for a reference that is not finite.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        controller: Controller,
+        reference: ReferenceLike,
+        *,
+        duration: float | None = None,
+        period: float | None = None,
+        timestep: float | None = None,
+        q0: np.ndarray | None = None,
+        v0: np.ndarray | None = None,
+        contacts: bool = False,
+        friction: bool = False,
+        twin: Callable[..., Twin] = Twin,
+        name: str | None = None,
+    ) -> None:
+        self.model, self.controller = model, controller
+        self.experiment = reference if isinstance(reference, Experiment) else None
+        planned, usual = SET_POINT_DURATION, DEFAULT_PERIOD
+        self._length = model.robot.length
+        if isinstance(reference, Experiment):
+            _check_robot(model, reference)
+            planned, usual = reference.duration, reference.period
+            self._length = reference.length
+            reference = reference.reference
+        self.reference = _checked(reference)
+        self.grid = TimeGrid.plan(
+            planned if duration is None else duration, usual if period is None else period, timestep
+        )
+        if not callable(controller):
+            expected = "a callable (state, reference) -> command"
+            raise InputError("controller", expected, repr(controller))
+        q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
+        v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
+        self.plant = twin(
+            model.robot, timestep=self.grid.timestep, contacts=contacts, friction=friction
+        )
+        self._states = StateMap(model, self.plant)
+        try:
+            self.plant.set_state(*self._states.to_twin(q, v))
+        except SimulationError as error:
+            raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
+        self.name, self._contacts = name or _name(controller), contacts
+        self._record = Record(model, self.grid.times())
+        if hasattr(controller, "reset"):
+            controller.reset(self.grid.period)
+        self._counts = Counts(controller)
+        self.steps, self.done, self._complete = 0, False, False
+        self.reason: str | None = None
+
+    def control(self) -> Moment | None:
+        """Read the plant, and ask the controller for the input of the next period.
+
+        Returns
+        -------
+        Moment or None
+            None where the run is over, and why is in `reason`.
+        """
+        if self.done:
+            return None
+        model, controller, record, k = self.model, self.controller, self._record, self.steps
+        t = float(record.t[k])
+        q, v = self._read_plant()
+        if not math.isfinite(q @ q + v @ v):
+            self._end(verdict.not_finite(t))
+            return None
+        began = perf_counter_ns()
+        state = model.state(q, v)
+        spent = perf_counter_ns() - began
+        target = self.reference(t)
+        distance = record.sample(k, state.y, target.y)
+        diverged = verdict.tip_diverged(t, distance, self._length)
+        if diverged is not None:
+            self._end(diverged)
+            return None
+        if k == self.grid.steps:
+            initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, k))
+            self._end(verdict.not_converged(initial, final), complete=True)
+            return None
+        began = perf_counter_ns()
+        answer = controller(state, target)
+        spent += perf_counter_ns() - began
+        fault = record.answer(k, answer, spent)
+        if fault is not None:
+            self._end(verdict.no_input(t, fault))
+            return None
+        return Moment(t, state, answer)
+
+    def advance(self) -> None:
+        """Integrate the plant over a control period under the input of the last `control`."""
+        k = self.steps
+        self.steps += 1
+        try:
+            self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
+        except SimulationError as error:
+            with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
+                self._read_plant()
+            self._end(verdict.plant_stopped(error.time, error.reason))
+
+    def step(self) -> Moment | None:
+        """One control period, `control` and `advance`; None where the run is over."""
+        moment = self.control()
+        if moment is not None:
+            self.advance()
+        return moment
+
+    def run(self, *, progress: bool = False, on_step: OnStep | None = None) -> Log:
+        """All control periods that are left.
+
+        Parameters
+        ----------
+        progress : bool
+            Show a bar on stderr if that is a terminal.
+        on_step : Callable[[float, State, Answer], None], optional
+            Called with t (s), the State and the answer at every control step.
+
+        Returns
+        -------
+        Log
+            The run from its begin.
+        """
+        off = None if progress else True
+        with tqdm(total=self.grid.steps, disable=off, leave=False, unit="step") as bar:
+            while (moment := self.control()) is not None:
+                if on_step is not None:
+                    on_step(moment.t, moment.state, moment.answer)
+                self.advance()
+                bar.update()
+        return self.log()
+
+    def log(self) -> Log:
+        """The run up to its end, or to where `control` last read the plant; then not complete."""
+        model, controller, experiment = self.model, self.controller, self.experiment
+        steps = self.steps if self.done else max(self.steps - 1, 0)
+        return Log(
+            **self._record.arrays(steps),
+            u_unit=input_unit(model.robot),
+            robot=model.bundled or model.name,
+            controller=self.name,
+            kind=experiment.kind if experiment else None,
+            theta=experiment.theta if experiment else None,
+            omega=experiment.omega if experiment else None,
+            duration=self.grid.duration,
+            period=self.grid.period,
+            timestep=self.grid.timestep,
+            length=self._length if self._length > 0 else None,
+            joint_names=model.joint_names,
+            contacts=self._contacts,
+            complete=self._complete,
+            failed=self.reason is not None,
+            reason=self.reason,
+            not_solved=self._counts.since("not_solved"),
+            fallbacks=self._counts.since("fallbacks"),
+            max_bound_violation=max(self._record.violation(steps), self._counts.violation()),
+            gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
+            versions=dict(_versions()),
+        )
+
+    def _end(self, reason: str | None, complete: bool = False) -> None:
+        self.done, self.reason, self._complete = True, reason, complete
+
+    def _read_plant(self) -> tuple[np.ndarray, np.ndarray]:
+        """The plant's present state q (nq,), v (nv,), recorded as sample `steps`."""
+        q, v = self._states.from_twin(self.plant.data.qpos, self.plant.data.qvel)
+        self._record.q[self.steps], self._record.v[self.steps] = q, v
+        return q, v
 
 
 def simulate(
@@ -58,272 +298,48 @@ def simulate(
     twin: Callable[..., Twin] = Twin,
     name: str | None = None,
     progress: bool = False,
-    on_step: Callable[[float, State, Answer], None] | None = None,
+    on_step: OnStep | None = None,
 ) -> Log:
-    """Run a controller against the twin and record what happens.
-
-    Every control period the twin's state goes through `model.state` and the controller; the
-    answer is clipped to the robot's bounds and held while MuJoCo integrates with
-    ``implicitfast``, joint limits on. The run covers `duration` to the nearest plant step: where
-    the period does not divide it, the last hold is shorter.
-
-    A run is *failed* when
-
-    - an answer is not a finite (nu,) array,
-    - the plant diverges: a state that is not finite, a MuJoCo warning, or a tip farther from its
-      reference than twice the robot's length (each of these ends the run and is in the log), or
-    - the final ‖e‖ is not below the initial one (and not below a micrometre either).
+    """Run a controller against the twin and record what happens: a `ClosedLoop` in one call.
 
     Parameters
     ----------
-    model : the robot; the twin is built from its file, by its own path.
-    controller : (State, Reference) → an object with `u` (nu,) and optionally V, delta, status.
-        Integer attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on
-        its `guard`) and `gains` (or `parameters`) are recorded where they exist. Where it has a
-        method `reset`, that is called once before the run with the control period (s). Its
-        exceptions pass through.
-    reference : an `Experiment`, or t (s) → `Reference`, e.g. a `SetPoint`.
-    duration, period : length of the run and control period (s); the experiment's by default,
-        10 s and 2 ms without one.
-    timestep : plant step (s), an integer part of the period; by default the largest ≤ 0.5 ms.
-    q0, v0 : (nq,), (nv,) initial state; rest by default.
-    contacts : whether the plant's links can touch.
-    friction : whether the plant has the file's dry friction.
-    twin : makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
-    name : what the log calls the controller; its `name` or its class by default.
-    progress : show a bar on stderr if that is a terminal.
-    on_step : called with t (s), the State and the answer at every control step.
+    model : SoftModel
+        The robot; the twin is built from its file, by its own path.
+    controller : Callable[[State, Reference], Answer]
+        Gives an object with `u` (nu,); see `ClosedLoop` for what else it may have.
+    reference : Experiment or Callable[[float], Reference]
+        The second is of t (s), e.g. a `SetPoint`.
+    duration, period, timestep : float, optional
+        Length of the run, control period and plant step (s).
+    q0, v0 : np.ndarray, (nq,), (nv,), optional
+        Initial state; rest by default.
+    contacts, friction : bool
+        Whether the plant's links can touch, and whether it has the file's dry friction.
+    twin : Callable[..., Twin]
+        Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
+    name : str, optional
+        What the log calls the controller; its `name` or its class by default.
+    progress : bool
+        Show a bar on stderr if that is a terminal.
+    on_step : Callable[[float, State, Answer], None], optional
+        Called with t (s), the State and the answer at every control step.
+
+    Returns
+    -------
+    Log
+        The run, failed or not.
 
     Raises
     ------
     InputError
         For arguments that cannot be run, and for a reference that is not finite.
     """
-    experiment = reference if isinstance(reference, Experiment) else None
-    if experiment is not None:
-        _check_robot(model, experiment)
-    desired = _checked(experiment.reference if experiment else reference)
-    schedule = Schedule.plan(
-        _first(duration, experiment and experiment.duration, SET_POINT_DURATION),
-        _first(period, experiment and experiment.period, DEFAULT_PERIOD),
-        timestep,
-    )
-    if not callable(controller):
-        raise InputError("controller", "a callable (state, reference) -> command", repr(controller))
-    q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
-    v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
-    length = experiment.length if experiment else model.robot.length
-    limit = DIVERGED * length if length > 0 else math.inf
-
-    plant = twin(model.robot, timestep=schedule.timestep, contacts=contacts, friction=friction)
-    states = StateMap(model, plant)
-    try:
-        plant.set_state(*states.to_twin(q, v))
-    except SimulationError as error:
-        raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
-    qpos, qvel = plant.data.qpos, plant.data.qvel  # views
-    steps, t = schedule.steps, schedule.times()
-    record = _Record(model, t)
-    if hasattr(controller, "reset"):
-        controller.reset(schedule.period)
-    counters = _Counters(controller)
-    reason = None
-
-    bar = tqdm(total=steps, disable=None if progress else True, leave=False, unit="step")
-    with bar:
-        for k in range(steps + 1):
-            q, v = states.from_twin(qpos, qvel)
-            record.q[k], record.v[k] = q, v
-            if not math.isfinite(q @ q + v @ v):
-                reason = f"the plant diverged at t = {t[k]:.4g} s: a state that is not finite"
-                break
-            began = perf_counter_ns()
-            state = model.state(q, v)
-            spent = perf_counter_ns() - began
-            target = desired(float(t[k]))
-            distance = record.sample(k, state.y, target.y)
-            if not distance <= limit:
-                reason = (
-                    f"the tip diverged at t = {t[k]:.4g} s: {distance:.3g} m from its reference, "
-                    f"more than twice the length of {length:.3g} m"
-                )
-                break
-            if k == steps:
-                break
-            began = perf_counter_ns()
-            command = controller(state, target)
-            spent += perf_counter_ns() - began
-            reason = record.command(k, command, spent)
-            if reason is not None:
-                break
-            if on_step is not None:
-                on_step(float(t[k]), state, command)
-            try:
-                plant.advance(record.u[k], schedule.substeps if k < steps - 1 else schedule.last)
-            except SimulationError as error:
-                reason = f"the plant diverged at t = {error.time:.4g} s: {error.reason}"
-                k += 1
-                with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
-                    record.q[k], record.v[k] = states.from_twin(qpos, qvel)
-                break
-            bar.update()
-
-    complete = reason is None
-    if complete:
-        initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, steps))
-        if final >= initial and final > RESOLUTION:
-            reason = (
-                f"no convergence: the final error of {100 * final:.3g} cm is not below "
-                f"the initial {100 * initial:.3g} cm"
-            )
-    return Log(
-        **record.arrays(k),
-        u_unit=input_unit(model.robot),
-        robot=model.bundled or model.name,
-        controller=name or _name(controller),
-        kind=experiment.kind if experiment else None,
-        theta=experiment.theta if experiment else None,
-        omega=experiment.omega if experiment else None,
-        duration=schedule.duration,
-        period=schedule.period,
-        timestep=schedule.timestep,
-        length=length if length > 0 else None,
-        joint_names=model.joint_names,
-        contacts=contacts,
-        complete=complete,
-        failed=reason is not None,
-        reason=reason,
-        not_solved=counters.since("not_solved"),
-        fallbacks=counters.since("fallbacks"),
-        max_bound_violation=max(record.violation(k), counters.violation()),
-        gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
-        versions=dict(_versions()),
-    )
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """A run in whole plant steps: `steps` holds of `substeps` each, the last of `last`."""
-
-    duration: float
-    period: float
-    timestep: float
-    steps: int
-    substeps: int
-    last: int
-
-    @classmethod
-    def plan(cls, duration: float, period: float, timestep: float | None = None) -> Schedule:
-        """Divide a run (s) into control periods (s) and those into plant steps (s)."""
-        duration = number("duration", duration, above=0.0)
-        period = number("period", period, above=0.0)
-        if timestep is None:
-            parts = period / MAX_TIMESTEP
-            substeps = max(1, math.ceil(parts - 1e-9)) if parts <= MAX_STEPS else 0
-        else:
-            timestep = number("timestep", timestep, above=0.0)
-            parts = period / timestep
-            substeps = round(parts) if parts <= MAX_STEPS else 0
-            if not math.isclose(parts, substeps, rel_tol=1e-9):
-                raise InputError(
-                    "timestep", f"an integer part of the period {period:g} s", timestep
-                )
-        if substeps == 0:
-            raise InputError("period", f"at most {MAX_STEPS} plant steps", f"{period:g} s")
-        timestep = period / substeps
-        if not duration / period <= MAX_STEPS or not duration / timestep < 1e15:
-            raise InputError("duration", f"at most {MAX_STEPS} control periods", f"{duration:g} s")
-        total = round(duration / timestep)
-        if total == 0:
-            raise InputError(
-                "duration", f"at least a plant step of {timestep:g} s", f"{duration:g} s"
-            )
-        steps = -(-total // substeps)
-        return cls(duration, period, timestep, steps, substeps, total - (steps - 1) * substeps)
-
-    def times(self) -> np.ndarray:
-        """Sampling times (steps + 1,) (s): the start of every hold, then the end of the run."""
-        t = np.arange(self.steps + 1) * self.period
-        if self.last < self.substeps:
-            t[-1] = t[-2] + self.last * self.timestep
-        return t
-
-
-class _Record:
-    """The log's arrays, allocated once for the planned run."""
-
-    def __init__(self, model: SoftModel, t: np.ndarray) -> None:
-        samples, steps = len(t), len(t) - 1
-        self.t = t
-        self.q = np.empty((samples, model.nq))
-        self.v = np.empty((samples, model.nv))
-        self.y, self.y_ref, self.error = (np.full((samples, 3), np.nan) for _ in range(3))
-        self.u = np.empty((steps, model.nu))
-        self._answers = np.empty((steps, model.nu))  # u before it is clipped
-        self.V, self.delta, self.step_us = (np.full(steps, np.nan) for _ in range(3))
-        self.u_min, self.u_max = model.u_min, model.u_max
-        self._codes = np.zeros(steps, np.int32)
-        self._statuses: dict[Any, int] = {}
-
-    def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
-        """Record the tip at sample `k`; returns ‖e‖ (m)."""
-        error = np.subtract(y, y_ref, out=self.error[k])
-        self.y[k], self.y_ref[k] = y, y_ref
-        return math.sqrt(error @ error)
-
-    def command(self, k: int, command: Answer, nanoseconds: int) -> str | None:
-        """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
-        try:
-            u = array("u", command.u, self.u_min.shape)
-        except AttributeError:
-            return f"the controller failed at t = {self.t[k]:.4g} s: its answer has no u"
-        except InputError as error:
-            return f"the controller failed at t = {self.t[k]:.4g} s: {error}"
-        self._answers[k] = u
-        np.minimum(np.maximum(u, self.u_min), self.u_max, out=self.u[k])
-        self.V[k] = _scalar(getattr(command, "V", None))
-        self.delta[k] = _scalar(getattr(command, "delta", None))
-        status = getattr(command, "status", "")
-        self._codes[k] = self._statuses.setdefault(_text(status), len(self._statuses))
-        self.step_us[k] = nanoseconds / 1e3
-        return None
-
-    def violation(self, steps: int) -> float:
-        """Largest violation of the bounds by an answer of the first `steps`, before clipping."""
-        return float(np.abs(self._answers[:steps] - self.u[:steps]).max(initial=0.0))
-
-    def arrays(self, steps: int) -> dict[str, np.ndarray]:
-        """The arrays of a run that did `steps` control steps."""
-        samples = ("t", "q", "v", "y", "y_ref", "error")
-        found = {name: getattr(self, name)[: steps + 1].copy() for name in samples}
-        found |= {name: getattr(self, name)[:steps].copy() for name in ("u", "V", "delta")}
-        names = np.array(list(self._statuses) or [""])
-        return found | {
-            "step_us": self.step_us[:steps].copy(),
-            "u_min": self.u_min.copy(),
-            "u_max": self.u_max.copy(),
-            "status": names[self._codes[:steps]],
-        }
-
-
-class _Counters:
-    """What a controller counts itself, since the start of the run."""
-
-    def __init__(self, controller: object) -> None:
-        has_own = hasattr(controller, "not_solved") or hasattr(controller, "fallbacks")
-        self._source = controller if has_own else getattr(controller, "guard", controller)
-        self._before = {name: self._count(name) for name in ("not_solved", "fallbacks")}
-
-    def _count(self, name: str) -> int:
-        return int(getattr(self._source, name, 0))
-
-    def since(self, name: str) -> int:
-        """Increase of a counter."""
-        return self._count(name) - self._before[name]
-
-    def violation(self) -> float:
-        """Largest violation of the bounds that the controller itself clipped."""
-        return float(getattr(self._source, "max_bound_violation", 0.0))
+    loop = ClosedLoop(
+        model, controller, reference, duration=duration, period=period, timestep=timestep,
+        q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, name=name,
+    )  # fmt: skip
+    return loop.run(progress=progress, on_step=on_step)
 
 
 def _check_robot(model: SoftModel, experiment: Experiment) -> None:
@@ -351,22 +367,6 @@ def _checked(reference: Any) -> Callable[[float], Reference]:
 
     checked(0.0)
     return checked
-
-
-def _first(*values: Any) -> Any:
-    return next(value for value in values if value is not None)
-
-
-def _scalar(value: Any) -> float:
-    """A diagnostic as a float; NaN when there is none or it is not a number."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
-
-
-def _text(status: Any) -> str:
-    return str(status.value if isinstance(status, Enum) else status)
 
 
 def _name(controller: Any) -> str:

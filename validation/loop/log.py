@@ -19,7 +19,7 @@ from softdyn.validation.loop.metrics import CM, mean_square
 FORMAT = "softdyn-log-2"
 STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
 # Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
-_SHAPES = {
+SHAPES = {
     "t": ("samples",),
     "q": ("samples", "nq"),
     "v": ("samples", "nv"),
@@ -104,7 +104,7 @@ class Log:
     versions: dict[str, str]
 
     def __post_init__(self) -> None:
-        for name in _SHAPES:
+        for name in SHAPES:
             getattr(self, name).flags.writeable = False
 
     def __repr__(self) -> str:
@@ -197,8 +197,8 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        arrays = {name: getattr(self, name) for name in _SHAPES}
-        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _SHAPES}
+        arrays = {name: getattr(self, name) for name in SHAPES}
+        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SHAPES}
         text = json.dumps({"format": FORMAT, **about})
         with atomic(path) as file:
             np.savez_compressed(file, about=np.array(text), **arrays)
@@ -217,7 +217,7 @@ class Log:
             with np.load(path, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
                 known = _format(about) == FORMAT
-                content = {name: file[name] for name in _SHAPES} if known else {}
+                content = {name: file[name] for name in SHAPES} if known else {}
         except OSError as error:
             raise InputError(where, "a readable log", error.strerror or error) from None
         except (KeyError, ValueError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as e:
@@ -235,7 +235,7 @@ def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
     """Refuse what `Log.save` cannot have written, logs of other versions too."""
     if _format(about) != FORMAT:
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
-    names = {"format"} | {f.name for f in fields(Log)} - set(_SHAPES)
+    names = {"format"} | {f.name for f in fields(Log)} - set(SHAPES)
     if set(about) != names:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
     joints = about["joint_names"]
@@ -243,7 +243,7 @@ def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
         raise InputError(where, "a list of joint names", joints)
     size = {"space": 3, "nv": len(joints), "samples": arrays["t"].size}
     size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
-    for name, axes in _SHAPES.items():
+    for name, axes in SHAPES.items():
         shape = arrays[name].shape
         expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))
         if len(shape) != len(axes) or shape != expected:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
 
-from softdyn import Reference, SoftModel, State
-from softdyn.validation.loop.experiment import Experiment
+from softdyn import State
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.log import Log
 from softdyn.validation.report.replay import controller_title, ellipse
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
@@ -20,37 +21,76 @@ BATCH = 5  # frames sent at once; the page plays them on a clock of its own
 WAIT = 10.0  # s that a loop waits for a browser before it starts
 
 
-def live_page(model: SoftModel, name: str, experiment: Experiment) -> Page:
+def live_page(loop: ClosedLoop) -> Page:
     """An empty page for a loop that is about to run."""
+    model, experiment = loop.model, loop.experiment
     width = 1 + model.nv + model.nu + 6
-    paper_s = (experiment.theta, experiment.omega) != (None, None)
-    path = ellipse(model) if paper_s else None
-    empty = Track(0, np.zeros((0, width)), controller_title(name), path=path)
-    run = Run("live", (empty,), duration=experiment.duration)
+    on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
+    path = ellipse(model) if on_ellipse else None
+    empty = Track(0, np.zeros((0, width)), controller_title(loop.name), path=path)
+    run = Run("live", (empty,), duration=loop.grid.duration)
     return Page(model.bundled or model.name, (Figure.of(model),), (run,), live=True)
 
 
-class Show:
-    """Called at every control step (`on_step` of `simulate`): shows frames and keeps the pace.
+@dataclass(frozen=True)
+class Shown:
+    """What showing a loop cost.
 
-    Frames are made and sent, and the clock is looked at, once every `BATCH` frames: after each wait
-    the caches are cold, and the fewer there are, the more steps take what they take without a
-    viewer.
+    Attributes
+    ----------
+    frames : int
+        Number of frames.
+    frame_us : float or None
+        Mean time of one (µs), None without any.
+    pace : float or None
+        Simulated seconds per second of the clock, None for a loop without a step.
+    """
+
+    frames: int
+    frame_us: float | None
+    pace: float | None
+
+    def __str__(self) -> str:
+        return (
+            f"viewer         {self.frames} frames of {self.frame_us or 0:.0f} us, "
+            f"none of it in the step time; {self.pace or 0:.2f} x real time"
+        )
+
+
+def watch(loop: ClosedLoop, viewer: Viewer, speed: float = 1.0) -> tuple[Log, Shown]:
+    """Run a loop while a page shows it.
 
     Parameters
     ----------
-    speed : simulated seconds per second of the clock.
+    loop : ClosedLoop
+        The loop, not yet begun.
+    viewer : Viewer
+        Serves its `live_page`.
+    speed : float
+        Simulated seconds per second of the clock.
+
+    Returns
+    -------
+    tuple[Log, Shown]
+        The run, and what showing it cost.
+    """
+    show = Show(loop, viewer, speed)
+    log = loop.run(progress=True, on_step=show)
+    shown = show.finish()
+    viewer.say("done: the page keeps the run")
+    return log, shown
+
+
+class Show:
+    """Called at every control step: shows frames and keeps the pace.
+
+    Frames are made and sent, and the clock is looked at, once every `BATCH` frames: after each wait
+    the caches are cold, and the fewer there are, the more steps take what they take without a
+    viewer. `watch` explains the parameters.
     """
 
-    def __init__(
-        self,
-        viewer: Viewer,
-        model: SoftModel,
-        reference: Callable[[float], Reference],
-        speed: float = 1.0,
-    ) -> None:
-        self._viewer, self._model, self._reference = viewer, model, reference
-        self._speed = speed
+    def __init__(self, loop: ClosedLoop, viewer: Viewer, speed: float) -> None:
+        self._loop, self._viewer, self._speed = loop, viewer, speed
         self._kept: list[tuple[float, State, np.ndarray]] = []
         self._next = self._t = self._spent = 0.0
         self._frames = 0
@@ -75,26 +115,23 @@ class Show:
         if ahead > 0:
             sleep(ahead)
 
-    def finish(self) -> dict[str, float | int | None]:
-        """Show what is left; returns the number of frames, the mean time of one (µs) and the pace.
-
-        The pace is simulated seconds per second of the clock, None for a loop without a step.
-        """
+    def finish(self) -> Shown:
+        """Show what is left."""
         took = perf_counter() - self._began
         self._send()
-        return {
-            "frames": self._frames,
-            "frame_us": 1e6 * self._spent / self._frames if self._frames else None,
-            "pace": self._t / took if took > 0 and self._frames else None,
-        }
+        if not self._frames:
+            return Shown(0, None, None)
+        return Shown(
+            self._frames, 1e6 * self._spent / self._frames, self._t / took if took > 0 else None
+        )
 
     def _send(self) -> None:
         if not self._kept:
             return
-        model = self._model
+        model = self._loop.model
         t, states, u = zip(*self._kept, strict=True)
         self._kept.clear()
         q, y = (np.array([getattr(state, name) for state in states]) for name in ("q", "y"))
-        y_ref = np.array([self._reference(moment).y for moment in t])
-        inputs = np.minimum(np.maximum(np.array(u), model.u_min), model.u_max)
+        y_ref = np.array([self._loop.reference(moment).y for moment in t])
+        inputs = np.clip(np.array(u), model.u_min, model.u_max)
         self._viewer.push(frames(model, t, q, inputs, y, y_ref))

@@ -19,8 +19,8 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.loop.closed_loop import Schedule
 from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.benchmark import safe
 from softdyn.validation.studies.fingerprint import digest
@@ -213,7 +213,7 @@ class Sweep:
         )  # fmt: skip
         try:
             duration = plant.get("duration", case.experiment(model).duration)
-            schedule = Schedule.plan(duration, period, plant.get("timestep"))
+            schedule = TimeGrid.plan(duration, period, plant.get("timestep"))
         except InputError as error:
             where = f"{self.path}: {robot}, {error.name}"
             raise InputError(where, error.expected, error.got) from None

@@ -9,11 +9,9 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.controllers import find_controller
-from softdyn.validation.loop.closed_loop import Schedule, simulate
+from softdyn.validation.loop.closed_loop import ClosedLoop, simulate
 from softdyn.validation.studies import paper
 from softdyn.validation.timing.step_time import quiet
-from softdyn.validation.twin.state_map import StateMap
-from softdyn.validation.twin.twin import Twin
 
 THETA = 0.5  # the set point that is run, in multiples of π
 
@@ -21,19 +19,29 @@ THETA = 0.5  # the set point that is run, in multiples of π
 def throughput(
     model: SoftModel, controller: str, duration: float | None = None, repeats: int = 3
 ) -> dict[str, Any]:
-    """One robot's row: a set point of the paper run by `simulate`, the fastest of `repeats`.
+    """One robot's row: a set point of the paper, the fastest of `repeats` runs.
 
-    The times of `Twin.__init__` and of MuJoCo's steps are those of a second twin that is given the
-    recorded inputs; `model.state` is timed on the recorded states. The controller's is what the log
-    says of both less that, and bookkeeping is the rest.
+    The controller's time is what the log says of `model.state` and it together, less that of
+    `model.state` alone, timed on the recorded states. Bookkeeping is the rest.
 
     Parameters
     ----------
-    duration : simulated time of a loop (s); the experiment's by default.
+    model : SoftModel
+        The robot.
+    controller : str
+        Name of the controller.
+    duration : float, optional
+        Simulated time of a loop (s); the experiment's by default.
+    repeats : int
+        Number of runs.
+
+    Returns
+    -------
+    dict
+        Times (s) of the whole and of its parts, and how many steps it took.
     """
     experiment = paper.setup_of(model).set_point(THETA)
     duration = experiment.duration if duration is None else duration
-    schedule = Schedule.plan(duration, experiment.period)
     make = find_controller(controller)
     simulate(model, make(model), experiment, duration=min(duration, 0.1))  # warm up
     runs = []
@@ -41,17 +49,15 @@ def throughput(
         law = make(model)
         with quiet():
             began = perf_counter()
-            log = simulate(model, law, experiment, duration=duration)
-            wall = perf_counter() - began
-            began = perf_counter()
-            twin = Twin(model.robot, timestep=schedule.timestep)
-            states = StateMap(model, twin)
+            loop = ClosedLoop(model, law, experiment, duration=duration)
             setup = perf_counter() - began
-            twin.set_state(*states.to_twin(log.q[0], log.v[0]))
-            began = perf_counter()
-            for u in log.u:
-                twin.advance(u, schedule.substeps)
-            plant = perf_counter() - began
+            plant = 0.0
+            while loop.control() is not None:
+                held = perf_counter()
+                loop.advance()
+                plant += perf_counter() - held
+            log = loop.log()
+            wall = perf_counter() - began
             began = perf_counter()
             for q, v in zip(log.q, log.v, strict=True):
                 model.state(q, v)
@@ -59,16 +65,17 @@ def throughput(
         step = float(np.nansum(log.step_us)) / 1e6
         runs.append((wall, setup, state, step - state, plant, log.steps))
     wall, setup, state, law_s, plant, steps = min(runs)
+    grid = loop.grid
     parts = {"setup": setup, "state": state, "controller": law_s, "mujoco": plant}
     return {
         "robot": model.bundled or model.name,
         "controller": controller,
-        "simulated_s": steps * schedule.period,
+        "simulated_s": steps * grid.period,
         "wall_s": wall,
         "loops_per_s": 1 / wall,
-        "times_real_time": steps * schedule.period / wall,
+        "times_real_time": steps * grid.period / wall,
         "control_steps": steps,
-        "plant_steps": steps * schedule.substeps,
+        "plant_steps": steps * grid.substeps,
         **{f"{name}_s": seconds for name, seconds in parts.items()},
         "bookkeeping_s": wall - sum(parts.values()),
     }

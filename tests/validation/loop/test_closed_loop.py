@@ -15,7 +15,8 @@ import pytest
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
 from softdyn.validation import Log, Twin, simulate
-from softdyn.validation.loop.closed_loop import MAX_STEPS, Schedule
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.time_grid import MAX_STEPS, TimeGrid
 from softdyn.validation.loop.units import input_unit
 from softdyn.validation.studies import paper
 
@@ -178,7 +179,7 @@ def test_a_continuous_joint_without_inputs(tmp_path):
     [(0.005, 10), (0.0075, 15), (0.002, 4), (0.0005, 1), (0.0001, 1), (0.0007, 2), (0.01, 20)],
 )
 def test_the_plant_step_divides_the_period(period, substeps):
-    plan = Schedule.plan(1.0, period)
+    plan = TimeGrid.plan(1.0, period)
     assert plan.substeps == substeps
     assert plan.timestep == pytest.approx(period / substeps, rel=1e-15)
     assert plan.timestep <= 5e-4 * (1 + 1e-9)
@@ -187,7 +188,7 @@ def test_the_plant_step_divides_the_period(period, substeps):
 @pytest.mark.parametrize("duration", [10.0, 40 / 3, 0.0075, 0.001, 4.0, 8.0])
 @pytest.mark.parametrize("period", [0.005, 0.0075, 0.002])
 def test_runs_end_within_half_a_plant_step(duration, period):
-    plan = Schedule.plan(duration, period)
+    plan = TimeGrid.plan(duration, period)
     t = plan.times()
     assert len(t) == plan.steps + 1
     assert abs(t[-1] - duration) <= plan.timestep / 2 + 1e-12
@@ -204,11 +205,11 @@ def test_hostile_times_are_refused(cart, name, value):
 
 def test_steps_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="integer part of the period"):
-        Schedule.plan(1.0, 0.005, 0.0003)
+        TimeGrid.plan(1.0, 0.005, 0.0003)
     with pytest.raises(InputError, match="integer part of the period"):
-        Schedule.plan(1.0, 0.005, 0.01)
+        TimeGrid.plan(1.0, 0.005, 0.01)
     with pytest.raises(InputError, match="control periods"):
-        Schedule.plan((MAX_STEPS + 1) * 0.002, 0.002)
+        TimeGrid.plan((MAX_STEPS + 1) * 0.002, 0.002)
 
 
 # --- arguments ----------------------------------------------------------------------------------
@@ -564,3 +565,30 @@ def test_files_are_written_for_everyone_as_usual(log, tmp_path):
     finally:
         os.umask(mask)
     assert Path(tmp_path / "run.npz").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_loop_can_be_stepped(cart):
+    options = {"duration": 0.2, "period": 0.01}
+    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), **options)
+    seen = []
+    while (moment := loop.step()) is not None:
+        seen.append(moment)
+        assert loop.steps == len(seen)
+        assert not loop.log().complete
+    assert loop.done
+    assert loop.step() is None
+    whole, log = simulate(cart, steer, SetPoint([0.5, 0, 0]), **options), loop.log()
+    for name in ("t", "q", "v", "u", "error"):
+        assert getattr(log, name).tobytes() == getattr(whole, name).tobytes()
+    assert [moment.t for moment in seen] == list(log.t[:-1])
+    assert (log.complete, log.failed, log.reason) == (whole.complete, whole.failed, whole.reason)
+
+
+def test_a_loop_that_is_not_over_has_a_log_up_to_its_last_sample(cart):
+    loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), duration=0.2, period=0.01)
+    for _ in range(5):
+        loop.step()
+    log = loop.log()
+    assert (log.steps, log.complete, log.failed) == (4, False, False)
+    assert np.isfinite(log.y).all()
+    assert loop.run().steps == 20

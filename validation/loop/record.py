@@ -1,0 +1,117 @@
+"""What a closed loop writes down while it runs: its log's arrays and its controller's counts."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+
+from softdyn import InputError, SoftModel
+from softdyn.checks import array
+from softdyn.validation.loop.log import SHAPES
+
+
+class Answer(Protocol):
+    """What a closed loop needs of a controller's answer; V, delta and status are optional."""
+
+    @property
+    def u(self) -> Any:
+        """(nu,) the input."""
+        ...
+
+
+class Record:
+    """A log's arrays, allocated once for the planned run.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    t : np.ndarray, (N + 1,)
+        The sampling times of N control steps (s).
+
+    Attributes
+    ----------
+    t, q, v, y, y_ref, error, u, V, delta, step_us, u_min, u_max : np.ndarray
+        As in `Log`; NaN where nothing was recorded.
+    """
+
+    def __init__(self, model: SoftModel, t: np.ndarray) -> None:
+        size = {"samples": len(t), "steps": len(t) - 1, "space": 3}
+        size |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
+        made = {
+            name: np.full([size[axis] for axis in axes], np.nan) for name, axes in SHAPES.items()
+        }
+        self.t, self.u_min, self.u_max = t, model.u_min, model.u_max
+        self.q, self.v, self.u = made["q"], made["v"], made["u"]
+        self.y, self.y_ref, self.error = made["y"], made["y_ref"], made["error"]
+        self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
+        self._answers = np.empty_like(self.u)  # u before it is clipped
+        self._statuses: list[str] = []
+
+    def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
+        """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
+        error = np.subtract(y, y_ref, out=self.error[k])
+        self.y[k], self.y_ref[k] = y, y_ref
+        return math.sqrt(error @ error)
+
+    def answer(self, k: int, answer: Answer, nanoseconds: int) -> str | None:
+        """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
+        try:
+            u = array("u", answer.u, self.u_min.shape)
+        except AttributeError:
+            return "its answer has no u"
+        except InputError as error:
+            return str(error)
+        self._answers[k] = u
+        np.minimum(np.maximum(u, self.u_min), self.u_max, out=self.u[k])
+        self.V[k] = _scalar(getattr(answer, "V", None))
+        self.delta[k] = _scalar(getattr(answer, "delta", None))
+        status = getattr(answer, "status", "")
+        self._statuses.append(str(status.value if isinstance(status, Enum) else status))
+        self.step_us[k] = nanoseconds / 1e3
+        return None
+
+    def violation(self, steps: int) -> float:
+        """Largest violation of the bounds by an answer of the first `steps`, before clipping."""
+        return float(np.abs(self._answers[:steps] - self.u[:steps]).max(initial=0.0))
+
+    def arrays(self, steps: int) -> dict[str, np.ndarray]:
+        """The arrays of a log of a run that did `steps` control steps."""
+        ends = {"samples": steps + 1, "steps": steps}
+        return {
+            name: np.array(self._statuses[:steps], str)
+            if name == "status"
+            else getattr(self, name)[: ends.get(axes[0])].copy()
+            for name, axes in SHAPES.items()
+        }
+
+
+class Counts:
+    """What a controller, or the `guard` it has, counts itself since this was made."""
+
+    def __init__(self, controller: object) -> None:
+        has_own = hasattr(controller, "not_solved") or hasattr(controller, "fallbacks")
+        self._source = controller if has_own else getattr(controller, "guard", controller)
+        self._before = {name: self._count(name) for name in ("not_solved", "fallbacks")}
+
+    def _count(self, name: str) -> int:
+        return int(getattr(self._source, name, 0))
+
+    def since(self, name: str) -> int:
+        """Increase of ``not_solved`` or ``fallbacks``."""
+        return self._count(name) - self._before[name]
+
+    def violation(self) -> float:
+        """Largest violation of the bounds that the controller itself clipped."""
+        return float(getattr(self._source, "max_bound_violation", 0.0))
+
+
+def _scalar(value: Any) -> float:
+    """A diagnostic as a float; NaN when there is none or it is not a number."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
