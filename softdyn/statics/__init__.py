@@ -15,6 +15,7 @@ feed-forward input is its `u`, ∂y/∂u its `tip_sensitivity`), `stiffness` lin
 """
 
 from softdyn.dynamics.derivatives import gravity_stiffness, stiffness
+from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import (
     Barrier,
     Equilibrium,
@@ -39,11 +40,13 @@ from softdyn.statics.tip_search import (
 
 __all__ = [
     "Barrier",
+    "Diagnosis",
     "Equilibrium",
     "StaticsError",
     "TipSearch",
     "approach",
     "balance",
+    "diagnose",
     "explore",
     "gravity_stiffness",
     "inputs_for_tip",

@@ -1,229 +1,249 @@
-"""What a robot's description amounts to: actuation, stiffness against gravity, doubtful numbers.
+"""What a robot's file amounts to: joints, tendons, inputs, stiffness against gravity, doubts.
 
-Paper, section "ID-CLF-QP": the zero dynamics are stable if the stiffness in the unactuated
-coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here: with the rows of U an orthonormal basis of
-the directions that no input moves, null(Bᵀ), the smallest eigenvalue of U (∂K/∂q + ∂g/∂q) Uᵀ is
-positive.
+print(diagnose(softdyn.load("finger")))
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
-import numpy as np
-
-from softdyn.description.meshes import Mesh
-from softdyn.description.robot import Robot, moving_bodies
-from softdyn.description.visuals import triangles, visuals
-from softdyn.dynamics.derivatives import gravity_stiffness
 from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.statics.doubts import doubts, shape_doubts
+from softdyn.statics.zero_dynamics import Boundary, Pose, find_boundary, sample_poses
 
-RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
-UNLIMITED = math.pi  # how far joints without limits are tried
+LISTED = 12  # joints at most that the text has a line for
+JOINT = ("name", "kind", "lower", "upper", "stiffness", "rest", "damping", "armature")
+INPUT = ("name", "tendon", "gear", "lower", "upper")
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
-    """The robot at one configuration.
+class Diagnosis:
+    """What `diagnose` found; its text explains it.
 
     Attributes
     ----------
-    name : which one.
-    coordinates : (nv,) joint coordinates (rad, m).
-    rank : of B.
-    unactuated : (nv - rank, nv) orthonormal rows that span null(Bᵀ).
-    stiffness : (nv,) or fewer: ascending eigenvalues of U (∂K/∂q + ∂g/∂q) Uᵀ; N m/rad where all
-        joints turn.
-    gravity : the same of -U ∂g/∂q Uᵀ, descending: what the springs have to hold.
-    softest : (nv,) unit vector along the smallest stiffness.
+    model : SoftModel
+        The robot.
+    poses : tuple of Pose
+        All that were examined, q = 0 first.
+    boundary : Boundary or None
+        Where gravity begins to win on the way to the weakest pose.
+    warnings : tuple of str
+        What the file's readers remarked.
+    doubts : tuple of str
+        Numbers that look wrong.
     """
 
-    name: str
-    coordinates: np.ndarray
-    rank: int
-    unactuated: np.ndarray
-    stiffness: np.ndarray
-    gravity: np.ndarray
-    softest: np.ndarray
+    model: SoftModel
+    poses: tuple[Pose, ...]
+    boundary: Boundary | None
+    warnings: tuple[str, ...]
+    doubts: tuple[str, ...]
 
     @property
-    def dominates(self) -> bool:
-        """Whether stiffness dominates gravity wherever no input acts; true where all do."""
-        return self.least > 0
+    def rest(self) -> Pose:
+        """The pose q = 0."""
+        return self.poses[0]
+
+    @cached_property
+    def rank(self) -> int:
+        """The largest rank of B."""
+        return max(pose.rank for pose in self.poses)
 
     @property
-    def least(self) -> float:
-        """The smallest stiffness where no input acts; infinite where every direction has one."""
-        return float(self.stiffness.min(initial=math.inf))
+    def rank_drops(self) -> list[Pose]:
+        """Poses where B has a smaller rank than elsewhere."""
+        return [pose for pose in self.poses if pose.rank < self.rank]
 
+    @property
+    def gravity_wins(self) -> list[Pose]:
+        """Poses where stiffness does not dominate."""
+        return [pose for pose in self.poses if not pose.dominates]
 
-def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
-    """Rank of B and stiffness of the unactuated directions at joint coordinates (nv,)."""
-    q = model.configuration(coordinates)
-    state = model.state(q, np.zeros(model.nv))
-    left, values, _ = np.linalg.svd(state.B, full_matrices=True)
-    rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
-    U = left[:, rank:].T
-    falling = gravity_stiffness(model, q)
-    total, directions = np.linalg.eigh(U @ (model.tangent_stiffness(q) + falling) @ U.T)
-    softest = directions[:, 0] @ U if len(total) else np.zeros(model.nv)
-    if softest[np.abs(softest).argmax()] < 0:
-        softest = -softest
-    gravity = np.linalg.eigvalsh(-U @ falling @ U.T)[::-1]
-    return Pose(name, np.array(coordinates, float), rank, U, total, gravity, softest)
+    @cached_property
+    def weakest(self) -> Pose:
+        """The pose of least stiffness."""
+        return min(self.poses, key=lambda pose: pose.least)
 
+    @property
+    def softest(self) -> dict[str, float]:
+        """The unactuated direction of least stiffness at q = 0: the joints with a share of it."""
+        pairs = zip(self.model.joint_names, self.rest.softest.tolist(), strict=True)
+        return {name: share for name, share in pairs if abs(share) > 0.05}
 
-def reach(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
-    """Joint limits (nv,), (nv,), ±π where there are none."""
-    lower = np.where(np.isfinite(model.lower), model.lower, -UNLIMITED)
-    return lower, np.where(np.isfinite(model.upper), model.upper, UNLIMITED)
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        model, robot, rest = self.model, self.model.robot, self.rest
+        names = model.joint_names
 
+        def place(pose: Pose) -> dict[str, Any]:
+            at = dict(zip(names, pose.coordinates.tolist(), strict=True))
+            return {"pose": pose.name, "rank": pose.rank, "coordinates": at}
 
-def poses(model: SoftModel, samples: int, seed: int) -> Iterator[Pose]:
-    """q = 0, both ends of all joints at once, and `samples` random poses inside the limits."""
-    lower, upper = reach(model)
-    rng = np.random.default_rng(seed)
-    yield examine(model, np.zeros(model.nv), "q = 0")
-    yield examine(model, lower, "all joints at their lower limits")
-    yield examine(model, upper, "all joints at their upper limits")
-    for k in range(samples):
-        yield examine(model, rng.uniform(lower, upper), f"random pose {k}")
+        ceases = self.boundary and {
+            "towards": self.boundary.towards,
+            "share": self.boundary.share,
+            "coordinates": dict(zip(names, self.boundary.coordinates.tolist(), strict=True)),
+        }
+        return {
+            "robot": model.name,
+            "file": str(robot.path),
+            "links": len(robot.links),
+            "nv": model.nv,
+            "nu": model.nu,
+            "task": robot.task,
+            "length_m": robot.length,
+            "mass_kg": sum(link.inertia.mass for link in robot.links),
+            "joints": [{key: getattr(j, key) for key in JOINT} for j in robot.moving_joints],
+            "tendons": list(self._tendons()),
+            "inputs": [{key: getattr(a, key) for key in INPUT} for a in robot.actuators],
+            "poses": len(self.poses),
+            "rank_at_rest": rest.rank,
+            "rank": self.rank,
+            "rank_drops_at": [place(pose) for pose in self.rank_drops],
+            "unactuated": model.nv - self.rank,
+            "softest_unactuated": self.softest,
+            "stiffness_at_rest": rest.least,
+            "gravity_at_rest": rest.gravity.max() if len(rest.gravity) else None,
+            "dominates_at_rest": rest.dominates,
+            "poses_where_gravity_wins": len(self.gravity_wins),
+            "weakest": place(self.weakest) | {"stiffness": self.weakest.least},
+            "ceases": ceases,
+            "warnings": list(self.warnings),
+            "doubts": list(self.doubts),
+        }
 
+    def _tendons(self) -> Iterator[dict[str, Any]]:
+        robot = self.model.robot
+        lengths = self.model.tendon_lengths(self.model.q0)
+        for tendon, length in zip(robot.tendons, lengths, strict=True):
+            yield {
+                "name": tendon.name,
+                "kind": "spatial" if tendon.sites else "fixed",
+                "over": [s.link for s in tendon.sites] or [t.joint for t in tendon.terms],
+                "length": float(length),
+                "stiffness": tendon.stiffness,
+                "actuators": [a.name for a in robot.actuators if a.tendon == tendon.name],
+            }
 
-@dataclass(frozen=True)
-class Tilt:
-    """Where, turning gravity's load on, the springs cease to dominate.
+    def __str__(self) -> str:
+        model, robot = self.model, self.model.robot
+        mass = sum(link.inertia.mass for link in robot.links)
+        count = len(self.doubts)
+        return "\n".join((
+            f"{model.name}: {len(robot.links)} links, {model.nv} degrees of freedom, "
+            f"{model.nu} inputs, {mass:.4g} kg, "
+            f"{robot.length:.4g} m from base to tip {robot.task!r}",
+            "", *self._joint_lines(),
+            "", *self._tendon_lines(),
+            "", *self._actuation_lines(),
+            "", *self._stability_lines(),
+            *(f"warning: {text}" for text in self.warnings),
+            "", *(f"doubtful: {text}" for text in self.doubts),
+            f"looks wrong in {count} ways" if count else "nothing looks wrong",
+        ))  # fmt: skip
 
-    `share` of the way from q = 0 to `towards` (a pose's name), by bisection.
-    """
+    def _joint_lines(self) -> Iterator[str]:
+        joints = self.model.robot.moving_joints
+        kinds = Counter(joint.kind for joint in joints)
+        yield "joints: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+        for part, key in (("spring", "stiffness"), ("damper", "damping")):
+            values = [value for joint in joints if (value := getattr(joint, key)) > 0]
+            yield f"  {len(values)} with a {part}{_range(values)}"
+        for j in joints if len(joints) <= LISTED else ():
+            yield (
+                f"  {j.name:<22} {j.kind:<11}[{j.lower:.4g}, {j.upper:.4g}]  "
+                f"stiffness {j.stiffness:g} at {j.rest:g}, damping {j.damping:g}"
+            )
 
-    towards: str
-    share: float
-    coordinates: np.ndarray
+    def _tendon_lines(self) -> Iterator[str]:
+        yield f"tendons: {len(self.model.robot.tendons)}"
+        for t in self._tendons():
+            over = t["over"] if len(t["over"]) <= 4 else [*t["over"][:2], "…", t["over"][-1]]
+            spring = f", elastic {t['stiffness']:g}" if t["stiffness"] else ""
+            yield (
+                f"  {t['name']:<16}{t['kind']:<8} over {', '.join(over)}: "
+                f"length {t['length']:.4g}{spring}; {', '.join(t['actuators']) or 'no input'}"
+            )
 
-
-def ceases(model: SoftModel, weak: Pose, resolution: float = 1e-3) -> Tilt | None:
-    """A point on the straight way from q = 0 to `weak` where stiffness ceases to dominate.
-
-    None where it dominates at both ends, or at neither.
-    """
-    if weak.dominates or not examine(model, np.zeros(model.nv)).dominates:
-        return None
-    holds, fails = 0.0, 1.0
-    while fails - holds > resolution:
-        middle = (holds + fails) / 2
-        if examine(model, middle * weak.coordinates).dominates:
-            holds = middle
+    def _actuation_lines(self) -> Iterator[str]:
+        model, drops = self.model, self.rank_drops
+        yield (
+            f"actuation: {model.nu} inputs move {self.rank} of {model.nv} directions, "
+            f"springs and gravity have the other {model.nv - self.rank}"
+        )
+        if drops:
+            some = ", ".join(f"{pose.name} (rank {pose.rank})" for pose in drops[:3])
+            yield f"  fewer at {len(drops)} of {len(self.poses)} poses: {some}"
         else:
-            fails = middle
-    return Tilt(weak.name, fails, fails * weak.coordinates)
+            yield f"  the same at all {len(self.poses)} poses tried"
+
+    def _stability_lines(self) -> Iterator[str]:
+        yield "stiffness against gravity, where no input acts:"
+        if self.rank == self.model.nv and not self.rank_drops:
+            yield "  every direction has an input"
+            return
+        rest = self.rest
+        verdict = "dominates" if rest.dominates else "does NOT dominate"
+        yield (
+            f"  at q = 0 stiffness {verdict}: least {rest.least:.3g} in all, "
+            f"gravity takes up to {rest.gravity.max(initial=-math.inf):.3g}"
+        )
+        shares = ", ".join(f"{value:+.2f} {name}" for name, value in self.softest.items())
+        yield f"  softest direction: {shares}"
+        yield (
+            f"  gravity wins at {len(self.gravity_wins)} of {len(self.poses)} poses; "
+            f"least stiffness {self.weakest.least:.3g} at {self.weakest.name}"
+        )
+        if self.boundary is not None:
+            yield (
+                f"  it ceases to dominate {100 * self.boundary.share:.0f} % of the way from "
+                f"q = 0 to {self.boundary.towards}"
+            )
 
 
-# -- numbers that look wrong -----------------------------------------------------------------------
+def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
+    """Explain a robot and name what looks wrong in its file.
 
-DENSE, LIGHT = 25_000.0, 1.0  # kg/m³: heavier than gold is near, lighter than any solid foam
-SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
-DEGREES = 3 * 2 * math.pi  # rad: three turns
-OUTSIZE = 20.0  # width of a mesh over the robot's length
-BULKY = 3.0  # radius of gyration over the distance to the next joint
-
-
-def doubts(robot: Robot) -> tuple[str, ...]:
-    """Numbers that are legal and look wrong, one line each, in the terms of their likely cause."""
-    return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
-
-
-def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The same of visual shapes, and a line for each shape that cannot be read.
+    Parameters
+    ----------
+    model : SoftModel
+        Of a fixed base and independent joints.
+    samples : int
+        Random poses, besides q = 0 and all joints at either limit.
+    seed : int
+        Of the random poses.
 
     Raises
     ------
+    InputError
+        A floating base, or mimic joints.
     UrdfError
-        For a number in a shape that is none.
+        A number in a visual shape that is none.
     """
-    shapes, unreadable = visuals(robot)
-    size = max(robot.length, *(float(np.linalg.norm(j.translation)) for j in robot.joints), 0.05)
-    widest: dict[str, float] = {}
-    for shape in shapes:
-        if isinstance(shape.shape, Mesh):
-            extent = float(np.ptp(triangles(shape).reshape(-1, 3), axis=0).max())
-            widest[shape.link] = max(extent, widest.get(shape.link, 0.0))
-    found = (
-        f"link {link!r}: its mesh is {extent:.2g} m wide, the robot {size:.2g} m long: "
-        f'a mesh in mm without scale="0.001 0.001 0.001"?'
-        for link, extent in widest.items()
-        if extent > OUTSIZE * size
+    robot = model.robot
+    if robot.floating or robot.followers:
+        what = "a floating base" if robot.floating else "mimic joints"
+        raise InputError("robot", "a fixed base and independent joints", what)
+    poses = tuple(sample_poses(model, samples, seed))
+    outsize, unreadable = shape_doubts(robot)
+    return Diagnosis(
+        model,
+        poses,
+        find_boundary(model, min(poses, key=lambda pose: pose.least)),
+        (*robot.warnings, *unreadable),
+        (*doubts(robot), *outsize),
     )
-    return tuple(found), unreadable
 
 
-def _sizes(robot: Robot) -> Iterator[str]:
-    offsets = [float(np.linalg.norm(joint.translation)) for joint in robot.joints]
-    size = max([robot.length, *offsets])
-    if size > LARGEST:
-        yield f"a size of {size:g} m: lengths in mm? URDF wants metres"
-    if 0 < size < SMALLEST:
-        yield f"a size of {size:g} m: lengths in km or mm scaled twice? URDF wants metres"
-    if robot.length == 0:
-        yield "the tip sits at the base: no joint offset on the way to it"
-
-
-def _limits(robot: Robot) -> Iterator[str]:
-    for joint in robot.moving_joints:
-        span = max(abs(joint.lower), abs(joint.upper))
-        if joint.kind == "revolute" and span > DEGREES:
-            yield f"joint {joint.name!r} turns up to {span:g} rad: limits in degrees?"
-        if joint.kind == "prismatic" and math.isfinite(span) and span > 10 * max(robot.length, 0.1):
-            yield f"joint {joint.name!r} slides up to {span:g} m: limits in mm?"
-        if joint.lower == joint.upper:
-            yield f"joint {joint.name!r} cannot move: lower = upper = {joint.lower:g}"
-        elif not joint.lower <= 0 <= joint.upper:
-            yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose the file draws"
-
-
-def _bodies(robot: Robot) -> Iterator[str]:
-    bodies = moving_bodies(robot)
-    masses = [body.mass for body in bodies.values() if body.mass > 0]
-    heaviest, size = max(masses, default=0.0), max(robot.length, 1e-6)
-    if heaviest > 200 * max(1.0, size**3):
-        yield f"a body of {heaviest:g} kg in a robot of {size:.2g} m: masses in grams?"
-    for name, body in bodies.items():
-        if body.mass <= 0:
-            continue
-        # a solid ellipsoid with these moments: semi-axes from a² = 5/2m (b + c - a)
-        moments = np.linalg.eigvalsh(body.tensor)
-        squares = 2.5 / body.mass * (moments.sum() - 2 * moments)
-        axes = np.sqrt(np.maximum(squares, 0.0))
-        gyration = math.sqrt(float(moments.max()) / body.mass)
-        if gyration > BULKY * max(size, 1e-6):
-            yield (
-                f"link {name!r}: its inertia is that of a body {gyration:.2g} m wide, the robot "
-                f"is {size:.2g} m long: inertia in g mm² or kg mm²?"
-            )
-        volume = 4 / 3 * math.pi * float(np.prod(axes))
-        if volume > 0 and not LIGHT < body.mass / volume < DENSE:
-            yield (
-                f"link {name!r}: as a solid ellipsoid it would weigh "
-                f"{body.mass / volume:.2g} kg/m³: mass and inertia do not fit each other"
-            )
-        com = float(np.linalg.norm(body.com))
-        if com > BULKY * max(size, 0.01):
-            yield f"link {name!r}: its centre of mass is {com:g} m away from its joint"
-
-
-def _springs(robot: Robot) -> Iterator[str]:
-    for joint in robot.moving_joints:
-        if joint.stiffness > 0 and not joint.lower <= joint.rest <= joint.upper:
-            yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"
-        if joint.stiffness > 0 and joint.damping == 0:
-            yield f"joint {joint.name!r} has a spring and no damping: it will ring for ever"
-    for actuator in robot.actuators:
-        tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
-        if actuator.gear == 0 or actuator.lower == actuator.upper:
-            yield f"actuator {actuator.name!r} can do nothing: gear or range is zero"
-        if tendon.sites and actuator.gear > 0:
-            yield f"actuator {actuator.name!r} pushes its cable: cables carry a gear < 0"
-        if tendon.sites and actuator.gear < 0 and actuator.lower < 0:
-            yield f"actuator {actuator.name!r} may push its cable: its lower bound is below 0"
+def _range(values: list[float]) -> str:
+    if not values:
+        return ""
+    low, high = min(values), max(values)
+    return f": {low:g}" if low == high else f": {low:g} to {high:g}"

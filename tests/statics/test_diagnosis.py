@@ -12,7 +12,9 @@ import pytest
 import softdyn
 from softdyn import SoftModel, parse
 from softdyn.commands import check_urdf
-from softdyn.statics import diagnosis
+from softdyn.statics import diagnose
+from softdyn.statics.doubts import doubts, shape_doubts
+from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
 from tests.support import CORPUS
 from tests.support.control_cases import robot
 
@@ -53,7 +55,7 @@ def load(folder: Path, text: str) -> SoftModel:
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.3, 2.9])
 def test_one_pendulum(up: bool, angle: float, tmp_path: Path) -> None:
     # ∂(K + g)/∂q = k ± m g l cos q, minus for an inverted one
-    pose = diagnosis.examine(load(tmp_path, links(1, up, STIFFNESS)), np.array([angle]))
+    pose = examine(load(tmp_path, links(1, up, STIFFNESS)), np.array([angle]))
     gravity = (1 if up else -1) * MASS * G * LEVER * math.cos(angle)
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
     np.testing.assert_allclose(pose.gravity, [gravity], rtol=1e-12)
@@ -64,38 +66,38 @@ def test_one_pendulum(up: bool, angle: float, tmp_path: Path) -> None:
 def test_the_critical_stiffness_of_an_inverted_pendulum_is_m_g_l(tmp_path: Path) -> None:
     for factor, stands in ((0.999, False), (1.001, True)):
         model = load(tmp_path, links(1, True, factor * MASS * G * LEVER))
-        assert diagnosis.examine(model, np.zeros(1)).dominates is stands
+        assert examine(model, np.zeros(1)).dominates is stands
 
 
 def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
     # two inverted links with a motor at the first joint: ∂g₂/∂q₂ = -m g l cos(q₁ + q₂) remains
     model = load(tmp_path, links(2, True, STIFFNESS, actuated=(1,)))
-    pose = diagnosis.examine(model, np.array([0.3, -0.8]))
+    pose = examine(model, np.array([0.3, -0.8]))
     assert pose.rank == 1
     np.testing.assert_allclose(np.abs(pose.unactuated), [[0.0, 1.0]], atol=1e-12)
     gravity = MASS * G * LEVER * math.cos(-0.5)
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
-    full = diagnosis.examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
+    full = examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
     assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
 
 
-def test_where_it_ceases(tmp_path: Path) -> None:
+def test_where_gravity_begins_to_win(tmp_path: Path) -> None:
     # hanging at 0, its spring weaker than gravity pulls beyond cos q = -k / m g l
     stiffness = 0.5 * MASS * G * LEVER
     model = load(tmp_path, links(1, False, stiffness))
-    weak = diagnosis.examine(model, np.array([3.0]), "up")
+    weak = examine(model, np.array([3.0]), "up")
     assert not weak.dominates
-    limit = diagnosis.ceases(model, weak)
+    limit = find_boundary(model, weak)
     assert limit is not None
     assert limit.coordinates[0] == pytest.approx(math.acos(-0.5), abs=3e-3 * 1.01)
-    assert not diagnosis.examine(model, limit.coordinates).dominates
-    assert diagnosis.ceases(model, diagnosis.examine(model, np.array([0.1]))) is None
+    assert not examine(model, limit.coordinates).dominates
+    assert find_boundary(model, examine(model, np.array([0.1]))) is None
     inverted = load(tmp_path, links(1, True, stiffness))
-    assert diagnosis.ceases(inverted, diagnosis.examine(inverted, np.array([0.1]))) is None
+    assert find_boundary(inverted, examine(inverted, np.array([0.1]))) is None
 
 
 def test_rank_drops_where_three_cables_meet() -> None:
-    seen = list(diagnosis.poses(robot("spirob"), 6, seed=0))
+    seen = list(sample_poses(robot("spirob"), 6, seed=0))
     assert [pose.rank for pose in seen] == [2, 2, 2, 3, 3, 3, 3, 3, 3]
     for pose in seen:
         B = robot("spirob").state(pose.coordinates, np.zeros(27)).B
@@ -132,16 +134,16 @@ DOUBTS = [
 def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path: Path) -> None:
     path = tmp_path / "gripper.urdf"
     path.write_text(SOUND)
-    assert diagnosis.doubts(parse(path)) == ()
+    assert doubts(parse(path)) == ()
     assert SOUND.count(change[0]) == 1
     path.write_text(SOUND.replace(*change))
-    found = diagnosis.doubts(parse(path))
+    found = doubts(parse(path))
     assert any(doubt in text for text in found), found
 
 
 @pytest.mark.parametrize("name", softdyn.bundled_names())
 def test_bundled_robots_look_right(name: str) -> None:
-    assert diagnosis.doubts(robot(name).robot) == ()
+    assert doubts(robot(name).robot) == ()
 
 
 def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
@@ -156,9 +158,9 @@ def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
     ):
         base = f'<link name="l0">{shape.format(name, scale)}</link>'
         path.write_text(links(1, False, STIFFNESS).replace('<link name="l0"/>', base))
-        doubts, unreadable = diagnosis.shape_doubts(parse(path))
-        assert (len(doubts), len(unreadable)) == found
-        assert all("a mesh in mm" in text for text in doubts)
+        found_wrong, unreadable = shape_doubts(parse(path))
+        assert (len(found_wrong), len(unreadable)) == found
+        assert all("a mesh in mm" in text for text in found_wrong)
 
 
 # -- the command -----------------------------------------------------------------------------------
@@ -195,6 +197,7 @@ BASES = sorted((CORPUS / "base").glob("[!p]*.urdf"))  # plain.urdf mimics
 
 @pytest.mark.parametrize("path", BASES, ids=lambda path: path.stem)
 def test_the_command_on_all_kinds_of_robots(path: Path) -> None:
-    report = check_urdf.examine(softdyn.load(path), 3)
-    assert check_urdf.summary(report)
+    found = diagnose(softdyn.load(path), 3)
+    assert f"{found.model.nv} degrees of freedom" in str(found)
+    report = found.to_dict()
     assert report["rank"] + report["unactuated"] == report["nv"]

@@ -1,0 +1,117 @@
+"""Numbers in a robot's description that are legal and look wrong, by their likely cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from softdyn.description.meshes import Mesh
+from softdyn.description.robot import Robot, moving_bodies
+from softdyn.description.visuals import triangles, visuals
+
+DENSE, LIGHT = 25_000.0, 1.0  # kg/m³: heavier than gold is near, lighter than any solid foam
+SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
+DEGREES = 3 * 2 * math.pi  # rad: three turns
+OUTSIZE = 20.0  # width of a mesh over the robot's length
+BULKY = 3.0  # radius of gyration over the distance to the next joint
+
+
+def doubts(robot: Robot) -> tuple[str, ...]:
+    """A line for each number that looks wrong, shapes left out."""
+    return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
+
+
+def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The same of visual shapes, and a line for each shape that cannot be read.
+
+    Raises
+    ------
+    UrdfError
+        For a number in a shape that is none.
+    """
+    shapes, unreadable = visuals(robot)
+    size = max(robot.length, *(float(np.linalg.norm(j.translation)) for j in robot.joints), 0.05)
+    widest: dict[str, float] = {}
+    for shape in shapes:
+        if isinstance(shape.shape, Mesh):
+            extent = float(np.ptp(triangles(shape).reshape(-1, 3), axis=0).max())
+            widest[shape.link] = max(extent, widest.get(shape.link, 0.0))
+    found = (
+        f"link {link!r}: its mesh is {extent:.2g} m wide, the robot {size:.2g} m long: "
+        f'a mesh in mm without scale="0.001 0.001 0.001"?'
+        for link, extent in widest.items()
+        if extent > OUTSIZE * size
+    )
+    return tuple(found), unreadable
+
+
+def _sizes(robot: Robot) -> Iterator[str]:
+    offsets = [float(np.linalg.norm(joint.translation)) for joint in robot.joints]
+    size = max([robot.length, *offsets])
+    if size > LARGEST:
+        yield f"a size of {size:g} m: lengths in mm? URDF wants metres"
+    if 0 < size < SMALLEST:
+        yield f"a size of {size:g} m: lengths in km or mm scaled twice? URDF wants metres"
+    if robot.length == 0:
+        yield "the tip sits at the base: no joint offset on the way to it"
+
+
+def _limits(robot: Robot) -> Iterator[str]:
+    for joint in robot.moving_joints:
+        span = max(abs(joint.lower), abs(joint.upper))
+        if joint.kind == "revolute" and span > DEGREES:
+            yield f"joint {joint.name!r} turns up to {span:g} rad: limits in degrees?"
+        if joint.kind == "prismatic" and math.isfinite(span) and span > 10 * max(robot.length, 0.1):
+            yield f"joint {joint.name!r} slides up to {span:g} m: limits in mm?"
+        if joint.lower == joint.upper:
+            yield f"joint {joint.name!r} cannot move: lower = upper = {joint.lower:g}"
+        elif not joint.lower <= 0 <= joint.upper:
+            yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose the file draws"
+
+
+def _bodies(robot: Robot) -> Iterator[str]:
+    bodies = moving_bodies(robot)
+    masses = [body.mass for body in bodies.values() if body.mass > 0]
+    heaviest, size = max(masses, default=0.0), max(robot.length, 1e-6)
+    if heaviest > 200 * max(1.0, size**3):
+        yield f"a body of {heaviest:g} kg in a robot of {size:.2g} m: masses in grams?"
+    for name, body in bodies.items():
+        if body.mass <= 0:
+            continue
+        # a solid ellipsoid with these moments: semi-axes from a² = 5/2m (b + c - a)
+        moments = np.linalg.eigvalsh(body.tensor)
+        squares = 2.5 / body.mass * (moments.sum() - 2 * moments)
+        axes = np.sqrt(np.maximum(squares, 0.0))
+        gyration = math.sqrt(float(moments.max()) / body.mass)
+        if gyration > BULKY * max(size, 1e-6):
+            yield (
+                f"link {name!r}: its inertia is that of a body {gyration:.2g} m wide, the robot "
+                f"is {size:.2g} m long: inertia in g mm² or kg mm²?"
+            )
+        volume = 4 / 3 * math.pi * float(np.prod(axes))
+        if volume > 0 and not LIGHT < body.mass / volume < DENSE:
+            yield (
+                f"link {name!r}: as a solid ellipsoid it would weigh "
+                f"{body.mass / volume:.2g} kg/m³: mass and inertia do not fit each other"
+            )
+        com = float(np.linalg.norm(body.com))
+        if com > BULKY * max(size, 0.01):
+            yield f"link {name!r}: its centre of mass is {com:g} m away from its joint"
+
+
+def _springs(robot: Robot) -> Iterator[str]:
+    for joint in robot.moving_joints:
+        if joint.stiffness > 0 and not joint.lower <= joint.rest <= joint.upper:
+            yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"
+        if joint.stiffness > 0 and joint.damping == 0:
+            yield f"joint {joint.name!r} has a spring and no damping: it will ring for ever"
+    for actuator in robot.actuators:
+        tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
+        if actuator.gear == 0 or actuator.lower == actuator.upper:
+            yield f"actuator {actuator.name!r} can do nothing: gear or range is zero"
+        if tendon.sites and actuator.gear > 0:
+            yield f"actuator {actuator.name!r} pushes its cable: cables carry a gear < 0"
+        if tendon.sites and actuator.gear < 0 and actuator.lower < 0:
+            yield f"actuator {actuator.name!r} may push its cable: its lower bound is below 0"

@@ -1,0 +1,126 @@
+"""What no input moves: rank of B, stiffness of the unactuated directions against gravity.
+
+Paper, section "ID-CLF-QP": the zero dynamics are stable if the stiffness in the unactuated
+coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here: with the rows of U an orthonormal basis of
+the directions that no input moves, null(Bᵀ), the smallest eigenvalue of U (∂K/∂q + ∂g/∂q) Uᵀ is
+positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.dynamics.derivatives import gravity_stiffness
+from softdyn.dynamics.model import SoftModel
+
+RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
+UNLIMITED = math.pi  # how far joints without limits are tried
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The robot at one configuration.
+
+    Attributes
+    ----------
+    name : str
+        Which one.
+    coordinates : ndarray, (nv,)
+        Joint coordinates (rad, m).
+    rank : int
+        Of B.
+    unactuated : ndarray, (nv - rank, nv)
+        Orthonormal rows that span null(Bᵀ).
+    stiffness : ndarray, (nv - rank,)
+        Ascending eigenvalues of U (∂K/∂q + ∂g/∂q) Uᵀ; N m/rad where all joints turn.
+    gravity : ndarray, (nv - rank,)
+        The same of -U ∂g/∂q Uᵀ, descending: what the springs have to hold.
+    softest : ndarray, (nv,)
+        Unit vector along the smallest stiffness.
+    """
+
+    name: str
+    coordinates: np.ndarray
+    rank: int
+    unactuated: np.ndarray
+    stiffness: np.ndarray
+    gravity: np.ndarray
+    softest: np.ndarray
+
+    @property
+    def dominates(self) -> bool:
+        """Whether stiffness dominates gravity wherever no input acts; true where all do."""
+        return self.least > 0
+
+    @property
+    def least(self) -> float:
+        """The smallest stiffness where no input acts; infinite where every direction has one."""
+        return float(self.stiffness.min(initial=math.inf))
+
+
+def examine(model: SoftModel, coordinates: np.ndarray, name: str = "") -> Pose:
+    """Rank of B and stiffness of the unactuated directions at joint coordinates (nv,)."""
+    q = model.configuration(coordinates)
+    state = model.state(q, np.zeros(model.nv))
+    left, values, _ = np.linalg.svd(state.B, full_matrices=True)
+    rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
+    U = left[:, rank:].T
+    falling = gravity_stiffness(model, q)
+    total, directions = np.linalg.eigh(U @ (model.tangent_stiffness(q) + falling) @ U.T)
+    softest = directions[:, 0] @ U if len(total) else np.zeros(model.nv)
+    if softest[np.abs(softest).argmax()] < 0:
+        softest = -softest
+    gravity = np.linalg.eigvalsh(-U @ falling @ U.T)[::-1]
+    return Pose(name, np.array(coordinates, float), rank, U, total, gravity, softest)
+
+
+def sample_poses(model: SoftModel, samples: int, seed: int = 0) -> Iterator[Pose]:
+    """q = 0, both ends of all joints at once, and `samples` random poses inside the limits."""
+    lower = np.where(np.isfinite(model.lower), model.lower, -UNLIMITED)
+    upper = np.where(np.isfinite(model.upper), model.upper, UNLIMITED)
+    rng = np.random.default_rng(seed)
+    yield examine(model, np.zeros(model.nv), "q = 0")
+    yield examine(model, lower, "all joints at their lower limits")
+    yield examine(model, upper, "all joints at their upper limits")
+    for k in range(samples):
+        yield examine(model, rng.uniform(lower, upper), f"random pose {k}")
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """Where stiffness stops to dominate gravity, on the straight way from q = 0 to a pose.
+
+    Attributes
+    ----------
+    towards : str
+        The pose's name.
+    share : float
+        Of the way.
+    coordinates : ndarray, (nv,)
+        Joint coordinates there (rad, m).
+    """
+
+    towards: str
+    share: float
+    coordinates: np.ndarray
+
+
+def find_boundary(model: SoftModel, weak: Pose, resolution: float = 1e-3) -> Boundary | None:
+    """The `Boundary` on the way to `weak`, by bisection to `resolution` of the way.
+
+    None where stiffness dominates at both ends, or at neither.
+    """
+    if weak.dominates or not examine(model, np.zeros(model.nv)).dominates:
+        return None
+    holds, fails = 0.0, 1.0
+    while fails - holds > resolution:
+        middle = (holds + fails) / 2
+        if examine(model, middle * weak.coordinates).dominates:
+            holds = middle
+        else:
+            fails = middle
+    return Boundary(weak.name, fails, fails * weak.coordinates)
