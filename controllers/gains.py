@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -37,7 +38,11 @@ class Gains:
             value = getattr(self, field.name)
             number = isinstance(value, int | float) and not isinstance(value, bool)
             positive = field.name in ("Kp", "eps", "rho")
-            if not (number and math.isfinite(value) and (value > 0 if positive else value >= 0)):
+            if not (
+                number
+                and abs(value) <= sys.float_info.max
+                and (value > 0 if positive else value >= 0)
+            ):
                 kind = "a positive number" if positive else "a number >= 0"
                 raise InputError(f"gains.{field.name}", kind, value)
 

@@ -126,6 +126,7 @@ def program(parser: Parser, command: Command, module: str) -> Callable[..., int]
     """
 
     def main(argv: list[str] | None = None) -> int:
+        prepare_streams()
         arguments = parser.parse_args(argv)
         one_thread()
         return run(command, arguments)
@@ -133,6 +134,24 @@ def program(parser: Parser, command: Command, module: str) -> Callable[..., int]
     if module == "__main__":
         sys.exit(main())
     return main
+
+
+def prepare_streams() -> None:
+    """Streams that take any text, whatever the terminal's alphabet, and none that is closed.
+
+    A closed one becomes the null device: the next file that is opened would take its number, and
+    get what engines print.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number
+        if getattr(sys, name) is None and name == "stderr":
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def one_thread() -> None:
@@ -175,6 +194,8 @@ def say(text: str) -> None:
     """Print `text` at once, or say why not: a full disk must not pass for a success."""
     from softdyn import InputError
 
+    if sys.stdout is None:
+        raise InputError("stdout", "a stream to write to", "a closed one")
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -187,17 +208,9 @@ def say(text: str) -> None:
 
 def read_toml(path: str) -> dict[str, Any]:
     """The table in a TOML file."""
-    import tomllib
+    from softdyn.validation.files import read_toml as read
 
-    from softdyn import InputError
-
-    try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise InputError(path, "a readable file", error.strerror or error) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(path, "a TOML file", error) from None
+    return read(path)
 
 
 def check_outputs(*targets: str | None) -> None:

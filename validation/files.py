@@ -9,12 +9,15 @@ import math
 import os
 import secrets
 import stat
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from softdyn import InputError
+
+MAX_TOML = 1_000_000  # bytes
 
 
 @contextmanager
@@ -99,6 +102,28 @@ def check_outputs(*paths: str | Path | None) -> None:
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
         seen.add(target)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The table in a TOML file of at most `MAX_TOML` bytes.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is larger, or is no TOML that Python can hold.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(MAX_TOML + 1)
+    except (OSError, ValueError) as error:  # a name that no system accepts
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(str(path), "a readable file", reason) from None
+    if len(content) > MAX_TOML:
+        raise InputError(str(path), f"a file of at most {MAX_TOML} bytes", "a larger one")
+    try:
+        return tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
+        raise InputError(str(path), "a TOML file", error) from None
 
 
 def to_json(value: Any) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import tomllib
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import fields, replace
@@ -20,11 +19,11 @@ from softdyn.checks import number
 from softdyn.controllers import CONTROLLERS, Gains, find_controller
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.description import library as catalogue
+from softdyn.validation.files import read_toml
 from softdyn.validation.studies.fingerprint import sources as own_sources
 from softdyn.validation.studies.sweep import FIGURES, PLANT, Axis, Source, Sweep
 
 MAX_CASES = 100_000
-MAX_BYTES = 1_000_000  # of a sweep file
 TARGETS = ("theta", "omega", "point")
 GAINS = tuple(field.name for field in fields(Gains))
 KEYS = ("robots", "controllers", "targets", "gains", "plant", "samples", "logs", "figure")
@@ -43,22 +42,7 @@ def read(path: str | Path) -> Sweep:
         One line with the file, the key, what was expected and what was got.
     """
     path = Path(path)
-    return _Reader(path, _table(path)).sweep()
-
-
-def _table(path: Path) -> dict[str, Any]:
-    try:
-        with open(path, "rb") as file:
-            content = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(str(path), "a readable file", reason) from None
-    if len(content) > MAX_BYTES:
-        raise InputError(str(path), f"a sweep file of at most {MAX_BYTES} bytes", "a larger one")
-    try:
-        return tomllib.loads(content.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(str(path), "a TOML file", error) from None
+    return _Reader(path, read_toml(path)).sweep()
 
 
 class _Reader:

@@ -1,0 +1,70 @@
+"""Commands in strange environments: closed streams, small alphabets, hostile TOML."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.support import SCRIPTS
+
+RUN = [sys.executable, str(SCRIPTS / "run.py"), "finger", "ic", "--theta", "0.5",
+       "--duration", "0.05"]  # fmt: skip
+
+
+def shell(words, redirection, **environment):
+    command = " ".join(f"'{word}'" for word in words) + redirection
+    return subprocess.run(
+        command, shell=True, capture_output=True, env={**os.environ, **environment},
+        encoding=environment.get("PYTHONIOENCODING", "utf-8"),
+    )  # fmt: skip
+
+
+def test_closed_streams(tmp_path):
+    log = tmp_path / "x.npz"
+    done = shell([*RUN, "--json", "-", "--log", str(log)], " 2>&-")
+    assert done.returncode in (0, 1)
+    assert json.loads(done.stdout)["steps"] == 10
+    assert log.exists()
+    wrong = shell([*RUN[:2], "nobody", *RUN[3:], "--json", "-"], " 2>&-")
+    assert (wrong.returncode, wrong.stdout) == (2, "")  # no error where JSON is expected
+    silent = shell(RUN, " >&-")
+    assert silent.returncode == 2
+    assert silent.stderr == "error: stdout: expected a stream to write to, got a closed one\n"
+    assert shell(RUN, " >&- 2>&- <&-").returncode == 2
+
+
+@pytest.mark.parametrize("alphabet", ["ascii", "latin-1"])
+def test_a_small_alphabet(alphabet):
+    done = shell([sys.executable, str(SCRIPTS / "benchmark.py"), "--help"], "",
+                 PYTHONIOENCODING=alphabet)  # fmt: skip
+    assert done.returncode == 0
+    done = shell(RUN, "", PYTHONIOENCODING=alphabet)
+    assert done.returncode in (0, 1)
+    assert "Traceback" not in done.stderr
+    wrong = shell([*RUN[:2], "fingerℓ", *RUN[3:]], "", PYTHONIOENCODING=alphabet)
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith("error: robot: ")
+
+
+@pytest.mark.parametrize(
+    "value", ["1" * 5000, "[" * 5000 + "]" * 5000, "0x" + "f" * 10_000, "'\xff"]
+)
+def test_hostile_toml(tmp_path, value):
+    (tmp_path / "gains.toml").write_bytes(f"Kp = {value}\n".encode("latin-1"))
+    done = shell([*RUN, "--gains", str(tmp_path / "gains.toml")], "")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "gains" in done.stderr
+    (tmp_path / "sweep.toml").write_bytes(f"robots = {value}\n".encode("latin-1"))
+    done = shell([RUN[0], str(SCRIPTS / "sweep.py"), str(tmp_path / "sweep.toml")], "")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_large_toml(tmp_path):
+    (tmp_path / "gains.toml").write_text("#" * 1_000_001)
+    done = shell([*RUN, "--gains", str(tmp_path / "gains.toml")], "")
+    assert done.returncode == 2
+    assert "at most 1000000 bytes" in done.stderr
