@@ -52,5 +52,8 @@ class InputError(SoftdynError, ValueError):
 
 def one_line(value: object, limit: int = 120) -> str:
     """`value` as text without line breaks, cut to `limit` characters."""
-    text = " ".join(str(value).split()) or repr(value)
+    try:
+        text = " ".join(str(value).split()) or repr(value)
+    except ValueError:  # Python writes no integer of thousands of digits
+        text = "a number of too many digits"
     return text if len(text) <= limit else text[: limit - 1] + "…"
