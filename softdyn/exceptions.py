@@ -52,8 +52,5 @@ class InputError(SoftdynError, ValueError):
 
 def one_line(value: object, limit: int = 120) -> str:
     """`value` as text without line breaks, cut to `limit` characters."""
-    try:
-        text = " ".join(str(value).split()) or repr(value)
-    except ValueError:  # Python writes no integer of thousands of digits
-        text = "a number of too many digits"
+    text = " ".join(str(value).split()) or repr(value)
     return text if len(text) <= limit else text[: limit - 1] + "…"

@@ -121,7 +121,10 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     if len(content) > MAX_TOML:
         raise InputError(str(path), f"a file of at most {MAX_TOML} bytes", "a larger one")
     try:
-        return tomllib.loads(content.decode())
+        table = tomllib.loads(content.decode())
+        if _holds_large_integer(table):  # Python cannot even print one of thousands of digits
+            raise ValueError("an integer of more than 64 bits")
+        return table
     except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
         raise InputError(str(path), "a TOML file", error) from None
 
@@ -140,6 +143,13 @@ def write_text(path: str | Path, text: str) -> None:
 def write_json(path: str | Path, value: Any) -> None:
     """Write `to_json` of `value` to a file."""
     write_text(path, to_json(value) + "\n")
+
+
+def _holds_large_integer(value: Any) -> bool:
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return any(_holds_large_integer(part) for part in parts)
+    return isinstance(value, int) and not -(2**63) <= value < 2**63
 
 
 def _is_stream(path: Path) -> bool:
