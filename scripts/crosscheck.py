@@ -4,14 +4,10 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
 
 from softdyn.commands import cli
 
-if TYPE_CHECKING:
-    from softdyn.validation.crosschecks.batch import Row
-    from softdyn.validation.crosschecks.crosscheck import CrossCheck
-
+COMMAND = "scripts/crosscheck.py --catalogue"
 EPILOG = """\
 Instead of one ROBOT, --catalogue takes every URDF of example-robot-data (with --repair-inertia and
 --floating also repaired and floating), and --random N takes N random robots of the seeds from
@@ -59,11 +55,10 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.robot is None:
         return many(arguments)
     model = cli.load_robot(arguments)
-    twin = Twin(model, limits=False)
     show = sys.stderr.isatty()
     result = crosscheck(
         model,
-        twin,
+        Twin(model, limits=False),
         samples=arguments.samples,
         seed=arguments.seed,
         trajectories=not arguments.states_only,
@@ -71,16 +66,14 @@ def command(arguments: cli.Arguments) -> int:
     )
     if show:
         say("")
-    cli.write_report(result.to_dict(), arguments.json, summary(result))
+    cli.write_report(result.to_dict(), arguments.json, str(result))
     return cli.PASSED if result.passed else cli.FAILED
 
 
 def many(arguments: cli.Arguments) -> int:
     """One row a robot, and how many there are of each kind."""
-    from tqdm import tqdm
-
     from softdyn import InputError
-    from softdyn.validation.crosschecks import batch as catalogue
+    from softdyn.validation.crosschecks import batch
     from softdyn.validation.files import write_text
 
     if arguments.annotations is not None:
@@ -89,78 +82,24 @@ def many(arguments: cli.Arguments) -> int:
     options = {"floating": arguments.floating, "trajectories": not arguments.states_only}
     if arguments.catalogue:
         repair = arguments.repair_inertia
-        jobs = catalogue.catalogue_jobs(*common, **options, repair_inertia=repair)
+        jobs = batch.catalogue_jobs(*common, **options, repair_inertia=repair)
     else:
-        jobs = catalogue.random_jobs(arguments.random, *common, **options)
-    rows: list[Row] = []
-    with tqdm(total=len(jobs), disable=None, leave=False, unit="robot") as bar:
-        for row in catalogue.examine_all(jobs, arguments.jobs or -1):
-            rows += [] if row is None else [row]
-            bar.update()
-    rows = catalogue.in_order(jobs, rows)
+        jobs = batch.random_jobs(arguments.random, *common, **options)
+    survey = batch.survey(jobs, arguments.jobs or -1)
     if arguments.markdown is not None:
-        names = ("--repair-inertia", "--floating")
-        given = [name for name in names if getattr(arguments, name[2:].replace("-", "_"))]
-        command = " ".join(["scripts/crosscheck.py --catalogue", *given])
-        write_text(arguments.markdown, catalogue.markdown(rows, command))
-    failed = [row for row in rows if row.passed is False]
-    report = {
-        "samples": arguments.samples,
-        "seed": arguments.seed,
-        "passed": not failed,
-        "counts": catalogue.counts(rows),
-        "rows": [row.to_dict() for row in rows],
-    }
+        given = [" --repair-inertia"] * arguments.repair_inertia
+        given += [" --floating"] * arguments.floating
+        write_text(arguments.markdown, survey.markdown("".join([COMMAND, *given])))
     # of random robots only those worth a look
-    shown = rows if arguments.catalogue else [row for row in rows if not row.passed]
-    cli.write_report(report, arguments.json, catalogue.text(shown, catalogue.counts(rows)))
-    return cli.FAILED if failed else cli.PASSED
+    shown = [row for row in survey.rows if arguments.catalogue or not row.passed]
+    report = {"samples": arguments.samples, "seed": arguments.seed, **survey.to_dict()}
+    cli.write_report(report, arguments.json, survey.text(shown))
+    return cli.PASSED if survey.passed else cli.FAILED
 
 
 def say(text: str) -> None:
     """Replace the progress line on stderr."""
     print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
-
-
-def summary(result: CrossCheck) -> str:
-    """The tables for people."""
-    lines = [
-        f"{result.robot}: {result.nv} degrees of freedom, {result.nu} inputs; "
-        f"{result.samples} random states, seed {result.seed}",
-        "",
-        f"{'quantity':<12}{'max error':>10}{'tolerance':>11}  {'':<7}relative to at least",
-    ]
-    for check in result.checks:
-        verdict = "ok" if check.passed else "FAILED"
-        lines.append(
-            f"{check.quantity:<12}{check.max_error:>10.1e}{check.tolerance:>11.0e}  "
-            f"{verdict:<7}{check.scale}"
-        )
-        if check.reason:
-            lines.append(f"{'':<12}{check.reason}")
-    if result.runs:
-        lines += ["", f"{'trajectory':<12}{'scheme':<10}{'step s':>9}{'length s':>10}{'error':>10}"]
-    for run in result.runs:
-        lines.append(
-            f"{run.name:<12}{run.scheme:<10}{run.step:>9.2g}{run.duration:>10.3g}"
-            f"{run.max_error:>10.1e}  {run.why}"
-        )
-    for ladder in result.ladders:
-        lines += [
-            "",
-            f"step halving, {ladder.scheme} over {ladder.duration:.2g} s, "
-            f"expected order {ladder.expected_order}",
-            f"{'':<4}{'step s':>9}{'engines differ':>16}{'from the limit':>16}{'order':>8}",
-        ]
-        for rung in ladder.rungs:
-            order = "-" if rung.order is None else f"{rung.order:.2f}"
-            lines.append(
-                f"{'':<4}{rung.step:>9.2g}{rung.engine_error:>16.1e}"
-                f"{rung.truncation_error:>16.1e}{order:>8}"
-            )
-    failed = ", ".join(result.failures)
-    lines += ["", f"FAILED: {failed}" if failed else "the two engines agree"]
-    return "\n".join(lines)
 
 
 main = cli.program(parser, command, __name__)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -14,11 +14,16 @@ from typing import Any
 import softdyn
 from softdyn import SoftdynError
 from softdyn.description.library import example_files
-from softdyn.validation.crosschecks.crosscheck import CrossCheck, crosscheck, finite
+from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.random_robots import write_robot
-from softdyn.validation.processes import in_processes
+from softdyn.validation.crosschecks.result import finite
+from softdyn.validation.processes import in_order
+from softdyn.validation.tables import columns, inline, pipes
 
 FIXED, REPAIRED, FLOATING = "fixed base", "fixed base, inertia repaired", "floating base"
+
+
+VERDICTS = {True: "passed", False: "failed", None: "unsupported"}
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,11 @@ class Job:
     repair_inertia: bool = False
     trajectories: bool = True
 
+    @property
+    def variant(self) -> str:
+        """How the base is held, and whether inertias are repaired."""
+        return FLOATING if self.floating else REPAIRED if self.repair_inertia else FIXED
+
 
 @dataclass(frozen=True)
 class Row:
@@ -40,13 +50,20 @@ class Row:
 
     Attributes
     ----------
-    name, variant : the robot, and how its base was held.
-    passed : None of a robot that is not supported, with the reason why.
-    nv : degrees of freedom; None of a robot that was not built.
-    quantity, max_error : the one that comes closest to its tolerance, or exceeds it most.
-    condition : the largest condition number of M met.
-    repairs : what was mended.
-    seconds : wall clock, the building of both models included.
+    name, variant : str
+        The robot, and how its base was held.
+    passed : bool or None
+        None of a robot that is not supported, with the reason why.
+    nv : int or None
+        Degrees of freedom; None of a robot that was not built.
+    quantity, max_error
+        The one that comes closest to its tolerance, or exceeds it most.
+    condition : float or None
+        The largest condition number of M met.
+    repairs : tuple of str
+        What was mended.
+    seconds : float
+        Wall clock, the building of both models included.
     """
 
     name: str
@@ -60,9 +77,94 @@ class Row:
     repairs: tuple[str, ...] = ()
     seconds: float = 0.0
 
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if self.passed is None:
+            return f"unsupported: {self.reason}"
+        mended = f"{len(self.repairs)} inertias repaired" if self.repairs else ""
+        parts = ("" if self.passed else "FAILED", self.reason, mended)
+        return ", ".join(filter(None, parts)) or "ok"
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Robot, nv, worst error, the quantity it is of, cond(M), seconds, verdict."""
+
+        def text(value: float | None, form: str) -> str:
+            return "-" if value is None else format(value, form)
+
+        return (
+            self.name, text(self.nv, "d"), text(self.max_error, ".1e"), self.quantity or "-",
+            text(self.condition, ".0e"), f"{self.seconds:.1f}", self.verdict,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Many robots through the cross-check: a row each."""
+
+    rows: tuple[Row, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether none failed; a robot that is not supported is no failure."""
+        return all(row.passed is not False for row in self.rows)
+
+    @property
+    def counts(self) -> dict[str, dict[str, int]]:
+        """By variant, how many robots passed, failed and are not supported."""
+        found: dict[str, dict[str, int]] = {}
+        for row in self.rows:
+            tally = found.setdefault(row.variant, dict.fromkeys(VERDICTS.values(), 0))
+            tally[VERDICTS[row.passed]] += 1
+        return found
+
     def to_dict(self) -> dict[str, Any]:
         """As plain data."""
-        return {**vars(self), "repairs": list(self.repairs)}
+        rows = [vars(row) for row in self.rows]
+        return {"passed": self.passed, "counts": self.counts, "rows": rows}
+
+    def __str__(self) -> str:
+        return self.text(self.rows)
+
+    def text(self, rows: Sequence[Row]) -> str:
+        """A line for each of `rows`, and how many there are of each kind in all."""
+        lines = [(*row.cells[:6], f"{row.variant}: {row.verdict}") for row in rows]
+        tallies = [
+            f"{variant}: " + ", ".join(f"{n} {word}" for word, n in count.items())
+            for variant, count in self.counts.items()
+        ]
+        return "\n".join([*([columns(lines)] if lines else []), *tallies])
+
+    def markdown(self, command: str) -> str:
+        """The rows as a document, a table for each variant; `command` wrote it."""
+        lines = [DOCUMENT.format(command)]
+        rows = sorted(self.rows, key=lambda row: row.variant)
+        for variant, group in groupby(rows, lambda row: row.variant):
+            members, tally = list(group), self.counts[variant]
+            lines += [
+                f"\n## {variant.capitalize()}\n",
+                f"{tally['passed']} of {len(members)} pass, {tally['failed']} fail, "
+                f"{tally['unsupported']} are not supported.\n",
+                *pipes([TITLES, *(row.cells for row in members)]),
+            ]
+        repairs = sorted({repair for row in rows for repair in row.repairs})
+        if repairs:
+            lines += ["\n## What was repaired\n", *(f"- {inline(text)}" for text in repairs)]
+        return "\n".join(lines) + "\n"
+
+
+TITLES = ("robot", "nv", "worst error", "of", "cond(M)", "s", "")
+DOCUMENT = """\
+# The catalogue: every URDF of example-robot-data through the cross-check
+
+Written by `{}`.
+Each robot is built in Pinocchio and in MuJoCo from its file, by two parsers
+([conventions.md](conventions.md)). It passes when every quantity is within 1e-10 (1e-11
+along trajectories); shown is the one that comes closest to its tolerance. cond(M) is the
+largest condition number of the mass matrix met: engines that agree on M to rounding ε
+can differ by ε cond(M) in q̈, which solves with M. Times are wall clock of one process,
+the building of both models included."""
 
 
 def catalogue_jobs(
@@ -90,22 +192,17 @@ def random_jobs(
     ]
 
 
-def examine_all(jobs: Sequence[Job], processes: int = -1) -> Iterator[Row]:
-    """Rows as they come; no row for a repair of what needs none."""
-    rows = in_processes(examine, ((job,) for job in jobs), processes)
-    return (row for row in rows if row is not None)
+def survey(jobs: Sequence[Job], processes: int = -1) -> Survey:
+    """`examine` all, in the order of `jobs`; no row for a repair of what needs none."""
+    rows = in_order(examine, [(job,) for job in jobs], processes)
+    return Survey(tuple(row for row in rows if row is not None))
 
 
 def examine(job: Job) -> Row | None:
     """Load one robot, cross-check it, and say what came out; never raises on a bad file."""
     if job.path is None:
         with TemporaryDirectory() as folder:
-            return _examine(replace(job, path=write_robot(job.seed, Path(folder))))
-    return _examine(job)
-
-
-def _examine(job: Job) -> Row | None:
-    variant = FLOATING if job.floating else REPAIRED if job.repair_inertia else FIXED
+            return examine(replace(job, path=write_robot(job.seed, Path(folder))))
     began = perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the robot's links; what is mended is in the row
@@ -113,134 +210,35 @@ def _examine(job: Job) -> Row | None:
             model = softdyn.load(
                 str(job.path), floating=job.floating, repair_inertia=job.repair_inertia
             )
-            if variant == REPAIRED and not model.robot.mended:
+            if job.variant == REPAIRED and not model.robot.mended:
                 return None
             result = crosscheck(
                 model, samples=job.samples, seed=job.seed, trajectories=job.trajectories
             )
         except SoftdynError as error:
-            if variant == REPAIRED:
+            if job.variant == REPAIRED:
                 return None
             reason = str(error).replace(str(job.path), job.name)
-            return Row(job.name, variant, None, reason=reason, seconds=perf_counter() - began)
-    repairs = tuple(text.partition(": ")[2] for text in model.robot.warnings if "repaired" in text)
-    return _row(job.name, variant, result, repairs, perf_counter() - began)
-
-
-def _row(
-    name: str, variant: str, result: CrossCheck, repairs: tuple[str, ...], seconds: float
-) -> Row:
+            seconds = perf_counter() - began
+            return Row(job.name, job.variant, None, reason=reason, seconds=seconds)
     worst = max(
         result.checks,
         key=lambda check: (not check.passed, (finite(check.max_error) or 0.0) / check.tolerance),
     )
     return Row(
-        name,
-        variant,
+        job.name,
+        job.variant,
         result.passed,
         result.nv,
         worst.quantity,
         finite(worst.max_error),
         finite(result.condition),
         "; ".join(f"{check.quantity}: {check.reason}" for check in result.checks if check.reason),
-        repairs,
-        seconds,
+        tuple(text.partition(": ")[2] for text in model.robot.warnings if "repaired" in text),
+        perf_counter() - began,
     )
 
 
 def _short(path: Path) -> str:
     """A file of the package below its folder of robots."""
     return str(path).rpartition("/robots/")[2] if "/robots/" in str(path) else path.name
-
-
-def in_order(jobs: Sequence[Job], rows: Sequence[Row]) -> list[Row]:
-    """Rows in the order of their jobs, whatever order they came in."""
-    names = {name: k for k, name in enumerate(dict.fromkeys(job.name for job in jobs))}
-    variants = (FIXED, REPAIRED, FLOATING)
-    return sorted(rows, key=lambda row: (names[row.name], variants.index(row.variant)))
-
-
-def counts(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
-    """By variant, how many robots passed, failed and are not supported."""
-    words = {True: "passed", False: "failed", None: "unsupported"}
-    found: dict[str, dict[str, int]] = {}
-    for row in rows:
-        tally = found.setdefault(row.variant, dict.fromkeys(words.values(), 0))
-        tally[words[row.passed]] += 1
-    return found
-
-
-def verdict(row: Row) -> str:
-    """The row's last column."""
-    if row.passed is None:
-        return f"unsupported: {row.reason}"
-    parts = [] if row.passed else ["FAILED"]
-    parts += [row.reason] if row.reason else []
-    parts += [f"{len(row.repairs)} inertias repaired"] if row.repairs else []
-    return ", ".join(parts)
-
-
-def cells(row: Row) -> tuple[str, ...]:
-    """Robot, nv, worst error, the quantity it is of, cond(M), seconds, verdict."""
-    return (
-        row.name,
-        "-" if row.nv is None else str(row.nv),
-        "-" if row.max_error is None else f"{row.max_error:.1e}",
-        row.quantity or "-",
-        "-" if row.condition is None else f"{row.condition:.0e}",
-        f"{row.seconds:.1f}",
-        verdict(row) or "ok",
-    )
-
-
-def text(rows: Sequence[Row], tally: dict[str, dict[str, int]]) -> str:
-    """Aligned columns for a terminal, one line a robot and one a variant."""
-    lines = [(*cells(row), row.variant) for row in rows]
-    widths = [max((len(line[i]) for line in lines), default=0) for i in range(6)]
-    shown = [
-        "  ".join(cell.ljust(width) for cell, width in zip(line[:6], widths, strict=True))
-        + f"  {line[7]}: {line[6]}"
-        for line in lines
-    ]
-    for variant, count in tally.items():
-        shown.append(f"{variant}: " + ", ".join(f"{n} {word}" for word, n in count.items()))
-    return "\n".join(shown)
-
-
-def markdown(rows: Sequence[Row], command: str) -> str:
-    """The tables as a document, one a variant."""
-    lines = [
-        "# The catalogue: every URDF of example-robot-data through the cross-check",
-        "",
-        f"Written by `{command}`.",
-        "Each robot is built in Pinocchio and in MuJoCo from its file, by two parsers",
-        "([conventions.md](conventions.md)). It passes when every quantity is within 1e-10 (1e-11",
-        "along trajectories); shown is the one that comes closest to its tolerance. cond(M) is the",
-        "largest condition number of the mass matrix met: engines that agree on M to rounding ε",
-        "can differ by ε cond(M) in q̈, which solves with M. Times are wall clock of one process,",
-        "the building of both models included.",
-    ]
-    for variant, group in groupby(sorted(rows, key=lambda row: row.variant), lambda r: r.variant):
-        members = list(group)
-        tally = counts(members)[variant]
-        lines += [
-            "",
-            f"## {variant.capitalize()}",
-            "",
-            f"{tally['passed']} of {len(members)} pass, {tally['failed']} fail, "
-            f"{tally['unsupported']} are not supported.",
-            "",
-            "| robot | nv | worst error | of | cond(M) | s | |",
-            "|---|---|---|---|---|---|---|",
-        ]
-        lines += [
-            "| " + " | ".join(_escaped(cell) for cell in cells(row)) + " |" for row in members
-        ]
-    repairs = sorted({repair for row in rows for repair in row.repairs})
-    if repairs:
-        lines += ["", "## What was repaired", "", *(f"- {_escaped(text)}" for text in repairs)]
-    return "\n".join(lines) + "\n"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("|", "\\|").replace("<", "&lt;")

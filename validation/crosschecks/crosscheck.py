@@ -22,12 +22,8 @@ import numpy as np
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import Judge
-from softdyn.validation.crosschecks.trajectories import (
-    Ladder,
-    Run,
-    compare_trajectories,
-    input_window,
-)
+from softdyn.validation.crosschecks.result import Check, CrossCheck, Ladder, Run
+from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -35,9 +31,6 @@ SPEED = 1.0  # rad/s, or m/s of a prismatic joint, at most
 TOLERANCE = 1e-10
 TOLERANCE_SPATIAL = 1e-9  # where moment arms come from directions between sites
 TOLERANCE_TRAJECTORY = 1e-11
-QUANTITIES = (
-    "tip", "J", "Jdot", "M", "bias", "g", "K", "D", "B", "length", "qdd", "energy", "trajectory",
-)  # fmt: skip
 SCALES = {
     "tip": "length of the robot",
     "J": "length of the robot per rad",
@@ -53,82 +46,7 @@ SCALES = {
     "energy": "total mass times 9.81 m/s² times the length of the robot",
     "trajectory": "1 rad and 1 rad/s",
 }
-
-
-@dataclass(frozen=True)
-class Check:
-    """The verdict on one quantity; `reason` says what went wrong other than a plain difference."""
-
-    quantity: str
-    max_error: float
-    tolerance: float
-    scale: str
-    reason: str = ""
-
-    @property
-    def passed(self) -> bool:
-        """Whether the error is a number within the tolerance."""
-        return not self.reason and self.max_error <= self.tolerance  # false for NaN
-
-
-@dataclass(frozen=True)
-class CrossCheck:
-    """What `crosscheck` found.
-
-    Attributes
-    ----------
-    checks : one verdict a quantity, in the order of `QUANTITIES`; without the last one where no
-        trajectories were asked for.
-    condition : the largest condition number of M met. Where two engines agree on M to rounding ε,
-        the best they can do on q̈ is about ε times that.
-    runs : the trajectories compared.
-    ladders : convergence of both schemes under step halving.
-    """
-
-    robot: str
-    nv: int
-    nu: int
-    samples: int
-    seed: int
-    checks: tuple[Check, ...]
-    condition: float
-    runs: tuple[Run, ...]
-    ladders: tuple[Ladder, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
-
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """Names of the quantities that failed."""
-        return tuple(check.quantity for check in self.checks if not check.passed)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain data; figures that are not finite are None."""
-        return {
-            "robot": self.robot,
-            "nv": self.nv,
-            "nu": self.nu,
-            "passed": self.passed,
-            "condition": finite(self.condition),
-            "samples": self.samples,
-            "seed": self.seed,
-            "checks": [
-                {
-                    "quantity": check.quantity,
-                    "max_error": finite(check.max_error),
-                    "tolerance": check.tolerance,
-                    "passed": check.passed,
-                    "scale": check.scale,
-                    "reason": check.reason,
-                }
-                for check in self.checks
-            ],
-            "trajectories": [run.to_dict() for run in self.runs],
-            "ladders": [ladder.to_dict() for ladder in self.ladders],
-        }
+QUANTITIES = tuple(SCALES)
 
 
 @dataclass
@@ -209,6 +127,7 @@ def crosscheck(
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
     twin = Twin(model, limits=False) if twin is None else twin
+    report = progress or (lambda _text: None)
     tally = Tally()
     runs: tuple[Run, ...] = ()
     ladders: tuple[Ladder, ...] = ()
@@ -222,14 +141,12 @@ def crosscheck(
             tally.fail(reason, "B", "qdd", "trajectory")
         rng = np.random.default_rng(seed)
         for k in range(samples):
-            if progress:
-                progress(f"state {k + 1} of {samples}")
-            _compare_at(
-                tally, model, judge, *random_state(model, rng), rng.uniform(*input_window(model))
-            )
+            report(f"state {k + 1} of {samples}")
+            q, v = random_state(model, rng)
+            _compare_at(tally, model, judge, q, v, rng.uniform(*input_window(model)))
         if trajectories and "trajectory" not in tally.reasons:
             with tally.guard("trajectory"):
-                runs, ladders = compare_trajectories(model, judge, rng, progress)
+                runs, ladders = compare_trajectories(model, judge, rng, report)
                 errors = [run.max_error for run in runs]
                 errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
                 tally.errors["trajectory"] = float(np.max(errors))
@@ -309,8 +226,3 @@ def _compare_at(
         for quantity, (ours, oracle, scale) in pairs.items():
             with tally.guard(quantity):
                 tally.compare(quantity, ours, oracle(), scale)
-
-
-def finite(value: float) -> float | None:
-    """`value`, or None where JSON has no word for it."""
-    return value if math.isfinite(value) else None

@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.dynamics.model import SoftModel
 from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.crosschecks.result import Ladder, Run, Rung
 from softdyn.validation.twin.free_base import step_free_implicit, step_free_rk4
 from softdyn.validation.twin.twin import SimulationError
 
@@ -37,49 +37,6 @@ NUDGE = 1e-8
 GROWTH = 1e3
 RUNGS = 3
 RUNG_STEPS = 48
-
-
-@dataclass(frozen=True)
-class Run:
-    """One trajectory in both engines; `duration` (s) says how far it was followed, `why` why so."""
-
-    name: str
-    scheme: str
-    step: float
-    duration: float
-    max_error: float
-    why: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class Rung:
-    """One step size: the engines' difference, our distance from the limit, the order observed.
-
-    `order` compares with the rung before and is None where rounding hides the truncation error.
-    """
-
-    step: float
-    engine_error: float
-    truncation_error: float
-    order: float | None
-
-
-@dataclass(frozen=True)
-class Ladder:
-    """Step halving of one scheme over `duration` (s)."""
-
-    scheme: str
-    expected_order: int
-    duration: float
-    rungs: tuple[Rung, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
-        return {**vars(self), "rungs": [dict(vars(rung)) for rung in self.rungs]}
 
 
 @dataclass(frozen=True)
@@ -102,7 +59,7 @@ def compare_trajectories(
     model: SoftModel,
     judge: Judge,
     rng: np.random.Generator,
-    progress: Callable[[str], None] | None = None,
+    report: Callable[[str], None],
 ) -> tuple[tuple[Run, ...], tuple[Ladder, ...]]:
     """Free and forced runs with every scheme the two engines share, and their ladders.
 
@@ -123,11 +80,9 @@ def compare_trajectories(
     for scheme in schemes:
         for name, share in (("free", 0.0), ("forced", _share(model, *start))):
             if share or name == "free":
-                if progress:
-                    progress(f"{name} trajectory, {scheme}")
+                report(f"{name} trajectory, {scheme}")
                 runs.append(_run(model, judge, name, scheme, rates, start, share, rng))
-        if progress:
-            progress(f"step halving, {scheme}")
+        report(f"step halving, {scheme}")
         ladders.append(_ladder(model, judge, scheme, rates, start))
     return tuple(runs), tuple(ladders)
 

@@ -50,8 +50,8 @@ def test_rows_pass_or_say_why_not():
     assert "at least one joint that moves" in rows["quadrotor_base", FIXED].reason
     assert '<link name="RShoulderYawLink">' in rows["romeo_small", FIXED].reason
     assert len(rows["romeo_small", REPAIRED].repairs) == 2
-    assert json.loads(to_json(rows["ur3", FIXED].to_dict()))["max_error"] is None
-    page = catalogue.markdown(list(rows.values()), "COMMAND")
+    assert json.loads(to_json(vars(rows["ur3", FIXED])))["max_error"] is None
+    page = catalogue.Survey(tuple(rows.values())).markdown("COMMAND")
     assert "Written by `COMMAND`" in page
     assert "1 of 4 pass, 0 fail, 3 are not supported" in page
     assert "&lt;link name" in page
@@ -64,12 +64,18 @@ def test_a_disagreement_is_a_failed_row():
         Row("bad", FIXED, False, 2, "qdd", 1e-3, 1e9, "qdd: too far"),
         Row("odd", FIXED, None, reason="no joint"),
     ]
-    assert catalogue.counts(rows) == {FIXED: {"passed": 1, "failed": 1, "unsupported": 1}}
-    text = catalogue.text(rows, catalogue.counts(rows))
-    assert "FAILED, qdd: too far" in text
-    assert "unsupported: no joint" in text
+    survey = catalogue.Survey(tuple(rows))
+    assert survey.counts == {FIXED: {"passed": 1, "failed": 1, "unsupported": 1}}
+    assert not survey.passed
+    assert "FAILED, qdd: too far" in str(survey)
+    assert "unsupported: no joint" in str(survey)
+    assert "good" not in survey.text(rows[1:])
+
+
+def test_rows_come_in_the_order_of_their_jobs(monkeypatch):
+    monkeypatch.setattr(catalogue, "examine", lambda job: Row(job.name, FIXED, True))
     jobs = [catalogue.Job(name, None, 0, 1) for name in ("odd", "bad", "good")]
-    assert [row.name for row in catalogue.in_order(jobs, rows)] == ["odd", "bad", "good"]
+    assert [row.name for row in catalogue.survey(jobs, 1).rows] == ["odd", "bad", "good"]
 
 
 @pytest.mark.parametrize("block", range(4))
@@ -102,10 +108,10 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert "`scripts/crosscheck.py --catalogue`" in page.read_text()
 
     bad = Row("bad", FIXED, False, 1, "M", 1.0)
-    monkeypatch.setattr(catalogue, "examine_all", lambda *_: iter([bad]))
+    monkeypatch.setattr(catalogue, "examine", lambda _: bad)
     monkeypatch.setattr(
         catalogue, "random_jobs", lambda *_, **__: [catalogue.Job("bad", None, 0, 1)]
     )
     capsys.readouterr()
-    assert script.main(["--random", "1"]) == 1
+    assert script.main(["--random", "1", "--jobs", "1"]) == 1
     assert "FAILED" in capsys.readouterr().out
