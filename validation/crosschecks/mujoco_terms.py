@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 
 from softdyn.validation.twin.free_base import rk4_on_rotations
+from softdyn.validation.twin.settings import INTEGRATORS, disabled
 from softdyn.validation.twin.state_map import StateMap
-from softdyn.validation.twin.twin import INTEGRATORS, Twin, check_warnings, disabled
+from softdyn.validation.twin.twin import Twin, check_warnings
 
 
 class Judge:

@@ -51,12 +51,19 @@ class Body:
 
     Attributes
     ----------
-    link : the link whose frame is the body's.
-    parent : index of the parent body, None of the static body.
-    pose : (4, 4) in the parent body's frame at q = 0.
-    joint : what moves it, None of the static body.
-    mass, moment, second : kg; Σ m c (kg·m) and Σ of the inertia about the frame's origin (kg·m²),
-        both in the body's frame: sums that need no division while links are added.
+    link : str
+        The link whose frame is the body's.
+    parent : int or None
+        Index of the parent body, None of the static body.
+    pose : np.ndarray, (4, 4)
+        In the parent body's frame at q = 0.
+    joint : Freedom or None
+        What moves it, None of the static body.
+    mass, moment, second : float, np.ndarray, (3,), (3, 3)
+        Mass (kg), Σ m c (kg·m) and Σ of the inertia about the frame's origin (kg·m²), both in the
+        body's frame: sums that need no division while links are added.
+    shapes : list[Shape]
+        Its collision primitives.
     """
 
     link: str
@@ -111,9 +118,12 @@ def read_bodies(path: Path, *, mended: str = "", floating: bool = False) -> Tree
 
     Parameters
     ----------
-    path : the file.
-    mended : text to read in its place, `Robot.mended`; none by default.
-    floating : whether the root link moves freely.
+    path : Path
+        The file.
+    mended : str
+        Text to read in its place, `Robot.mended`; none by default.
+    floating : bool
+        Whether the root link moves freely.
 
     Raises
     ------

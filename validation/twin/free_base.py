@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from softdyn.dynamics.integrators import Step, step_implicit
 from softdyn.dynamics.model import SoftModel
@@ -59,9 +60,21 @@ def rk4_on_rotations(
 
     Parameters
     ----------
-    slope : (q, w) → ẇ.
-    move : (q, displacement) → q.
-    turning : where the base's angular velocity, in its own axes, stands in w; empty without one.
+    q, w : np.ndarray, (nq,), (nv,)
+        Configuration and velocity.
+    h : float
+        The step (s).
+    slope : Callable
+        (q, w) → ẇ.
+    move : Callable
+        (q, displacement) → q.
+    turning : slice
+        Where the base's angular velocity, in its own axes, stands in w; empty without one.
+
+    Returns
+    -------
+    Step
+        (q, w) at the end of the step.
     """
     rates: list[np.ndarray] = []
     slopes: list[np.ndarray] = []
@@ -118,11 +131,4 @@ def step_free_implicit(
 
 def _rotation(q: np.ndarray) -> np.ndarray:
     """Rotation (3, 3) of the quaternion (x, y, z, w) in q."""
-    x, y, z, w = q[3:7]
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat(q[3:7]).as_matrix()

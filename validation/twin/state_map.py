@@ -34,10 +34,13 @@ class StateMap:
 
     Attributes
     ----------
-    dofs : (nv,) the twin's index of each of the model's degrees of freedom; of a robot without a
-        floating base ``v = qvel[dofs]``.
-    floating : whether the base is.
-    ties : (twin's nv, nv), P without the rotation of a floating base: order and followers alone.
+    dofs : np.ndarray, (nv,)
+        The twin's index of each of the model's degrees of freedom; of a robot without a floating
+        base ``v = qvel[dofs]``.
+    floating : bool
+        Whether the base is.
+    ties : np.ndarray, (twin's nv, nv)
+        P without the rotation of a floating base: order and followers alone.
 
     Raises
     ------
@@ -127,8 +130,7 @@ class StateMap:
         """Ṗ (twin's nv, nv): R [ω]× of a floating base, zero elsewhere."""
         found = np.zeros((self._twin_nv, self._nv))
         if self.floating:
-            x, y, z = qvel[self._base[3:]]
-            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            cross = np.cross(np.eye(3), qvel[self._base[3:]])  # row i is e_i × ω, the matrix [ω]×
             found[self._base[:3], :3] = self._rotation(qpos) @ cross
         return found
 

@@ -1,0 +1,221 @@
+"""A MuJoCo model of a robot, from its bodies and its annotations.
+
+Every link that a joint moves is one body, massless or not. MuJoCo's compiler refuses a moving body
+without mass, but its engine has no trouble with one: only the sums beyond a joint count. So bodies
+are compiled with a placeholder, and their masses and moments are written afterwards, exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from softdyn.description.robot import Joint, Robot
+from softdyn.exceptions import UrdfError
+from softdyn.validation.twin.bodies import STATIC, Body, Freedom, Shape, Tree
+from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
+
+TASK_SITE = "task"
+
+
+def build(robot: Robot, tree: Tree, settings: Settings) -> tuple[mujoco.MjModel, np.ndarray]:
+    """Compile a robot for MuJoCo.
+
+    Parameters
+    ----------
+    robot : Robot
+        The description: springs, dampers, tendons, actuators, the task frame.
+    tree : Tree
+        Its bodies, from `read_bodies`.
+    settings : Settings
+        MuJoCo's options.
+
+    Returns
+    -------
+    tuple[mujoco.MjModel, np.ndarray]
+        The model, and qpos (nq,) at q = 0, where followers are at their offset.
+
+    Raises
+    ------
+    UrdfError
+        When MuJoCo refuses the robot.
+    """
+    spec = _specify(robot, tree)
+    settings.apply(spec)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise UrdfError(robot.path, "<robot>", "a robot that MuJoCo compiles", error) from error
+    return model, _finish(model, robot, tree)
+
+
+def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
+    """Everything but the numbers that MuJoCo's compiler would refuse or reinterpret."""
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+
+    bodies = [spec.worldbody]
+    joints = {joint.name: joint for joint in robot.joints}
+    for index, body in enumerate(tree.bodies):
+        if body.joint is not None:
+            bodies.append(_add_body(bodies[body.parent or STATIC], body))
+            if body.joint.kind == "free":
+                bodies[index].add_freejoint().name = body.joint.name
+            else:
+                _add_joint(bodies[index], body.joint, joints[body.joint.name])
+            if body.joint.leader is not None:
+                _tie(spec, body.joint)
+        for shape in body.shapes:
+            _add_geom(bodies[index], shape)
+    for a, b in _neighbours(tree.bodies):
+        exclude = spec.add_exclude()
+        exclude.bodyname1, exclude.bodyname2 = bodies[a].name, bodies[b].name
+    _add_tendons(spec, robot, tree, bodies)
+    _add_site(bodies, tree, robot.task, np.zeros(3), TASK_SITE)
+    return spec
+
+
+def _add_body(parent: mujoco.MjsBody, body: Body) -> mujoco.MjsBody:
+    added = parent.add_body()
+    # MuJoCo's own body is called world; a moving link may not be
+    added.name = body.link if body.link != "world" else "link:world"
+    added.pos, added.quat = body.pose[:3, 3], _quaternion(body.pose[:3, :3])
+    # The frame of the inertia is the body's own; mass and moments follow in _finish, since the
+    # compiler refuses massless bodies, point masses, and plates whose a + b is c up to rounding.
+    added.explicitinertial = True
+    added.mass, added.inertia = 1.0, (1.0, 1.0, 1.0)
+    added.ipos, added.iquat = body.com, _quaternion(body.principal[1])
+    return added
+
+
+def _add_joint(body: mujoco.MjsBody, freedom: Freedom, joint: Joint) -> None:
+    slides = freedom.kind == "slide"
+    added = body.add_joint()
+    added.name = freedom.name
+    added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+    added.pos, added.axis = (0.0, 0.0, 0.0), freedom.axis
+    added.stiffness = [joint.stiffness, 0.0, 0.0]  # linear; then the coefficients of q² and q³
+    added.damping = [joint.damping, 0.0, 0.0]
+    added.springref, added.ref = joint.rest, 0.0
+    added.armature, added.frictionloss = joint.armature, joint.friction
+    added.limited = int(np.isfinite(joint.lower) and freedom.leader is None)
+    added.range = (-1.0, 1.0)  # the file's may be a single point: see _finish
+    added.margin = 0.0
+    added.solref_limit, added.solimp_limit = STIFF_SOLREF, STIFF_SOLIMP
+    added.solref_friction, added.solimp_friction = STIFF_SOLREF, STIFF_SOLIMP
+
+
+def _tie(spec: mujoco.MjSpec, freedom: Freedom) -> None:
+    """Hold a follower at multiplier · leader + offset, as stiffly as the stops."""
+    tie = spec.add_equality()
+    tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+    tie.name1, tie.name2 = freedom.name, freedom.leader
+    tie.data[:] = 0.0
+    tie.data[:2] = freedom.offset, freedom.multiplier
+    tie.solref, tie.solimp = STIFF_SOLREF, STIFF_SOLIMP
+
+
+def _add_geom(body: mujoco.MjsBody, shape: Shape) -> None:
+    kinds = mujoco.mjtGeom
+    geom = body.add_geom()
+    geom.type = {
+        "box": kinds.mjGEOM_BOX,
+        "cylinder": kinds.mjGEOM_CYLINDER,
+        "sphere": kinds.mjGEOM_SPHERE,
+    }[shape.kind]
+    geom.size = (*shape.size, 0.0, 0.0)[:3]
+    geom.pos, geom.quat = shape.pose[:3, 3], _quaternion(shape.pose[:3, :3])
+    geom.mass = 0.0
+    geom.contype = geom.conaffinity = 1
+
+
+def _neighbours(bodies: Sequence[Body]) -> list[tuple[int, int]]:
+    """Pairs of bodies that a joint holds together: they overlap at it, so they never collide.
+
+    A massless body without shapes is part of the joint, not a neighbour.
+    """
+    pairs = []
+    for index, body in enumerate(bodies):
+        parent = body.parent
+        while parent is not None and not bodies[parent].mass and not bodies[parent].shapes:
+            if parent == STATIC:
+                break
+            parent = bodies[parent].parent
+        if parent is not None and body.shapes and bodies[parent].shapes:
+            pairs.append((parent, index))
+    return pairs
+
+
+def _add_tendons(
+    spec: mujoco.MjSpec, robot: Robot, tree: Tree, bodies: list[mujoco.MjsBody]
+) -> None:
+    for tendon in robot.tendons:
+        added = spec.add_tendon()
+        added.name = tendon.name
+        added.stiffness = [tendon.stiffness, 0.0, 0.0]
+        added.damping = [tendon.damping, 0.0, 0.0]
+        added.springlength = (0.0, 0.0)  # never MuJoCo's default, which is the length at springref
+        added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
+        for term in tendon.terms:
+            added.wrap_joint(term.joint, term.coef)
+        for k, site in enumerate(tendon.sites):
+            name = f"{tendon.name}:{k}"
+            _add_site(bodies, tree, site.link, site.xyz, name)
+            added.wrap_site(name)
+    for actuator in robot.actuators:
+        motor = spec.add_actuator()
+        motor.name, motor.target = actuator.name, actuator.tendon
+        motor.trntype = mujoco.mjtTrn.mjTRN_TENDON
+        motor.set_to_motor()
+        motor.gear = (actuator.gear, 0.0, 0.0, 0.0, 0.0, 0.0)
+        motor.ctrllimited, motor.forcelimited = 1, 0
+        motor.ctrlrange = (-1.0, 1.0)  # see _finish
+
+
+def _add_site(
+    bodies: list[mujoco.MjsBody], tree: Tree, link: str, point: np.ndarray, name: str
+) -> None:
+    """A point of a link as a site of the body that carries the link."""
+    index, pose = tree.place[link]
+    site = bodies[index].add_site()
+    site.name, site.pos = name, pose[:3, :3] @ point + pose[:3, 3]
+
+
+def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree) -> np.ndarray:
+    """Write the numbers that the compiler would have refused; derive MuJoCo's constants anew.
+
+    Returns qpos (nq,) at q = 0, where followers are at their offset.
+    """
+    for body in tree.bodies:
+        if body.joint is None:
+            continue
+        index = model.jnt_bodyid[model.joint(body.joint.name).id]
+        model.body_mass[index] = body.mass
+        model.body_inertia[index] = body.principal[0]
+    for joint in robot.moving_joints:
+        if np.isfinite(joint.lower) and joint.mimic is None:
+            model.jnt_range[model.joint(joint.name).id] = joint.lower, joint.upper
+    for actuator in robot.actuators:
+        index = model.actuator(actuator.name).id
+        model.actuator_ctrlrange[index] = actuator.lower, actuator.upper
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    start = model.qpos0.copy()
+    for body in tree.bodies:
+        if body.joint is not None and body.joint.leader is not None:
+            start[model.joint(body.joint.name).qposadr[0]] = body.joint.offset
+    data.qpos[:] = start
+    mujoco.mj_fwdPosition(model, data)
+    for tendon in robot.tendons:
+        index = model.tendon(tendon.name).id
+        rest = data.ten_length[index] if tendon.rest is None else tendon.rest
+        model.tendon_lengthspring[index] = rest
+    return start
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return quaternion

@@ -1,0 +1,102 @@
+"""MuJoCo's settings: integrators, solver, stiffness of stops and ties, what is switched off.
+
+They are the twin's whole configuration: nothing is left to MuJoCo's defaults that decides a result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+
+from softdyn.checks import number
+from softdyn.exceptions import InputError
+
+INTEGRATORS = {
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+# MuJoCo's default stops are so soft that a hanging arm sinks centimetres through them, and its
+# default dry friction creeps.
+STIFF_SOLREF = (0.002, 1.0)
+STIFF_SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user may choose of a twin; `apply` sets it and all the rest.
+
+    Attributes
+    ----------
+    timestep : float
+        Integration step (s).
+    integrator : str
+        One of `INTEGRATORS`.
+    limits, contacts, friction : bool
+        Whether joint limits act, links touch, and joints have their dry friction.
+
+    Raises
+    ------
+    InputError
+        For an unknown integrator or a step that is not positive.
+    """
+
+    timestep: float
+    integrator: str
+    limits: bool
+    contacts: bool
+    friction: bool
+
+    def __post_init__(self) -> None:
+        if self.integrator not in INTEGRATORS:
+            raise InputError("integrator", " or ".join(INTEGRATORS), repr(self.integrator))
+        number("timestep", self.timestep, above=0.0)
+
+    def apply(self, spec: mujoco.MjSpec) -> None:
+        """Set the options, and a compiler that changes no number of the file."""
+        compiler, option = spec.compiler, spec.option
+        compiler.degree = False
+        compiler.autolimits = False
+        compiler.boundmass = compiler.boundinertia = 0.0
+        compiler.balanceinertia = compiler.fusestatic = compiler.discardvisual = False
+        compiler.alignfree = False
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+        option.gravity = (0.0, 0.0, -9.81)
+        option.density = option.viscosity = 0.0
+        option.wind = (0.0, 0.0, 0.0)
+        option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        option.iterations, option.tolerance = 100, 1e-12
+        option.ls_iterations, option.ls_tolerance = 50, 1e-3
+        option.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        option.timestep = self.timestep
+        option.integrator = INTEGRATORS[self.integrator]
+        option.disableflags = disabled(
+            limits=self.limits, contacts=self.contacts, friction=self.friction
+        )
+
+
+def disabled(*, limits: bool, contacts: bool, friction: bool) -> int:
+    """MuJoCo's disable flags; it never resets a state by itself."""
+    flags = mujoco.mjtDisableBit
+    acting = {
+        flags.mjDSBL_AUTORESET: False,
+        flags.mjDSBL_LIMIT: limits,
+        flags.mjDSBL_CONTACT: contacts,
+        flags.mjDSBL_FRICTIONLOSS: friction,
+    }
+    return sum(int(flag) for flag, acts in acting.items() if not acts)
+
+
+def silence() -> None:
+    """Stop MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working directory.
+
+    For the whole process, since its log is the process's. Every message about a state is counted in
+    ``data.warning`` too, see `check_warnings`; the rest, like a line search that met a plateau of
+    its cost, says nothing about the result.
+    """
+    log = mujoco.MjLogConfig.get()
+    log.logto_console = log.logto_file = False
+    log.set()
