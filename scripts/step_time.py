@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +51,20 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.studies.benchmark import safe
     from softdyn.validation.timing import step_plots, step_report
     from softdyn.validation.timing.recording import recorded
-    from softdyn.validation.timing.step_time import SAMPLES, MachineLoad, Subject, measure
+    from softdyn.validation.timing.step_time import (
+        SAMPLES,
+        MachineLoad,
+        Subject,
+        measure,
+        paper_stack,
+    )
 
     out = Path(arguments.out)
     cli.make_folder(out / "states")
     cli.check_outputs(arguments.json)
     makes = {name: find_controller(name) for name in arguments.controllers}
     models = {name: softdyn.load(name) for name in dict.fromkeys(arguments.robots)}
-    stack = None if arguments.no_stack else paper_stack()
+    stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
     progress = Progress()
 
@@ -101,22 +106,13 @@ def command(arguments: cli.Arguments) -> int:
     return cli.PASSED
 
 
-def paper_stack() -> Callable[[str], Any] | None:
-    """Controller name → how to build the paper's stack for it, if it is one of its QPs.
-
-    None without the extra ``bench``.
-    """
-    try:
-        from softdyn.validation.oracles.paper_stack import PROGRAMMES, PaperStack
-    except ImportError:
+def has_stack() -> bool:
+    """Whether the extra ``bench`` is there; says so on stderr where it is not."""
+    found = find_spec("cvxpy") is not None
+    if not found:
         print("note: no cvxpy, so the paper's stack is left out: pip install '.[bench]'",
               file=sys.stderr)  # fmt: skip
-        return None
-
-    def build(law: str, controller: Any, quadratic: bool) -> PaperStack:
-        return PaperStack(law, controller.gains, quadratic=quadratic)
-
-    return lambda law: partial(build, law) if law in PROGRAMMES else None
+    return found
 
 
 class Progress:

@@ -13,8 +13,9 @@ from softdyn.controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimi
 from softdyn.controllers.programmes.horizon import over_hold
 from softdyn.controllers.programmes.task_qp import BACKOFF
 from softdyn.validation import simulate
+from softdyn.validation.oracles.solvers import Programme
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
-from tests.support.textbook import Programme, solve_quadprog, textbook
+from tests.support.printed import printed, solve_quadprog
 
 TAU = 0.03
 ROBOTS = ("finger", "helix", "spirob", "sliding and turning")
@@ -89,13 +90,9 @@ def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
         np.testing.assert_allclose(slack, np.concatenate(wanted), atol=1e-9 * size)
 
 
-def with_rows(programme: Programme, matrix: np.ndarray, upper: np.ndarray, n: int) -> Programme:
-    p, m = matrix.shape
-    rows = np.zeros((p, len(programme.g)))
-    rows[:, n : n + m] = matrix
-    return replace(
-        programme, A=np.vstack((programme.A, rows)), b=np.concatenate((programme.b, upper))
-    )
+def with_rows(programme: Programme, matrix: np.ndarray, upper: np.ndarray) -> Programme:
+    rows = {"barriers": matrix @ programme.variables["u"] - upper}
+    return replace(programme, below=programme.below | rows)
 
 
 @pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
@@ -115,11 +112,10 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
         free = SoftIdClfQp(model, gains(name), horizon=TAU)(state, reference).u
         active += np.abs(free - command.u).max() > 1e-6 * spread
-        programme = textbook(held, reference, controller.gains, margin=BACKOFF)
-        exact = solve_quadprog(with_rows(programme, rows.matrix, upper, model.nv))
+        programme = printed(held, reference, controller.gains, margin=BACKOFF)
+        exact = solve_quadprog(with_rows(programme, rows.matrix, upper))
         if exact.residual < 1e-9:
-            u = exact.x[model.nv : model.nv + model.nu]
-            np.testing.assert_allclose(command.u, u, rtol=0, atol=1e-5 * spread)
+            np.testing.assert_allclose(command.u, exact["u"], rtol=0, atol=1e-5 * spread)
     assert active  # some row changed an input
 
 

@@ -9,44 +9,40 @@ import scipy.optimize
 from softdyn.controllers import ClfQp
 from softdyn.controllers.clf_qp import Linearisation
 from softdyn.controllers.programmes.task import Task
+from softdyn.validation.oracles.programmes import clf_qp, lyapunov, tip
+from softdyn.validation.oracles.solvers import LeastNorm, Quadprog
 from tests.support.control_cases import BUNDLED, drawn, recorded, robot
+from tests.support.printed import printed
 
-SQRT3 = np.sqrt(3.0)
 
-
-def parts(state, reference, gains):
-    """L_g L_f y, the drift of μ, μ_ref, and the condition a·μ - δ ≤ b, from the paper."""
-    e, edot = state.y - reference.y, state.ydot - reference.ydot
-    inverse = np.linalg.inv(state.M)
-    LgLf = state.J @ inverse @ state.B
-    drift = -state.J @ inverse @ state.h + state.Jdot @ state.v - reference.yddot
-    mu_ref = -2 * np.sqrt(gains.Kp) * edot - gains.Kp * e
-    eps = gains.eps
-    V = SQRT3 / eps**2 * e @ e + 2 / eps * e @ edot + SQRT3 * edot @ edot
-    a = 2 * (e / eps + SQRT3 * edot)
-    b = -V / eps - 2 * (SQRT3 / eps**2 * e + edot / eps) @ edot
-    return LgLf, drift, mu_ref, a, b
+def linearisation(state, reference, gains):
+    """The paper's programme in u alone: L_g L_f y (3, m), and the drift of μ."""
+    programme = printed(state, reference, gains, clf_qp)
+    rows, m = programme.equal["linearisation"], state.model.nu
+    return rows.matrix[:, :m], rows.constant
 
 
 def cost(u, state, reference, gains) -> float:
     """w1 ‖μ - μ_ref‖² + ρ δ² at the best δ."""
-    LgLf, drift, mu_ref, a, b = parts(state, reference, gains)
-    mu = LgLf @ u + drift
-    slack = max(0.0, a @ mu - b)
-    return gains.w1 * np.sum((mu - mu_ref) ** 2) + gains.rho * slack**2
+    LgLf, drift = linearisation(state, reference, gains)
+    task, mu = tip(state, reference), LgLf @ u + drift
+    V, rest, slope = lyapunov(task, gains.eps)
+    slack = max(0.0, rest + slope @ mu + V / gains.eps)
+    return gains.w1 * np.sum((mu - task.mu_ref(gains)) ** 2) + gains.rho * slack**2
 
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_no_input_is_better(which):
     """Against a bounded quasi-Newton search of the paper's programme from the answer and afar."""
     model = robot(which)
-    controller = ClfQp(model)
+    controller, least_norm = ClfQp(model), LeastNorm(Quadprog(1e-7))
     rng = np.random.default_rng(0)
     bounds = list(zip(model.u_min, model.u_max, strict=True))
     for state, reference in (*drawn(which, 6), *recorded(which, 6)):
         u = controller(state, reference).u
         ours = cost(u, state, reference, controller.gains)
-        _, drift, mu_ref, *_ = parts(state, reference, controller.gains)
+        mu_ref = tip(state, reference).mu_ref(controller.gains)
+        _, drift = linearisation(state, reference, controller.gains)
         idle = controller.gains.w1 * np.sum((drift - mu_ref) ** 2)
         for start in (u, rng.uniform(model.u_min, model.u_max)):
             found = scipy.optimize.minimize(
@@ -55,6 +51,10 @@ def test_no_input_is_better(which):
             )  # fmt: skip
             # the least-norm weight of 1e-8 costs that share of what the inputs take away
             assert ours <= found.fun * (1 + 1e-5) + 1e-6 * idle
+        exact = least_norm.solve(printed(state, reference, controller.gains, clf_qp))
+        assert exact.residual < 1e-10
+        assert exact.cost <= ours * (1 + 1e-9) + 1e-9 * idle
+        assert ours <= exact.cost * (1 + 1e-5) + 1e-6 * idle
     assert controller.guard.not_solved == 0
 
 
@@ -65,7 +65,7 @@ def test_the_least_norm_minimiser_is_taken():
     seen = 0
     for state, reference in (*drawn("helix"), *recorded("helix")):
         u = controller(state, reference).u
-        LgLf, *_ = parts(state, reference, controller.gains)
+        LgLf, _ = linearisation(state, reference, controller.gains)
         if (u <= model.u_min + 1e-3).any() or (u >= model.u_max - 1e-3).any():
             continue
         least = np.linalg.pinv(LgLf) @ (LgLf @ u)

@@ -21,6 +21,13 @@ from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDyna
 from softdyn.controllers.programmes.task import Task
 from softdyn.controllers.programmes.task_qp import BACKOFF
 from softdyn.dynamics.integrators import step_implicit
+from softdyn.validation.oracles.programmes import (
+    RANK_TOLERANCE,
+    actuated_rows,
+    ic_qp,
+    id_clf_qp,
+)
+from softdyn.validation.oracles.solvers import Answer, Programme, Term
 from softdyn.validation.studies import paper
 from tests.support.control_cases import (
     BUNDLED,
@@ -32,16 +39,7 @@ from tests.support.control_cases import (
     recorded,
     robot,
 )
-from tests.support.textbook import (
-    RANK_TOLERANCE,
-    Exact,
-    Programme,
-    actuated_rows,
-    solve_daqp,
-    solve_quadprog,
-    textbook,
-    with_input,
-)
+from tests.support.printed import printed, solve_daqp, solve_quadprog, with_input
 
 RIDGE = 1e-7  # of the proximal iteration on semidefinite programmes
 every_robot = pytest.mark.parametrize("name", BUNDLED + MICRO)
@@ -55,19 +53,19 @@ def spread(model: SoftModel) -> float:
     return float((model.u_max - model.u_min).max()) or 1.0
 
 
-def inputs(model: SoftModel, exact: Exact) -> np.ndarray:
-    return exact.x[model.nv : model.nv + model.nu]
-
-
-def solve_both(model: SoftModel, programme: Programme) -> Exact:
+def solve_both(model: SoftModel, programme: Programme) -> Answer:
     """quadprog's answer, which DAQP confirms; both with their conditions of optimality met."""
     one, two = solve_quadprog(programme), solve_daqp(programme)
     assert one.residual < 1e-10
     assert two.residual < 1e-10
-    np.testing.assert_allclose(
-        inputs(model, one), inputs(model, two), rtol=0, atol=1e-8 * spread(model)
-    )
+    np.testing.assert_allclose(one["u"], two["u"], rtol=0, atol=1e-8 * spread(model))
     return one
+
+
+def free_at(u_ref: float, programme: Programme) -> Programme:
+    """The same with an input that costs nothing."""
+    weight, u, _ = programme.cost["input"]
+    return replace(programme, cost=programme.cost | {"input": Term(weight, u - u_ref)})
 
 
 def relative(value: float, best: float) -> float:
@@ -79,9 +77,9 @@ def test_inputs_are_those_of_the_textbook_form(name: str) -> None:
     model, gains = robot(name), gains_of(name)
     controller = SoftIdClfQp(model, gains)
     for state, reference in cases(name):
-        exact = solve_both(model, textbook(state, reference, gains))
+        exact = solve_both(model, printed(state, reference, gains))
         u = controller(state, reference).u
-        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+        np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
     assert controller.guard.fallbacks == 0
 
 
@@ -92,9 +90,9 @@ def test_an_input_that_costs_nothing(name: str) -> None:
     for given in (u_ref, np.full(model.nu, u_ref)):
         controller = SoftIdClfQp(model, gains, u_ref=given)
         for state, reference in cases(name)[:6]:
-            exact = solve_both(model, textbook(state, reference, gains, u_ref=u_ref))
+            exact = solve_both(model, free_at(u_ref, printed(state, reference, gains)))
             u = controller(state, reference).u
-            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+            np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
     for wrong in (np.zeros(model.nu + 1), "x", np.nan, [[0.0] * model.nu]):
         with pytest.raises(InputError, match="u_ref"):
             SoftIdClfQp(model, gains, u_ref=wrong)
@@ -105,15 +103,15 @@ def test_objective_is_that_of_the_textbook_form(name: str) -> None:
     model, gains = robot(name), gains_of(name)
     controller = SoftIdClfQp(model, gains)
     for state, reference in cases(name):
-        programme = textbook(state, reference, gains, margin=BACKOFF)
+        programme = printed(state, reference, gains, margin=BACKOFF)
         exact = solve_both(model, programme)
         command = controller(state, reference)
         pinned = solve_quadprog(with_input(programme, command.u))
-        best = programme.objective(exact.x)
-        assert abs(relative(programme.objective(pinned.x), best)) < 1e-8
+        best = exact.cost
+        assert abs(relative(pinned.cost, best)) < 1e-8
         # and δ, in the units of V̇
-        size = max(1.0, abs(exact.x[-1]))
-        assert abs(command.delta - exact.x[-1]) < 1e-7 * size
+        size = max(1.0, abs(exact["delta"][0]))
+        assert abs(command.delta - exact["delta"][0]) < 1e-7 * size
 
 
 def test_the_cases_cover_what_they_should() -> None:
@@ -159,13 +157,13 @@ def test_edges_of_the_weights(name: str, weights: dict[str, float]) -> None:
     controller = SoftIdClfQp(model, gains)
     compared = 0
     for state, reference in cases(name)[::3]:
-        programme = textbook(state, reference, gains, margin=BACKOFF)
+        programme = printed(state, reference, gains, margin=BACKOFF)
         command = controller(state, reference)
         assert command.status is Status.OK
         exact = solve_quadprog(programme, RIDGE)
         pinned = solve_quadprog(with_input(programme, command.u), RIDGE)
         assert pinned.residual < 1e-9
-        gap = relative(programme.objective(pinned.x), programme.objective(exact.x))
+        gap = relative(pinned.cost, exact.cost)
         assert gap < 1e-7  # never worse than the oracle
         if exact.residual < 1e-10:  # the oracle itself has converged
             compared += 1
@@ -176,12 +174,12 @@ def test_edges_of_the_weights(name: str, weights: dict[str, float]) -> None:
 @pytest.mark.parametrize("name", [*BUNDLED, "n < 3 + m", "planar", *RANK_DEFICIENT])
 def test_the_theorem_in_the_oracles_own_answer(name: str) -> None:
     # docs/derivations.md: at the optimum q̈ + c q̇ lies in the span of Jᵀ and of M range(B)
-    model, gains = robot(name), gains_of(name)
+    gains = gains_of(name)
     c = gains.w4 * gains.null_damping / (gains.w2 + gains.w4)
     for state, reference in cases(name):
-        exact = solve_quadprog(textbook(state, reference, gains))
-        q̈ = exact.x[: model.nv]
-        rows = actuated_rows(state)[0] @ state.M
+        exact = solve_quadprog(printed(state, reference, gains))
+        q̈ = exact["qdd"]
+        rows = actuated_rows(state.B)[0] @ state.M
         span = scipy.linalg.orth(np.vstack((state.J, rows / np.linalg.norm(rows))).T, rcond=1e-9)
         rest = q̈ + c * state.v
         outside = rest - span @ (span.T @ rest)
@@ -213,7 +211,7 @@ def test_collocated_rows_are_the_pseudo_inverse() -> None:
     # the paper's T⁻ᵀ with T = [Bᵀ; null(Bᵀ)] has B⁺ as its first m rows
     for name in (*BUNDLED, "n < 3 + m", "planar", "sliding and turning"):
         for state, _ in drawn(name)[:4]:
-            R, S = actuated_rows(state)
+            R, S = actuated_rows(state.B)
             assert len(R) == robot(name).nu
             np.testing.assert_array_equal(S, np.eye(len(R)))
             inverse = np.linalg.pinv(state.B)
@@ -229,8 +227,8 @@ def test_the_rank_threshold_decides_nothing_on_the_paths_of_spirob(theta: float)
         state = model.state(q, v)
         u = controller(state, goal).u
         for tolerance in (1e-9, 1e-4):
-            exact = solve_quadprog(textbook(state, goal, gains, tolerance=tolerance))
-            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+            exact = solve_quadprog(printed(state, goal, gains, tolerance=tolerance))
+            np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
         for _ in range(4):
             q, v = step_implicit(model, q, v, u, 5e-4)
     assert controller.guard.fallbacks == 0
@@ -249,8 +247,8 @@ def test_an_almost_singular_input_matrix(scale: float) -> None:
         u = controller(state, goal).u
         values = scipy.linalg.svdvals(state.B)
         if not 0.1 < values[-1] / values[0] / RANK_TOLERANCE < 10:  # the rank is not in doubt
-            exact = solve_both(model, textbook(state, goal, gains))
-            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+            exact = solve_both(model, printed(state, goal, gains))
+            np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
     assert controller.guard.fallbacks == 0
     assert controller.guard.max_bound_violation == 0
 
@@ -274,10 +272,10 @@ def test_impedance_qp_is_the_programme_without_the_condition(name: str) -> None:
     model = robot(name)
     controller = ImpedanceQp(model, None if name in BUNDLED else GAINS)
     for state, reference in cases(name):
-        programme = textbook(state, reference, controller.gains, decrease=False)
+        programme = printed(state, reference, controller.gains, ic_qp)
         exact = solve_both(model, programme)
         u = controller(state, reference).u
-        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+        np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
 
 
 @pytest.mark.parametrize("name", [*BUNDLED, "planar", "n < 3 + m", *RANK_DEFICIENT])
@@ -285,10 +283,10 @@ def test_hard_id_clf_qp_asks_all_of_the_dynamics(name: str) -> None:
     model = robot(name)
     controller = IdClfQp(model, None if name in BUNDLED else GAINS)
     for state, reference in cases(name):
-        exact = solve_quadprog(textbook(state, reference, controller.gains, hard=True))
+        exact = solve_quadprog(printed(state, reference, controller.gains, id_clf_qp))
         assert exact.residual < 1e-9
         u = controller(state, reference).u
-        np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+        np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
 
 
 def test_the_soft_programme_is_the_hard_one_when_fully_actuated() -> None:
@@ -307,5 +305,5 @@ def test_gains_matter() -> None:
         changed = [controller(*pair).u for pair in pairs]
         assert np.abs(np.subtract(changed, base)).max() > 1e-6 * spread(model), field
         for pair, u in zip(pairs, changed, strict=True):
-            exact = solve_quadprog(textbook(*pair, controller.gains))
-            np.testing.assert_allclose(u, inputs(model, exact), rtol=0, atol=1e-6 * spread(model))
+            exact = solve_quadprog(printed(*pair, controller.gains))
+            np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))

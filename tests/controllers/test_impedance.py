@@ -1,6 +1,8 @@
-"""IC and UIC against the paper's equations, written out with full-size matrices."""
+"""IC and UIC against the paper's equations as the oracle has them, with the same thresholds."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ import pytest
 from softdyn import Reference, State
 from softdyn.controllers import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance import task_inertia
+from softdyn.validation.oracles.programmes import impedance, inputs, tip, underactuated
+from softdyn.validation.oracles.reference_laws import reference_inertia
 from tests.support.control_cases import BUNDLED, drawn, gains_of, recorded, robot
 
 LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
@@ -15,27 +19,11 @@ LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
 
 def literal(state: State, reference: Reference, name: str) -> np.ndarray:
     """B⁺ τ before clamping: eq. (IC), and eq. (UIC) with I_p = B B⁺ (the text prints B⁺B)."""
-    gains = gains_of(name)
-    J, M, B, v = state.J, state.M, state.B, state.v
-    n = len(v)
-    acceleration = (
-        reference.yddot
-        - 2 * np.sqrt(gains.Kp) * (state.ydot - reference.ydot)
-        - gains.Kp * (state.y - reference.y)
-    )
-    mobility = J @ np.linalg.inv(M) @ J.T
-    if abs(np.linalg.det(mobility)) < 1e-2:
-        inertia = np.linalg.pinv(mobility, rcond=1e-2)
-    else:
-        inertia = np.linalg.inv(mobility)
-    J_inverse = np.linalg.pinv(J, rcond=1e-6)
-    f = inertia @ acceleration + J_inverse.T @ state.C @ v - inertia @ state.Jdot @ v
-    torque = J.T @ f
-    B_inverse = np.linalg.pinv(B, rcond=1e-6)
+    task = tip(state, reference)
+    torque = impedance(state, task, gains_of(name), reference_inertia)
     if name.endswith("uic"):
-        N, unactuated = np.eye(n) - J_inverse @ J, np.eye(n) - B @ B_inverse
-        torque = (np.eye(n) - N @ np.linalg.pinv(unactuated @ N, rcond=1e-8)) @ torque
-    return B_inverse @ (torque + state.D @ v + state.K + state.g)
+        torque = underactuated(state, task, torque, partial(np.linalg.pinv, rcond=1e-8))
+    return inputs(state, torque)
 
 
 @pytest.mark.parametrize("which", BUNDLED)

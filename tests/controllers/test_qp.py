@@ -15,7 +15,8 @@ from softdyn.controllers.programmes.qp import (
     polish,
     residuals,
 )
-from tests.support.textbook import Programme, solve_daqp, solve_quadprog
+from softdyn.validation.oracles.solvers import Programme, Term, unknowns
+from tests.support.printed import solve_daqp, solve_quadprog
 
 PATIENCE = 1.0  # s; a hang takes 25 s and more
 INF = np.inf
@@ -38,10 +39,16 @@ def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> Problem:
 
 
 def one_sided(p: Problem) -> Programme:
+    """The same as sums of squares: ½ xᵀHx + gᵀx = ½ ‖Lᵀx + L⁻¹g‖² + constant, H = L Lᵀ."""
     pinned = p.lower == p.upper
     above, below = np.isfinite(p.upper) & ~pinned, np.isfinite(p.lower) & ~pinned
-    A, b = np.vstack((p.A[above], -p.A[below])), np.concatenate((p.upper[above], -p.lower[below]))
-    return Programme(p.H, p.g, 0.0, p.A[pinned], p.upper[pinned], A, b)
+    (x,), root = unknowns(len(p.g)), np.linalg.cholesky(p.H)
+    return Programme(
+        {"x": x},
+        {"all": Term(0.5, root.T @ x + np.linalg.solve(root, p.g))},
+        {"pinned": p.A[pinned] @ x - p.upper[pinned]},
+        {"upper": p.A[above] @ x - p.upper[above], "lower": p.lower[below] - p.A[below] @ x},
+    )
 
 
 def solve(problem: Problem, solver: DenseQp | None = None) -> Solution | None:
@@ -84,12 +91,12 @@ def test_random_problems(n: int, ratio: float) -> None:
         assert solution.solved
         assert optimal(problem, solution.x, solution.multipliers)
         programme = one_sided(problem)
-        if len(programme.b) == 0:
+        if rows == 0:
             answers = [np.linalg.solve(problem.H, -problem.g)]
         else:
             oracles = solve_quadprog(programme), solve_daqp(programme)
             assert max(oracle.residual for oracle in oracles) < 1e-9
-            answers = [oracle.x for oracle in oracles]
+            answers = [oracle["x"] for oracle in oracles]
         for x in answers:
             tolerance = 1e-8 * max(1.0, np.abs(x).max())
             np.testing.assert_allclose(solution.x, x, rtol=0, atol=tolerance)
@@ -323,8 +330,12 @@ def test_ill_conditioned_rows(seed: int) -> None:
     assert solution.solved
     programme = one_sided(problem)
     exact = solve_daqp(programme)
-    best = programme.objective(exact.x)
-    assert programme.objective(solution.x) == pytest.approx(best, rel=1e-6, abs=1e-6)
+
+    def objective(x: np.ndarray) -> float:
+        return float(x @ problem.H @ x / 2 + problem.g @ x)
+
+    best = objective(exact["x"])
+    assert objective(solution.x) == pytest.approx(best, rel=1e-6, abs=1e-6)
 
 
 def test_answers_do_not_depend_on_what_was_solved_before() -> None:

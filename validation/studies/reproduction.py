@@ -370,7 +370,8 @@ def mse_cm2(log: Log, *, sampled: bool) -> float:
 
 def fingerprint(name: str, case: Case) -> str:
     """A hash of all that a run depends on."""
-    code = [Path(file).read_bytes().hex() for file in (__file__, reference_laws.__file__)]
+    oracles = sorted(Path(reference_laws.__file__).parent.glob("*.py"))
+    code = [file.read_bytes().hex() for file in (Path(__file__), *oracles)]
     text = json.dumps([name, benchmark.fingerprint(case), *code])
     return hashlib.sha256(text.encode()).hexdigest()
 

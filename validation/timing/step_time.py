@@ -18,9 +18,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from softdyn import Reference, SoftModel
+from softdyn import Reference, SoftModel, State
 from softdyn.compiled import COMPILES
 from softdyn.dynamics import model as engine
+from softdyn.validation.oracles.programmes import PROGRAMMES, PrintedLaw
+from softdyn.validation.oracles.solvers import Scs, Unsolved
 
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
 STACK_STATES = 12
@@ -93,6 +95,29 @@ class Times:
             "samples": step.size,
             "stack_samples": int(self.stack.size),
         }
+
+
+def paper_stack(controller: str) -> Callable[[Any, bool], Law] | None:
+    """(controller, quadratic) → a step as the paper computes it: state → u, or NaN.
+
+    The programme as printed, nothing condensed, scaled or kept: cvxpy builds it anew, SCS solves.
+    None for laws that have no programme. Needs the extra ``bench``.
+    """
+    if controller not in PROGRAMMES:
+        return None
+
+    def make(ours: Any, quadratic: bool) -> Law:
+        law = PrintedLaw(PROGRAMMES[controller], ours.gains, Scs(quadratic=quadratic))
+
+        def step(state: State, reference: Reference) -> np.ndarray:
+            try:
+                return law(state, reference)["u"]
+            except Unsolved:
+                return np.full(state.model.nu, np.nan)
+
+        return step
+
+    return make
 
 
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:

@@ -12,6 +12,8 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
+from softdyn.validation.oracles.programmes import PROGRAMMES, PrintedLaw
+from softdyn.validation.oracles.solvers import Scs
 from softdyn.validation.studies import paper
 from softdyn.validation.timing import step_scaling
 from softdyn.validation.timing.chains import chain_urdf
@@ -119,19 +121,18 @@ def test_parts_and_floor(finger, states):
 
 
 def test_the_papers_stack_finds_the_same_inputs(finger, states):
-    paper_stack = pytest.importorskip(
-        "softdyn.validation.oracles.paper_stack", exc_type=ImportError
-    )
+    pytest.importorskip("cvxpy")
     scale = finger.u_max - finger.u_min
-    for name in paper_stack.PROGRAMMES:
+    for name, write in PROGRAMMES.items():
         ours = CONTROLLERS[name](finger)
         # cvxpy's default accuracy as the reference spells it, and as close as SCS can come
         for quadratic, accuracy, tolerance in ((False, None, 1e-2), (True, 1e-9, 1e-5)):
-            stack = paper_stack.PaperStack(name, ours.gains, quadratic=quadratic, accuracy=accuracy)
+            solver = Scs(quadratic=quadratic, accuracy=accuracy)
+            stack = PrintedLaw(write, ours.gains, solver)
             errors = []
             for q, v, reference in states.steps()[1::8]:
                 state = finger.state(q, v)
-                difference = ours(state, reference).u - stack(state, reference)
+                difference = ours(state, reference).u - stack(state, reference)["u"]
                 errors.append(np.abs(difference / scale).max())
             # the CLF-QP of a straight finger has more than one minimiser
             unique = name != "clf-qp" and accuracy is not None
