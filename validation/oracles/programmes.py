@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from softdyn import Reference, State
-from softdyn.controllers import Gains
+from softdyn.controllers.gains import Gains
 from softdyn.validation.oracles.solvers import Answer, Programme, Solver, Term
 
 RANK_TOLERANCE = 1e-6  # the one stated threshold: singular values below this share count as zero
