@@ -7,11 +7,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
 from softdyn.validation import StateMap, Twin, crosscheck, simulate
 from softdyn.validation.crosschecks.crosscheck import random_state
+from softdyn.validation.twin import free_base
 from softdyn.validation.twin.free_base import FreeBase, rk4_on_rotations
 from tests.support.micro import FLOATING, GRIPPER, SOLID, joint, write
 
@@ -128,6 +130,24 @@ def test_runge_kutta_on_rotations_has_order_four():
     errors = [np.abs(run(steps) - run(400)).max() for steps in (10, 20, 40)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 4, atol=0.3)
+
+
+@pytest.mark.parametrize("angle", [1e-12, 3e-3, 9.9e-3, 1.01e-2, 0.4, 2.8])
+def test_the_rate_of_a_rotation_vector(angle):
+    """Central differences of log(exp(θ) exp(ω t)), with SciPy's rotations."""
+    random = np.random.default_rng(7)
+    turned, angular = random.normal(size=(2, 3))
+    turned *= angle / np.linalg.norm(turned)
+
+    def vector(t):
+        start, more = (Rotation.from_rotvec(x) for x in (turned, t * angular))
+        return (start * more).as_rotvec()
+
+    h = 1e-3
+    slopes = [(vector(s * h) - vector(-s * h)) / (2 * s * h) for s in (1, 2)]
+    expected = (4 * slopes[0] - slopes[1]) / 3
+    np.testing.assert_allclose(free_base._rotation_vector_rate(turned, angular), expected,
+                               atol=1e-9)  # fmt: skip
 
 
 def test_closed_loops_run(tmp_path):
