@@ -181,7 +181,7 @@ class BarrierRows:
     ----------
     model : the robot.
     barriers : what not to run into.
-    tau : horizon τ (s) that M and h of the states stand for.
+    tau : horizon τ (s) that the dynamics stand for.
 
     Attributes
     ----------
@@ -201,9 +201,9 @@ class BarrierRows:
         """Forget what was seen."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
 
-    def at(self, state: State) -> Rows:
-        """Every barrier's row at a state whose M and h stand for the horizon."""
-        inverse = np.linalg.solve(state.M, np.column_stack((state.B, state.h)))
+    def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
+        """Every barrier's row at a state, with M and h of the dynamics over the horizon."""
+        inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
         matrices, uppers, units = [], [], []
         for barrier in self._barriers:
             b, G, r, unit = barrier(state)
@@ -218,13 +218,20 @@ class BarrierRows:
         return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
 
     @SILENT
-    def enforce(self, problem: Problem, solution: Solution | None, state: State) -> Solution | None:
+    def enforce(
+        self,
+        problem: Problem,
+        solution: Solution | None,
+        state: State,
+        M: np.ndarray,
+        h: np.ndarray,
+    ) -> Solution | None:
         """`solution` where it meets every row, else that of `problem` with the rows it breaks.
 
         Rows join as answers break them, for few ever matter: `ROUNDS` times at most. `problem`
         has u as its first unknowns.
         """
-        rows = self.at(state)
+        rows = self.at(state, M, h)
         m, size = rows.matrix.shape[1], len(problem.g)
         upper, chosen = rows.upper.copy(), np.zeros(len(rows.upper), bool)
         sunk = 0.0

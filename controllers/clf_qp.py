@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.controller import Command, guarded
 from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.linear_algebra import cholesky, dot, inner
 from softdyn.controllers.programmes.task import Task
 from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
@@ -17,27 +17,28 @@ LEAST_NORM = 1e-8
 TINY = float(np.finfo(float).tiny)
 
 
-class ClfQp:
+class ClfQp(TaskLaw):
     """Paper, "CLF-QP": min w1 ‖μ - μ_ref‖² + ρ δ² with L_g L_f y u = -L_f² y + μ + ÿ_ref.
 
-    Parameters and errors as for `SoftIdClfQp`.
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's for a bundled robot by default; required for any other.
+
+    Raises
+    ------
+    InputError
+        No gains for this robot, or a robot without inputs.
     """
 
     name = "clf-qp"
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self._qp = TaskQp(model, self.gains, Linearisation(self.gains, model.nu), decrease=True)
-        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._qp.command(state, reference)
+        gains = resolve(model, self.name, gains)
+        objective = Linearisation(gains, model.nu)
+        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True))
 
 
 class Linearisation:
@@ -52,17 +53,17 @@ class Linearisation:
         self._w1 = float(gains.w1)
         self._condensed = Condensed.empty(nu)
 
-    def condense(self, state: State, task: Task) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
         """The programme at this state."""
-        _linearised(
-            state.M, state.h, state.v, state.B.T, state.J, state.Jdot,
+        _condense(
+            M, h, state.v, state.B.T, state.J, state.Jdot,
             task.mu_ref, task.yddot, self._w1, *self._condensed,
         )  # fmt: skip
         return self._condensed
 
 
 @compiled
-def _linearised(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
+def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
     m, n = Bt.shape
     rows, short = np.empty((m + 4, n)), np.empty(3)
     rows[:3], rows[3 : 3 + m], rows[3 + m] = J, Bt, h

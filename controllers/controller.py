@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
@@ -142,14 +141,12 @@ class InputGuard:
         return Command(self._held, V, delta, status)
 
 
-def warm_up(
-    law: Callable[[State, Reference], Command], model: SoftModel, guard: InputGuard
-) -> None:
-    """Call a law once at rest, so that its kernels are compiled before it controls anything."""
+def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:
+    """Call a law once at rest, so that its kernels are compiled, and reset it."""
     state = model.state(model.q0, np.zeros(model.nv))
-    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # gains beyond all bounds
+    with np.errstate(all="ignore"):  # gains beyond all bounds
         law(state, Reference(state.y))
-    guard.reset()
+    law.reset(period)
 
 
 @compiled

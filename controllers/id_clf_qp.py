@@ -1,18 +1,13 @@
-"""Soft ID-CLF-QP, by default exactly as published, and its hard ancestor."""
+"""ID-CLF-QP: the hard ancestor of the Soft ID-CLF-QP."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.checks import array, number
+from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.barriers import BarrierRows, ControlBarrier
-from softdyn.controllers.controller import Command, InputGuard, guarded
 from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.programmes.horizon import over_hold
+from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.linear_algebra import (
     cholesky,
     dot,
@@ -20,99 +15,34 @@ from softdyn.controllers.programmes.linear_algebra import (
     row_space,
     substitute_back,
 )
-from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
 from softdyn.controllers.programmes.task import Task
 from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
 
 
-class SoftIdClfQp:
-    """Paper, "Soft ID-CLF-QP": hard on the actuated dynamics, soft on the unactuated ones.
+class IdClfQp(TaskLaw):
+    """ID-CLF-QP after Reher et al. 2019: the whole dynamics M q̈ + h = B u as the constraint.
+
+    The paper's Discussion reports that it does not converge on highly underactuated robots.
 
     Parameters
     ----------
-    model : the robot.
-    gains : the paper's for a bundled robot by default; required for any other.
-    horizon : τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
-    u_ref : the input (nu,), or one for all, that costs nothing: w3 ‖u - u_ref‖². Tension in all
-        cables keeps co-contracted shapes from relaxing, `docs/beyond.md`; 0 in the paper.
-    barriers : what not to run into, `barriers`; `barrier_rows` says what came of it.
-        They want a horizon: the accelerations of damped joints at the start of a hold mislead.
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's of the Soft ID-CLF-QP for a bundled robot by default; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, a robot without inputs, a negative horizon, or an u_ref of
-        another shape.
-    """
-
-    name = "soft-id-clf-qp"
-
-    def __init__(
-        self,
-        model: SoftModel,
-        gains: Gains | None = None,
-        *,
-        horizon: float = 0.0,
-        u_ref: np.ndarray | float = 0.0,
-        barriers: Sequence[ControlBarrier] = (),
-    ) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self.horizon = number("horizon", horizon, lower=0.0)
-        self.u_ref = array(
-            "u_ref", [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref, (model.nu,)
-        )
-        self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
-        self._qp = TaskQp(
-            model,
-            self.gains,
-            SoftInverseDynamics(self.gains, model.nu, self.u_ref),
-            decrease=True,
-            barriers=self.barrier_rows,
-        )
-        if self.barrier_rows is not None:
-            self.barrier_rows.reset()  # of warming up
-        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
-
-    def share(self, guard: InputGuard) -> None:
-        """Count and hold inputs in another law's guard: of one that takes turns with this one."""
-        self.guard = self._qp.guard = guard
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-        if self.barrier_rows is not None:
-            self.barrier_rows.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._qp.command(over_hold(state, self.horizon), reference)
-
-
-class IdClfQp:
-    """ID-CLF-QP after Reher et al. 2019: the whole dynamics M q̈ + h = B u as the constraint.
-
-    The paper's Discussion reports that it does not converge on highly underactuated robots.
-    Parameters and errors as for `SoftIdClfQp`.
+        No gains for this robot, or a robot without inputs.
     """
 
     name = "id-clf-qp"
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self._qp = TaskQp(
-            model, self.gains, HardInverseDynamics(self.gains, model.nu), decrease=True
-        )
-        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._qp.command(state, reference)
+        gains = resolve(model, self.name, gains)
+        objective = HardInverseDynamics(gains, model.nu)
+        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True))
 
 
 class HardInverseDynamics:
@@ -128,19 +58,17 @@ class HardInverseDynamics:
         )
         self._condensed = Condensed.empty(nu)
 
-    def condense(self, state: State, task: Task) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
         """The programme at this state."""
-        _hard(
-            state.M, state.h, state.v, state.B.T, state.J, state.Jdot, task.mu_ref, task.yddot,
+        _condense(
+            M, h, state.v, state.B.T, state.J, state.Jdot, task.mu_ref, task.yddot,
             self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
 
 
 @compiled
-def _hard(
-    M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0
-):  # fmt: skip
+def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     w1, w2, w3, w4, damping = weights[0], weights[1], weights[2], weights[3], weights[4]
     m, n = Bt.shape
     # q̈ = M⁻¹B u + drift; the rows of X are the columns of M⁻¹B, and drift

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
-from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.controller import Command, InputGuard, guarded, warm_up
+from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.linear_algebra import (
     add,
     cholesky,
@@ -20,6 +19,7 @@ from softdyn.controllers.programmes.linear_algebra import (
     row_space,
     substitute,
 )
+from softdyn.controllers.programmes.qp import DenseQp
 from softdyn.controllers.programmes.task import Task
 
 # Of the reference implementation: Λ is an inverse, or a pseudo-inverse where the determinant of
@@ -76,73 +76,77 @@ def _law(
 
 
 class ImpedanceLaw:
-    """u = clamp(B⁺ τ): what IC and UIC share, B⁺ kept while B does not change."""
+    """u = clamp(B⁺ τ): what IC and UIC share, B⁺ kept while B does not change.
 
-    def __init__(self, model: SoftModel, gains: Gains) -> None:
-        self.guard = InputGuard(model.u_min, model.u_max)
-        self._task = Task(gains)
+    `project` removes the torques that no input can give.
+    """
+
+    solvers: tuple[DenseQp, ...] = ()
+
+    def __init__(self, *, project: bool) -> None:
+        self._project = project
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget B⁺."""
         self._B: np.ndarray | None = None
         self._factors = (np.empty((0, 0)),) * 3
-        warm_up(partial(self.command, project=True), model, self.guard)
 
-    def command(self, state: State, reference: Reference | SetPoint, *, project: bool) -> Command:
-        """u = clamp(B⁺ τ); `project` removes the torques that no input can give."""
+    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+        """The input, clamped to its bounds."""
         if state.B is not self._B:
             self._factors, self._B = factor(state.B.T), state.B
-        task = self._task
-        task.update(state, reference)
         u = _law(
             state.M, state.h, state.bias, state.g, state.v, state.J, state.Jdot,
-            task.mu_ref, task.yddot, *self._factors, project,
+            task.mu_ref, task.yddot, *self._factors, self._project,
         )  # fmt: skip
-        return self.guard.accept(u, task.V, np.nan, clamped=True)
+        return guard.accept(u, task.V, np.nan, clamped=True)
 
 
-class Impedance:
+class Impedance(TaskLaw):
     """Paper, "Impedance Control": u = clamp(B⁺(Jᵀ f + D q̇ + K + g)), eq. (IC).
 
-    Parameters and errors as for `SoftIdClfQp`.
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's for a bundled robot by default; required for any other.
+
+    Raises
+    ------
+    InputError
+        No gains for this robot, or a robot without inputs.
     """
 
     name = "ic"
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self._law = ImpedanceLaw(model, self.gains)
-        self.guard = self._law.guard
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._law.command(state, reference, project=False)
+        super().__init__(model, resolve(model, self.name, gains), ImpedanceLaw(project=False))
 
 
-class UnderactuatedImpedance:
+class UnderactuatedImpedance(TaskLaw):
     """Paper, "Underactuated Impedance Control", after Mistry & Righetti 2012, eq. (UIC).
 
     τ = (I - N [(I - I_p) N]⁺) Jᵀ f + D q̇ + K + g with I_p = B B⁺ (n × n; the paper prints B⁺B).
-    Parameters and errors as for `SoftIdClfQp`.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's for a bundled robot by default; required for any other.
+
+    Raises
+    ------
+    InputError
+        No gains for this robot, or a robot without inputs.
     """
 
     name = "uic"
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self._law = ImpedanceLaw(model, self.gains)
-        self.guard = self._law.guard
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._law.command(state, reference, project=True)
+        super().__init__(model, resolve(model, self.name, gains), ImpedanceLaw(project=True))
 
 
 @compiled

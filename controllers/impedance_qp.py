@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.controllers.controller import Command, guarded
+from softdyn import SoftModel
 from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
 from softdyn.controllers.programmes.task_qp import TaskQp
 
 
-class ImpedanceQp:
+class ImpedanceQp(TaskLaw):
     """Paper, "IC-QP": the Soft ID-CLF-QP without its Lyapunov condition.
 
-    Parameters and errors as for `SoftIdClfQp`.
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's for a bundled robot by default; required for any other.
+
+    Raises
+    ------
+    InputError
+        No gains for this robot, or a robot without inputs.
     """
 
     name = "ic-qp"
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        self.gains = resolve(model, self.name, gains)
-        self._qp = TaskQp(
-            model, self.gains, SoftInverseDynamics(self.gains, model.nu), decrease=False
-        )
-        self.guard, self.solvers = self._qp.guard, (self._qp.solver,)
-
-    def reset(self, period: float) -> None:
-        """Begin a run; no law of its own depends on the control period (s)."""
-        self.guard.reset()
-
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
-        return self._qp.command(state, reference)
+        gains = resolve(model, self.name, gains)
+        objective = SoftInverseDynamics(gains, model.nu)
+        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=False))

@@ -117,8 +117,7 @@ class Mpc:
         reach = model.upper - model.lower
         self._margin = np.where(np.isfinite(reach), NEAR_STOP * reach, 0.0)
         self.reset(period)
-        warm_up(self, model, self.guard)
-        self.reset(period)
+        warm_up(self, model, period)
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the input applied, the estimated forces."""

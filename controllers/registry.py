@@ -12,10 +12,11 @@ from typing import Any
 
 from softdyn import InputError, SoftdynError
 from softdyn.controllers.clf_qp import ClfQp
-from softdyn.controllers.id_clf_qp import IdClfQp, SoftIdClfQp
+from softdyn.controllers.id_clf_qp import IdClfQp
 from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance_qp import ImpedanceQp
 from softdyn.controllers.mpc import Mpc
+from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 from softdyn.controllers.staged import Staged, best
 
 # command-line name → class; these take `softdyn.controllers.Gains`

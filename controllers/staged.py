@@ -8,9 +8,9 @@ from typing import Any
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import Command, guarded
-from softdyn.controllers.id_clf_qp import SoftIdClfQp
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
+from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 
 
 class Staged:
@@ -50,7 +50,7 @@ class Staged:
             for stage in (schedule.approach, schedule.stay)
         )
         self.guard = self._approach.guard
-        self._stay.share(self.guard)
+        self._stay.guard = self.guard
         self.solvers = self._approach.solvers + self._stay.solvers
         self.reset(period)
 
@@ -64,13 +64,14 @@ class Staged:
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""
-        schedule, distance = self.gains, math.dist(state.y, reference.y)
+        schedule = self.gains
+        distance = math.dist(state.y.tolist(), reference.y.tolist())  # lists: 1 µs less
         self._near = self._near + self.period if distance < schedule.arrive else 0.0
         if self._staying:
             self._staying = not distance > schedule.leave
         else:
             self._staying = self._near > schedule.dwell
-        return (self._stay if self._staying else self._approach)(state, reference)
+        return (self._stay if self._staying else self._approach).command(state, reference)
 
 
 def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:

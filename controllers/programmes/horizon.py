@@ -10,13 +10,12 @@ the dynamics (paper, eq. (1)) with another M and another h; `docs/hold.md`.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from softdyn import SoftModel, State
-from softdyn.controllers.controller import SILENT
+from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains
+from softdyn.controllers.programmes.linear_algebra import dot
 
 
 def elastic_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
@@ -26,21 +25,44 @@ def elastic_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     return np.diag(model.stiffness)
 
 
-def over_hold(state: State, tau: float) -> State:
-    """`state` with M and h of the dynamics over the horizon `tau` (s); itself at 0.
+class Horizon:
+    """M and h of the dynamics over a horizon, in memory that its next call uses again.
 
-    What it says of the tip, B, D and K is unchanged; `bias` is too, and no longer h - D v - K.
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    tau : float
+        τ (s); at 0 the dynamics are the state's own.
     """
-    return state if tau == 0 else _over(state, tau)
+
+    def __init__(self, model: SoftModel, tau: float) -> None:
+        self._model, self._tau = model, tau
+        self._constant = None if model.tendon_stiffness.any() else np.diag(model.stiffness)
+        n = model.nv
+        self._M, self._h = np.empty((n, n)), np.empty(n)
+        # kernels are compiled for arrays that are read-only, as a State's are
+        self._answer = self._M.view(), self._h.view()
+        for array in self._answer:
+            array.flags.writeable = False
+
+    def __call__(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """M (n, n) and h (n,) over the horizon."""
+        if self._tau == 0:
+            return state.M, state.h
+        stiffness = self._constant
+        if stiffness is None:
+            stiffness = elastic_stiffness(self._model, state.q)
+        _over(state.M, state.h, state.D, state.v, stiffness, self._tau, self._M, self._h)
+        return self._answer
 
 
-@SILENT
-def _over(state: State, tau: float) -> State:
-    stiffness = elastic_stiffness(state.model, state.q)
-    M = state.M + tau * state.D + tau**2 * stiffness
-    h = state.h + tau * (stiffness @ state.v)
-    M.flags.writeable = h.flags.writeable = False
-    return replace(state, M=M, h=h)
+@compiled
+def _over(M, h, D, v, stiffness, tau, M_over, h_over):
+    for i in range(len(v)):
+        for j in range(len(v)):
+            M_over[i, j] = M[i, j] + tau * D[i, j] + tau * tau * stiffness[i, j]
+        h_over[i] = h[i] + tau * dot(stiffness[i], v)
 
 
 def default_horizon(gains: Gains) -> float:

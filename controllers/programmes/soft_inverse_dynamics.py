@@ -47,13 +47,13 @@ class SoftInverseDynamics:
         self._span = self._span_B = np.empty((0, 0))
         self._condensed = Condensed.empty(self.size)
 
-    def condense(self, state: State, task: Task) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
         """The programme at this state."""
         if state.B is not self._B:
             self._span, self._span_B = range_of(state.B.T)
             self._B = state.B
         _condense(
-            state.M, state.h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
+            M, h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
             task.mu_ref, task.yddot, self._weights, *self._condensed,
         )  # fmt: skip
         if self._pull is not None:

@@ -6,12 +6,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn import SoftModel, State
 from softdyn.compiled import compiled
-from softdyn.controllers.barriers import BarrierRows
-from softdyn.controllers.controller import Command, InputGuard, Status, warm_up
+from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains
-from softdyn.controllers.programmes.qp import DenseQp, Problem
+from softdyn.controllers.programmes.horizon import Horizon
+from softdyn.controllers.programmes.qp import DenseQp, Problem, Solution
 from softdyn.controllers.programmes.task import Task
 
 # The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
@@ -44,8 +44,30 @@ class Objective(Protocol):
 
     size: int
 
-    def condense(self, state: State, task: Task) -> Condensed:
-        """The objective at this state; in memory that the next call may use again."""
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
+        """The objective at this state with the dynamics M q̈ + h = B u.
+
+        In memory that the next call may use again.
+        """
+        ...
+
+
+class Restriction(Protocol):
+    """Further rows on u; see `barriers.BarrierRows`."""
+
+    def enforce(
+        self,
+        problem: Problem,
+        solution: Solution | None,
+        state: State,
+        M: np.ndarray,
+        h: np.ndarray,
+    ) -> Solution | None:
+        """`solution` of `problem` where it meets the rows, else one that does."""
+        ...
+
+    def reset(self) -> None:
+        """Forget what was seen."""
         ...
 
 
@@ -56,8 +78,18 @@ class TaskQp:
 
     Parameters
     ----------
-    decrease : whether the decrease condition is a constraint; V is reported either way.
-    barriers : further rows on u.
+    model : SoftModel
+        The robot.
+    gains : Gains
+        Of which ρ is read here.
+    objective : Objective
+        The rest of the programme.
+    decrease : bool
+        Whether the decrease condition is a constraint; V is reported either way.
+    horizon : Horizon, optional
+        Whose dynamics stand for the state's own.
+    barriers : Restriction, optional
+        Further rows on u.
     """
 
     def __init__(
@@ -67,41 +99,42 @@ class TaskQp:
         objective: Objective,
         *,
         decrease: bool,
-        barriers: BarrierRows | None = None,
+        horizon: Horizon | None = None,
+        barriers: Restriction | None = None,
     ) -> None:
-        self.guard = InputGuard(model.u_min, model.u_max)
-        self._objective, self._task = objective, Task(gains)
-        self._rho, self._decrease, self._barriers = float(gains.rho), decrease, barriers
+        self._objective, self._horizon, self._barriers = objective, horizon, barriers
+        self._rho, self._decrease = float(gains.rho), decrease
         size, m = objective.size, model.nu
         self._nu, self._size = m, size
-        self.solver = DenseQp(size + decrease, m + decrease)
+        self._qp = DenseQp(size + decrease, m + decrease)
+        self.solvers = (self._qp,)
         # x = (u, …, δ); what the steps do not change is written once
-        self._problem = Problem.empty(size + decrease, m + decrease)
+        self._problem = problem = Problem.empty(size + decrease, m + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
-        self._problem.lower[:m], self._problem.upper[:m] = (
-            model.u_min + margin,
-            model.u_max - margin,
-        )
-        self._problem.A[:m, :m] = np.eye(m)
+        problem.lower[:m], problem.upper[:m] = model.u_min + margin, model.u_max - margin
+        problem.A[:m, :m] = np.eye(m)
         if decrease:
-            self._problem.lower[m], self._problem.A[m, size] = -np.inf, -1.0
-        warm_up(self.command, model, self.guard)
+            problem.lower[m], problem.A[m, size] = -np.inf, -1.0
 
-    def command(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The bounded input, or the guard's fallback."""
-        task, problem = self._task, self._problem
-        task.update(state, reference)
-        condensed = self._objective.condense(state, task)
-        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
-        solution = self.solver.solve(problem)
+    def reset(self) -> None:
+        """Forget what the barriers saw; the programme itself remembers nothing."""
         if self._barriers is not None:
-            solution = self._barriers.enforce(problem, solution, state)
+            self._barriers.reset()
+
+    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+        """The bounded input, or the guard's fallback."""
+        M, h = (state.M, state.h) if self._horizon is None else self._horizon(state)
+        condensed, problem = self._objective.condense(state, M, h, task), self._problem
+        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
+        solution = self._qp.solve(problem)
+        if self._barriers is not None:
+            solution = self._barriers.enforce(problem, solution, state, M, h)
         if solution is None:
-            return self.guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+            return guard.fall_back(Status.NON_FINITE, task.V, np.nan)
         delta = float(solution.x[self._size]) if self._decrease else np.nan
         if not solution.solved:
-            return self.guard.fall_back(Status.NOT_SOLVED, task.V, delta)
-        return self.guard.accept(solution.x[: self._nu], task.V, delta)
+            return guard.fall_back(Status.NOT_SOLVED, task.V, delta)
+        return guard.accept(solution.x[: self._nu], task.V, delta)
 
 
 @compiled

@@ -10,7 +10,7 @@ import pytest
 from softdyn import InputError, SetPoint, SoftModel, State
 from softdyn.controllers import SoftIdClfQp, Status
 from softdyn.controllers.barriers import ROOM, BarrierRows, HalfSpace, JointLimits, Sphere
-from softdyn.controllers.programmes.horizon import over_hold
+from softdyn.controllers.programmes.horizon import Horizon
 from softdyn.controllers.programmes.task_qp import BACKOFF
 from softdyn.validation import simulate
 from softdyn.validation.oracles.solvers import Programme
@@ -73,10 +73,10 @@ def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
     model, rng = robot(name), np.random.default_rng(5)
     for state, _ in drawn(name)[:6:2]:
         barriers = some_barriers(model, state.y)
-        held = over_hold(state, TAU)
-        rows = BarrierRows(model, barriers, TAU).at(held)
+        M, h = Horizon(model, TAU)(state)
+        rows = BarrierRows(model, barriers, TAU).at(state, M, h)
         u = rng.uniform(model.u_min, model.u_max)
-        qdd = np.linalg.solve(held.M, state.B @ u - held.h)
+        qdd = np.linalg.solve(M, state.B @ u - h)
         wanted = []
         for barrier in barriers:
             b, G, drift, _ = barrier(state)
@@ -104,15 +104,15 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         controller = SoftIdClfQp(model, gains(name), horizon=TAU, barriers=barriers)
         command = controller(state, reference)
         assert command.status is Status.OK
-        held = over_hold(state, TAU)
-        rows = BarrierRows(model, barriers, TAU).at(held)
+        M, h = Horizon(model, TAU)(state)
+        rows = BarrierRows(model, barriers, TAU).at(state, M, h)
         if controller.barrier_rows.relaxed:
             continue
         upper = rows.upper + ROOM * rows.unit
         assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
         free = SoftIdClfQp(model, gains(name), horizon=TAU)(state, reference).u
         active += np.abs(free - command.u).max() > 1e-6 * spread
-        programme = printed(held, reference, controller.gains, margin=BACKOFF)
+        programme = printed(replace(state, M=M, h=h), reference, controller.gains, margin=BACKOFF)
         exact = solve_quadprog(with_rows(programme, rows.matrix, upper))
         if exact.residual < 1e-9:
             np.testing.assert_allclose(command.u, exact["u"], rtol=0, atol=1e-5 * spread)

@@ -75,7 +75,7 @@ def test_the_least_norm_minimiser_is_taken():
         state, reference = recorded("helix")[-1]
         task = Task(controller.gains)
         task.update(state, reference)
-        p = Linearisation(controller.gains, model.nu).condense(state, task)
+        p = Linearisation(controller.gains, model.nu).condense(state, state.M, state.h, task)
         free = np.linalg.solve(p.H, -p.g)
         least = np.linalg.pinv(p.mu_map) @ (p.mu_map @ free)
         assert np.abs(free - least).max() <= 1e-6 * np.abs(free).max()

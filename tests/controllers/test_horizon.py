@@ -10,8 +10,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError
+from softdyn.compiled import COMPILES
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.programmes.horizon import elastic_stiffness, over_hold
+from softdyn.controllers.programmes import horizon, soft_inverse_dynamics
+from softdyn.controllers.programmes.horizon import Horizon, elastic_stiffness
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.oracles import gradient, relative
 from tests.support.printed import printed, solve_quadprog
@@ -29,7 +31,8 @@ def controller_of(name: str, **options: object) -> SoftIdClfQp:
 def test_no_horizon_is_the_published_law(name: str) -> None:
     published, held = controller_of(name), controller_of(name, horizon=0.0)
     for state, reference in drawn(name):
-        assert over_hold(state, 0.0) is state
+        M, h = Horizon(robot(name), 0.0)(state)
+        assert (M is state.M, h is state.h) == (True, True)
         np.testing.assert_array_equal(published(state, reference).u, held(state, reference).u)
 
 
@@ -39,14 +42,14 @@ def test_springs_and_dampers_at_the_end_of_the_horizon(name: str) -> None:
     model, tau, rng = robot(name), 0.03, np.random.default_rng(1)
     for state, _ in drawn(name)[:6]:
         u = rng.uniform(model.u_min, model.u_max)
-        held = over_hold(state, tau)
-        qdd = np.linalg.solve(held.M, state.B @ u - held.h)
+        M, h = Horizon(model, tau)(state)
+        qdd = np.linalg.solve(M, state.B @ u - h)
         v = state.v + tau * qdd
         # springs of the bundled and micro robots are linear: so is K, in joint coordinates
         moved = model.coordinates(state.q) + tau * v
         K = model.stiffness * (moved - model.rest)
         residual = state.M @ qdd + state.bias + state.D @ v + K - state.B @ u
-        assert np.abs(residual).max() < 1e-10 * max(1.0, np.abs(held.M @ qdd).max())
+        assert np.abs(residual).max() < 1e-10 * max(1.0, np.abs(M @ qdd).max())
 
 
 @pytest.mark.parametrize("seed", [*range(4), "finger", "sliding and turning"])
@@ -77,6 +80,17 @@ def test_inputs_are_those_of_the_textbook_form_with_the_other_dynamics(
             controller(state, reference).u, exact["u"], rtol=0, atol=1e-6 * max(spread, 1e-9)
         )
     assert controller.guard.fallbacks == 0
+
+
+@pytest.mark.skipif(not COMPILES, reason="nothing is compiled")
+@pytest.mark.parametrize("name", ["finger", "spirob"])
+def test_warming_up_compiles_all_that_the_steps_need(name: str) -> None:
+    kernels = (horizon._over, soft_inverse_dynamics._condense, soft_inverse_dynamics.range_of)
+    law = controller_of(name, horizon=0.03)
+    before = [len(kernel.signatures) for kernel in kernels]
+    for state, reference in drawn(name):
+        law(state, reference)
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 def test_the_horizon_matters_and_must_make_sense() -> None:

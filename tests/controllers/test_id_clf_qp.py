@@ -201,7 +201,7 @@ def test_the_programme_has_at_most_m_plus_4_unknowns(name: str) -> None:
     state, reference = cases(name)[0]
     task = Task(gains)
     task.update(state, reference)
-    condensed = dynamics.condense(state, task)
+    condensed = dynamics.condense(state, state.M, state.h, task)
     assert dynamics.size == model.nu + 3
     assert condensed.H.shape == (model.nu + 3,) * 2
     assert condensed.mu_map.shape == (3, model.nu + 3)

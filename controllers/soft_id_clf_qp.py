@@ -1,0 +1,74 @@
+"""Soft ID-CLF-QP, the paper's law, by default exactly as published."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from softdyn import SoftModel
+from softdyn.checks import array, number
+from softdyn.controllers.barriers import BarrierRows, ControlBarrier
+from softdyn.controllers.gains import Gains, resolve
+from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.programmes.horizon import Horizon
+from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.programmes.task_qp import TaskQp
+
+
+class SoftIdClfQp(TaskLaw):
+    """Paper, "Soft ID-CLF-QP": hard on the actuated dynamics, soft on the unactuated ones.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains, optional
+        The paper's for a bundled robot by default; required for any other.
+    horizon : float
+        τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
+    u_ref : float or ndarray, (nu,)
+        The input that costs nothing: w3 ‖u - u_ref‖². Tension in all cables keeps co-contracted
+        shapes from relaxing, `docs/beyond.md`; 0 in the paper.
+    barriers : sequence of ControlBarrier
+        What not to run into, `barriers`. They want a horizon: the accelerations of damped joints at
+        the start of a hold mislead.
+
+    Attributes
+    ----------
+    barrier_rows : BarrierRows or None
+        What came of the barriers.
+
+    Raises
+    ------
+    InputError
+        No gains for this robot, a robot without inputs, a negative horizon, or a u_ref of another
+        shape.
+    """
+
+    name = "soft-id-clf-qp"
+
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        horizon: float = 0.0,
+        u_ref: np.ndarray | float = 0.0,
+        barriers: Sequence[ControlBarrier] = (),
+    ) -> None:
+        gains = resolve(model, self.name, gains)
+        self.horizon = number("horizon", horizon, lower=0.0)
+        given = [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref
+        self.u_ref = array("u_ref", given, (model.nu,))
+        self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
+        objective = SoftInverseDynamics(gains, model.nu, self.u_ref)
+        programme = TaskQp(
+            model,
+            gains,
+            objective,
+            decrease=True,
+            horizon=Horizon(model, self.horizon),
+            barriers=self.barrier_rows,
+        )
+        super().__init__(model, gains, programme)
