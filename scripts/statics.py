@@ -132,6 +132,7 @@ def search(model: SoftModel, arguments: cli.Arguments) -> dict[str, Any]:
     from softdyn import statics
     from softdyn.statics.tip_search import STATIONS
     from softdyn.validation.report import statics_figure
+    from softdyn.validation.studies import paper
 
     goals = targets(model, arguments)
     guesses = [] if arguments.log is None else [last_state(model, arguments.log)]
@@ -149,7 +150,7 @@ def search(model: SoftModel, arguments: cli.Arguments) -> dict[str, Any]:
         rows.append(row(theta, one, samples, arguments.hold))
     if arguments.map is not None:
         labels = [target_name(line) for line in rows]
-        statics_figure.draw(arguments.map, samples, searches, labels, ellipse(model))
+        statics_figure.draw(arguments.map, samples, searches, labels, paper.ellipse_points(model))
     return {
         "robot": model.bundled or model.name,
         "samples": len(samples),
@@ -179,18 +180,6 @@ def targets(model: SoftModel, arguments: cli.Arguments) -> list[tuple[float | No
     thetas: Iterable[float] = paper.THETAS if arguments.theta is None else (arguments.theta,)
     setup = paper.setup_of(model)
     return [(theta, setup.ellipse().point(theta)) for theta in thetas]
-
-
-def ellipse(model: SoftModel) -> np.ndarray | None:
-    """Points (·, 3) of the paper's ellipse at the robot's size; None for one of no length."""
-    import numpy as np
-
-    from softdyn.validation.studies import paper
-
-    setup = paper.setup_of(model)
-    if setup.length == 0:
-        return None
-    return np.array([setup.ellipse().point(theta) for theta in np.linspace(0, 2, 121)])
 
 
 def row(
@@ -288,7 +277,9 @@ def target_name(line: dict[str, Any]) -> str:
     """θ of a set point, or that it is the target."""
     if line["theta"] is None:
         return "target"
-    return "θ = " + {0.0: "0", 1.0: "π"}.get(line["theta"], f"{line['theta']:g}π")
+    from softdyn.validation.report.names import experiment_title
+
+    return experiment_title("set_point", line["theta"])
 
 
 main = cli.program(parser, command, __name__)

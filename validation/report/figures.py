@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from softdyn.validation.report import plot_style as look
+from softdyn.validation.report.names import experiment_title
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     OURS,
@@ -95,7 +96,7 @@ def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
         final = (
             f"‖e(T)‖ = {run.error[-1]:.2g} cm" if run.complete else f"ended at {run.t[-1]:.2g} s"
         )
-        title = look.experiment_title("set_point", run.case.value)
+        title = experiment_title("set_point", run.case.value)
         look.letter(axes, i, f"{title}\n{final}")
         axes.set_xlabel("x (cm)")
         axes.xaxis.set_major_locator(MaxNLocator(TICKS))
@@ -127,7 +128,7 @@ def tracking(runs: Sequence[Run]) -> Figure | None:
         draw_second_cycles(axes, of(runs, robot), colours)
         look.letter(axes, i, look.robot_title(robot))
     row[0].set_ylabel("z (cm)")
-    title = f"reference, {look.experiment_title('tracking', rate)}"
+    title = f"reference, {experiment_title('tracking', rate)}"
     handles = [look.handle(title, (look.REFERENCE, "-"), linewidth=REFERENCE_WIDTH)]
     handles += [look.handle(look.controller_title(name), colours[name]) for name in controllers]
     if any(run.failed for run in runs):
@@ -194,7 +195,7 @@ def errors(runs: Sequence[Run], kind: str) -> Figure | None:
             log_ticks(axes)
         row[0].set_ylabel(f"{look.robot_title(robot)}\n‖e‖ (cm)")
     for axes, value in zip(grid[0], values, strict=True):
-        axes.set_title(look.experiment_title(kind, value))
+        axes.set_title(experiment_title(kind, value))
     for axes in grid[-1]:
         axes.set_xlabel(look.TIME)
     handles = [look.handle(look.controller_title(name), colours[name]) for name in controllers]

@@ -22,6 +22,7 @@ from softdyn.validation.files import write_text
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.report import tables
+from softdyn.validation.report.names import controller_title, experiment_title, robot_title
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark import Case, log_path, safe
 from softdyn.validation.studies.fingerprint import load_model
@@ -111,7 +112,7 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
 
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     """Replay and thumbnail of a robot with a controller; returns the runs' versions."""
-    from softdyn.validation.report.replay import controller_title, replays
+    from softdyn.validation.report.replay import replays
     from softdyn.validation.report.thumbnail import thumbnail
     from softdyn.view.scene import Figure
 
@@ -139,11 +140,6 @@ def replay_path(case: Case) -> Path:
 def thumbnail_path(case: Case) -> Path:
     """The picture of a robot with a controller, below the benchmark's folder."""
     return Path(THUMBNAILS, safe(case.robot), f"{safe(case.controller)}.png")
-
-
-def robot_title(name: str) -> str:
-    """A robot's name; of a path its last part."""
-    return Path(name).stem if "/" in name else name
 
 
 def html(
@@ -235,7 +231,7 @@ def _failures(
             at = next(
                 i for i, c in enumerate(cases) if (c.kind, c.value) == (run["kind"], run["value"])
             )
-            name = f"{tables.KINDS[run['kind']]} = {run['value']:g}π"
+            name = experiment_title(run["kind"], run["value"])
             items.append(
                 f'<li><a href="{_url(replay_path(cases[0]))}#run={at}">'
                 f"{escape(robot_title(row['robot']))}, {escape(tables.cells(row)[1])}, {name}</a>: "

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from softdyn.validation.loop.log import Log
 from softdyn.validation.report import plot_style as look
+from softdyn.validation.report.names import experiment_title
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     Run,
@@ -42,7 +43,7 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
             (run,) = of(found, value=value)
             draw_inputs(axes, run)
             shown.append(run)
-            name = f"{look.robot_title(robot)}, {look.experiment_title(kind, value)}"
+            name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}"
             look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
         for axes in row:
             scale_inputs(axes, shown)

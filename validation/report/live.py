@@ -11,7 +11,8 @@ import numpy as np
 from softdyn import State
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.replay import controller_title, ellipse
+from softdyn.validation.report.names import controller_title
+from softdyn.validation.studies import paper
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
@@ -26,7 +27,7 @@ def live_page(loop: ClosedLoop) -> Page:
     model, experiment = loop.model, loop.experiment
     width = 1 + model.nv + model.nu + 6
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
-    path = ellipse(model) if on_ellipse else None
+    path = paper.ellipse_points(model) if on_ellipse else None
     empty = Track(0, np.zeros((0, width)), controller_title(loop.name), path=path)
     run = Run("live", (empty,), duration=loop.grid.duration)
     return Page(model.bundled or model.name, (Figure.of(model),), (run,), live=True)

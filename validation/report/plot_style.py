@@ -16,12 +16,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from softdyn.validation.files import atomic
-from softdyn.validation.report.tables import PAPER_NAMES
+from softdyn.validation.report import names
 
 COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)
 PNG_DPI = 200
 TIME = "Time (s)"
-KINDS = {"set_point": "θ", "tracking": "ω"}
 
 # Okabe and Ito's palette: told apart by all common kinds of colour vision.
 BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -54,10 +53,6 @@ INPUTS = tuple(
         strict=True,
     )
 )
-ROBOT_NAMES = {
-    "finger": "Finger", "helix": "Helix", "spirob": "SpiRob", "spirob48": "SpiRob (48 DOF)",
-}  # fmt: skip
-
 RC = {
     "font.family": "DejaVu Sans",  # ships with Matplotlib, so every machine has it
     "font.size": 7.5,
@@ -104,19 +99,13 @@ def looks(names: Iterable[str], known: dict[str, Any]) -> dict[str, Any]:
 
 
 def robot_title(name: str) -> str:
-    """A robot's name for people; of a path its last part."""
-    return ROBOT_NAMES.get(name) or plain(Path(name).stem)
+    """A robot's name in a figure."""
+    return plain(names.robot_title(name))
 
 
 def controller_title(name: str) -> str:
-    """A controller's name for people; of a user's FILE.py:CLASS its last part."""
-    return PAPER_NAMES.get(name) or plain(Path(name).name)
-
-
-def experiment_title(kind: str, value: float) -> str:
-    """θ of a set point or ω of a trajectory; `value` is in multiples of π."""
-    multiple = {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
-    return f"{KINDS[kind]} = {multiple}{' rad/s' if kind == 'tracking' else ''}"
+    """A controller's name in a figure."""
+    return plain(names.controller_title(name))
 
 
 def plain(text: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.validation.loop.log import Log
+from softdyn.validation.report.names import controller_title, experiment_title
 from softdyn.validation.studies import paper
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
@@ -34,7 +35,9 @@ def replay(log: Log, model: SoftModel) -> Page:
     InputError
         When the log is another robot's.
     """
-    return Page(title(log, model), (Figure.of(model),), (Run(goal(log), (track(log, model),)),))
+    return Page(
+        model.bundled or log.robot, (Figure.of(model),), (Run(goal(log), (track(log, model),)),)
+    )
 
 
 def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
@@ -128,7 +131,7 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
 def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
     """The reference's path (K, 3): the ellipse of the paper's experiments, else where it went."""
     if (log.theta, log.omega) != (None, None):
-        points = ellipse(model)
+        points = paper.ellipse_points(model)
         # a run of this name may have been on another ellipse
         if points is not None and _distance(points, log.y_ref[0]) < 0.05 * _distance(points, 0):
             return points
@@ -136,43 +139,19 @@ def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
     return log.y_ref[:: max(1, len(log.y_ref) // 400)] if moved else None
 
 
-def ellipse(model: SoftModel) -> np.ndarray | None:
-    """Points (97, 3) of the paper's ellipse in the robot's size; None for one without a length."""
-    setup = paper.setup_of(model)
-    if setup.length == 0:
-        return None
-    return np.array([setup.ellipse().point(theta) for theta in np.linspace(0, 2, 97)])
-
-
 def _distance(points: np.ndarray, point: np.ndarray | float) -> float:
     return float(np.linalg.norm(points - point, axis=1).min())
-
-
-def title(log: Log, model: SoftModel) -> str:
-    """A run's robot."""
-    return model.bundled or log.robot
 
 
 def goal(log: Log) -> str:
     """A run's experiment in words."""
     if log.theta is not None:
-        return f"set point θ = {_multiple(log.theta)}"
+        return f"set point {experiment_title('set_point', log.theta)}"
     if log.omega is not None:
-        return f"tracking ω = {_multiple(log.omega)} rad/s"
+        return f"tracking {experiment_title('tracking', log.omega)}"
     if np.ptp(log.y_ref, axis=0).max() > 0:
         return "tracking"
     return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
-
-
-def controller_title(name: str) -> str:
-    """A controller's name for people."""
-    from softdyn.validation.report.tables import PAPER_NAMES
-
-    return PAPER_NAMES.get(name) or name.rpartition("/")[2]
-
-
-def _multiple(value: float) -> str:
-    return {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
 
 
 def labels_of(logs: Sequence[Log]) -> list[str]:

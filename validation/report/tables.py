@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from softdyn.validation.report.names import CONTROLLERS, SYMBOLS
 from softdyn.validation.tables import columns, pipes
 
 TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
-PAPER_NAMES = {
-    "soft-id-clf-qp": "Soft ID-CLF-QP",
-    "id-clf-qp": "ID-CLF-QP (hard)",
-    "clf-qp": "CLF-QP",
-    "ic": "IC",
-    "uic": "UIC",
-    "ic-qp": "IC-QP",
-}
-KINDS = {"set_point": "θ", "tracking": "ω"}
 
 
 def spread(mean: float | None, std: float | None) -> str:
@@ -39,12 +31,12 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
     return (
         row["robot"],
-        PAPER_NAMES.get(row["controller"], row["controller"]),
+        CONTROLLERS.get(row["controller"], row["controller"]),
         ours("sp", "cm", "set_points_cm"),
         paper("sp", "cm"),
         ours("tt", "cm2", "trajectories_cm2"),
         paper("tt", "cm2"),
-        ", ".join(f"{KINDS[f['kind']]} = {f['value']:g}π" for f in row["failed"]) or "-",
+        ", ".join(f"{SYMBOLS[f['kind']]} = {f['value']:g}π" for f in row["failed"]) or "-",
     )
 
 
@@ -82,7 +74,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         every.append([*cells(row)[:2], *shown])
     parts += ["## Every run", "", *pipes(every)]
     failures = [
-        f"- {row['robot']}, {cells(row)[1]}, {KINDS[f['kind']]} = {f['value']:g}π: {f['reason']}"
+        f"- {row['robot']}, {cells(row)[1]}, {SYMBOLS[f['kind']]} = {f['value']:g}π: {f['reason']}"
         for row in rows
         for f in row["failed"]
     ]

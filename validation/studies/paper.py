@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.checks import number
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
@@ -118,6 +120,14 @@ def setup_of(model: SoftModel) -> Setup:
     if model.bundled in ROBOTS:
         return ROBOTS[model.bundled]
     return Setup(model.name, model.robot.length, DEFAULT_PERIOD)
+
+
+def ellipse_points(model: SoftModel, count: int = 97) -> np.ndarray | None:
+    """Points (count, 3) of the ellipse in the robot's size (m); None for one without a length."""
+    found = setup_of(model)
+    if found.length == 0:
+        return None
+    return np.array([found.ellipse().point(theta) for theta in np.linspace(0, 2, count)])
 
 
 def set_point(robot: str, theta: float) -> Experiment:

@@ -93,7 +93,7 @@ def test_the_page_has_table_versions_command_and_the_failed_run_with_its_reason(
     assert f"{row['sp_mean_cm']:.2f} ± 0.00" in text
     assert "0.08 ± 0.14" in text  # the paper's
     assert re.search(
-        r"<li><a href=\"[^\"]+#run=0\">finger, .*θ = 0.5π</a>: the controller failed", text
+        r"<li><a href=\"[^\"]+#run=0\">Finger, .*θ = 0.5π</a>: the controller failed", text
     )
     for package in ("softdyn", "mujoco", "pin", "numpy"):
         assert re.search(rf"\b{package} \d+\.\d+", text)
