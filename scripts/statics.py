@@ -130,15 +130,15 @@ def search(model: SoftModel, arguments: cli.Arguments) -> dict[str, Any]:
     import numpy as np
 
     from softdyn import statics
-    from softdyn.statics.tip_search import STATIONS
+    from softdyn.statics.samples import STATIONS
     from softdyn.validation.report import statics_figure
     from softdyn.validation.studies import paper
 
     goals = targets(model, arguments)
     guesses = [] if arguments.log is None else [last_state(model, arguments.log)]
-    rests = statics.scatter(model, arguments.rays, arguments.seed)
+    rests = statics.sample_rests(model, arguments.rays, arguments.seed)
     samples = list(progress(rests, arguments.rays * STATIONS, "rests"))
-    more = statics.spread(samples, arguments.spread, arguments.seed)
+    more = statics.sample_between(samples, arguments.spread, arguments.seed)
     samples += list(progress(more, arguments.spread, "between them"))
     searches, rows = [], []
     for theta, target in progress(goals, len(goals), "targets"):

@@ -5,6 +5,7 @@ Everything is analytic: Pinocchio's gravity derivatives and the tendons' Hessian
     from softdyn import load, statics
 
     model = load("finger")
+    print(statics.diagnose(model))                              # what its file amounts to
     rest = statics.rest(model)                                  # under the least input
     here = statics.settle(model, u=[-0.2, -0.1])                # downhill, always stable
     search = statics.inputs_for_tip(model, [0.13, 0.0, -0.13])  # many starts
@@ -12,52 +13,44 @@ Everything is analytic: Pinocchio's gravity derivatives and the tendons' Hessian
 
 For a controller: `approach` moves from one equilibrium to the next along a path of targets (the
 feed-forward input is its `u`, ∂y/∂u its `tip_sensitivity`), `stiffness` linearises the forces.
+
+Which file holds what
+---------------------
+equilibrium
+    An equilibrium: balance, stiffness, stability, poles, sensitivities.
+stops
+    Joint limits, hard and soft.
+equilibria
+    Solvers: `settle`, `balance`, `ramp`, `rest`.
+branch
+    `approach`: along a branch of equilibria towards a point for the tip.
+explore
+    Equilibria near a point from arbitrary shapes.
+samples
+    Random inputs and shapes; where a robot can rest at all.
+tip_search
+    `inputs_for_tip`: all of these together.
+zero_dynamics
+    Rank of B, stiffness against gravity where no input acts.
+doubts
+    Numbers in a file that look wrong.
+diagnosis
+    `diagnose`: both of these as a text.
 """
 
 from softdyn.dynamics.derivatives import gravity_stiffness, stiffness
+from softdyn.statics.branch import approach
 from softdyn.statics.diagnosis import Diagnosis, diagnose
-from softdyn.statics.equilibria import (
-    Barrier,
-    Equilibrium,
-    StaticsError,
-    balance,
-    potential,
-    ramp,
-    residual,
-    rest,
-    settle,
-)
-from softdyn.statics.tip_search import (
-    TipSearch,
-    approach,
-    explore,
-    inputs_for_tip,
-    random_inputs,
-    random_shapes,
-    scatter,
-    spread,
-)
+from softdyn.statics.equilibria import balance, ramp, rest, settle
+from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
+from softdyn.statics.explore import explore
+from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
+from softdyn.statics.stops import HardStops, SoftStops
+from softdyn.statics.tip_search import TipSearch, inputs_for_tip
 
 __all__ = [
-    "Barrier",
-    "Diagnosis",
-    "Equilibrium",
-    "StaticsError",
-    "TipSearch",
-    "approach",
-    "balance",
-    "diagnose",
-    "explore",
-    "gravity_stiffness",
-    "inputs_for_tip",
-    "potential",
-    "ramp",
-    "random_inputs",
-    "random_shapes",
-    "residual",
-    "rest",
-    "scatter",
-    "settle",
-    "spread",
-    "stiffness",
-]
+    "Diagnosis", "Equilibrium", "HardStops", "SoftStops", "StaticsError", "TipSearch", "approach",
+    "balance", "diagnose", "explore", "gravity_stiffness", "inputs_for_tip", "potential", "ramp",
+    "random_inputs", "random_shapes", "residual", "rest", "sample_between", "sample_rests",
+    "settle", "stiffness",
+]  # fmt: skip

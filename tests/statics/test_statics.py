@@ -247,8 +247,8 @@ def test_no_equilibrium_is_an_error_that_says_so(tmp_path):
 
 def test_spread_rests_are_stable_and_apart(tmp_path):
     model = pendulum(tmp_path)
-    samples = list(statics.scatter(model, 2))
-    more = list(statics.spread(samples, 5))
+    samples = list(statics.sample_rests(model, 2))
+    more = list(statics.sample_between(samples, 5))
     assert len(samples) == 24
     assert len(more) == 5
     assert all(one.stable for one in (*samples, *more))

@@ -1,0 +1,88 @@
+"""Along a branch of equilibria, stable or not, towards a point for the tip."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from softdyn.checks import array
+from softdyn.dynamics.model import SoftModel
+from softdyn.statics.equilibria import balance, move
+from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.stops import SoftStops
+
+REACHED = 1e-6  # m: the tip is at the target
+LARGEST_STEP = 0.3  # of a joint in one step along a branch (rad, m)
+
+
+def approach(
+    start: Equilibrium,
+    target: np.ndarray,
+    steps: int = 60,
+    soft: SoftStops | None = None,
+    *,
+    stay_stable: bool = False,
+) -> Equilibrium:
+    """Follow the branch of `start` until the tip is as close to `target` as its inputs allow.
+
+    Damped Gauss-Newton on ‖y(u) - y*‖ within the input bounds, every iterate an equilibrium,
+    stable or not. It ends early where the branch folds (∂r/∂q singular).
+
+    Parameters
+    ----------
+    start : where to start.
+    target : (3,) in the world (m).
+    steps : at most so many.
+    soft : the stops `start` was found with, when they are not exact.
+    stay_stable : end before the branch loses its stability.
+    """
+    model, here = start.model, start
+    target = array("target", target, (3,))
+    scale = input_scale(model, start)
+    low, high = model.u_min / scale, model.u_max / scale
+    damping = 1e-3
+    error = here.y - target
+    for _ in range(steps):
+        if np.linalg.norm(error) < REACHED / 100 or model.nu == 0:
+            break
+        slope = here.tip_sensitivity * scale
+        rows = np.vstack((slope, damping * np.linalg.norm(slope) * np.eye(model.nu)))
+        goal = np.concatenate((-error, np.zeros(model.nu)))
+        u = np.clip(here.u / scale, low, high)
+        room = (np.minimum(low - u, -1e-12), np.maximum(high - u, 1e-12))
+        du = lsq_linear(rows, goal, room, method="bvls").x * scale
+        change = here.joint_sensitivity @ du
+        du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
+        after = _follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
+        if after is not None and stay_stable and not after.stable:
+            after = None
+        if after is not None and np.linalg.norm(after.y - target) < np.linalg.norm(error):
+            gain = 1 - np.linalg.norm(after.y - target) / np.linalg.norm(error)
+            here, error = after, after.y - target
+            damping = max(damping / 10, 1e-9)
+            if gain < (1e-9 if soft is None else 1e-4):
+                break
+        elif damping > 1e3:
+            break
+        else:
+            damping *= 10
+    return here
+
+
+def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
+    """What each input needs to be to move a joint by about a radian, within its range."""
+    force = np.abs(np.diag(start.stiffness)) * np.minimum(model.upper - model.lower, 1.0)
+    arms = np.abs(start.state.B).max(axis=0, initial=0.0)
+    needed = force.max() / np.maximum(arms, 1e-300)
+    return np.clip(needed, 1e-9, np.maximum(model.u_max - model.u_min, 1e-9))
+
+
+def _follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None) -> Equilibrium | None:
+    """The equilibrium under `u` on the same branch, None when Newton's method leaves it."""
+    change = here.joint_sensitivity @ (u - here.u)
+    try:
+        after = balance(here.model, u, move(here.model, here.q, change), soft)
+    except StaticsError:
+        return None
+    moved = np.abs(here.model.coordinates(after.q) - here.model.coordinates(here.q))
+    return after if moved.max(initial=0.0) < 3 * LARGEST_STEP else None

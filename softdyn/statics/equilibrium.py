@@ -1,0 +1,144 @@
+"""An equilibrium under given inputs: what balances, how stiff it is, how stable.
+
+At rest M q̈ + C q̇ + D q̇ + K + g = B u leaves r(q, u) = K + g - B u = 0, the gradient of the
+potential Π = U(q) + U_s(q) - Σ gear u ℓ(q). A joint at a limit may be pressed against it:
+
+    r_i = 0 inside,   r_i ≥ 0 at the lower limit,   r_i ≤ 0 at the upper one,
+
+which are the stationary points of Π between the limits. The stable ones are its minima: the
+Hessian ∂r/∂q is positive definite on the joints that are free to move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigvals
+
+from softdyn.checks import array
+from softdyn.dynamics.derivatives import pull
+from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.state import State
+from softdyn.exceptions import SoftdynError
+
+
+class StaticsError(SoftdynError, ArithmeticError):
+    """No equilibrium was found; the text says what was reached.
+
+    Attributes
+    ----------
+    residual : largest force left unbalanced (N m, N).
+    """
+
+    def __init__(self, text: str, residual: float) -> None:
+        self.text, self.residual = text, residual
+        super().__init__(f"{text}: forces of {residual:.3g} (N m, N) are left unbalanced")
+
+    def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
+        return type(self), (self.text, self.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A robot at rest under a constant input.
+
+    Attributes
+    ----------
+    model, q, u : the robot, its configuration (nq,) and the input (nu,).
+    held : (nv,) bool, joints pressed against a limit.
+    limit_forces : (nv,) force of the stops on the joints (N m, N), zero on free joints.
+    stiffness : (nv, nv) tangent stiffness ∂(K + g - B u)/∂q.
+    """
+
+    model: SoftModel
+    q: np.ndarray
+    u: np.ndarray
+    held: np.ndarray
+    limit_forces: np.ndarray
+    stiffness: np.ndarray
+
+    @cached_property
+    def state(self) -> State:
+        """Everything else the dynamics say at (q, 0)."""
+        return self.model.state(self.q, np.zeros(self.model.nv))
+
+    @property
+    def y(self) -> np.ndarray:
+        """Tip position (3,) in the world (m)."""
+        return self.state.y
+
+    @cached_property
+    def residual(self) -> float:
+        """Largest force that is not balanced (N m, N)."""
+        r = self.state.K + self.state.g - self.state.B @ self.u - self.limit_forces
+        return float(np.abs(r).max(initial=0.0))
+
+    @cached_property
+    def eigenvalues(self) -> np.ndarray:
+        """Eigenvalues of the tangent stiffness on the free joints, ascending (N m/rad, N/m)."""
+        free = ~self.held
+        return np.linalg.eigvalsh(self.stiffness[np.ix_(free, free)])
+
+    @property
+    def stable(self) -> bool:
+        """Whether the potential has a strict minimum here, between the joint limits."""
+        values = self.eigenvalues
+        return bool(values.size == 0 or values[0] > 1e-9 * np.abs(values).max())
+
+    @cached_property
+    def poles(self) -> np.ndarray:
+        """Poles s (1/s) of M δq̈ + D δq̇ + ∂r/∂q δq = 0 on the free joints, rightmost first."""
+        free = np.flatnonzero(~self.held)
+        block = np.ix_(free, free)
+        n = len(free)
+        inverse = np.linalg.inv(self.state.M[block])
+        A = np.zeros((2 * n, 2 * n))
+        A[:n, n:] = np.eye(n)
+        A[n:, :n], A[n:, n:] = -inverse @ self.stiffness[block], -inverse @ self.state.D[block]
+        found = eigvals(A)
+        return found[np.argsort(-found.real)]
+
+    @cached_property
+    def _free_compliance(self) -> np.ndarray:
+        """(∂r/∂q)⁻¹ on the free joints, zero on the held ones (nv, nv)."""
+        free = np.flatnonzero(~self.held)
+        block = np.ix_(free, free)
+        result = np.zeros_like(self.stiffness)
+        result[block] = np.linalg.pinv(self.stiffness[block], rcond=1e-14, hermitian=True)
+        return result
+
+    @property
+    def tip_compliance(self) -> np.ndarray:
+        """δy/δf (3, 3) = J (∂r/∂q)⁻¹ Jᵀ (m/N): how the tip yields to a force on it."""
+        J = self.state.J
+        return J @ self._free_compliance @ J.T
+
+    @property
+    def joint_sensitivity(self) -> np.ndarray:
+        """∂q/∂u (nv, nu) = (∂r/∂q)⁻¹ B along the branch of equilibria."""
+        return self._free_compliance @ self.state.B
+
+    @property
+    def tip_sensitivity(self) -> np.ndarray:
+        """∂y/∂u (3, nu) along the branch of equilibria."""
+        return self.state.J @ self.joint_sensitivity
+
+
+def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """r(q, u) = K + g - B u (nv,), the gradient of `potential` (N m, N).
+
+    Parameters
+    ----------
+    q : (nq,) configuration.
+    u : (nu,) input.
+    """
+    state = model.state(q, np.zeros(model.nv))
+    return state.K + state.bias - state.B @ array("u", u, (model.nu,))
+
+
+def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
+    """Π = U + U_s - Σ gear u ℓ (J), what a robot at rest under constant inputs minimises."""
+    return model.potential_energy(q) - float(pull(model, u) @ model.tendon_lengths(q))

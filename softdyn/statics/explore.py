@@ -1,0 +1,141 @@
+"""Equilibria near a point for the tip, from arbitrary shapes: one bounded least-squares problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from softdyn.checks import array
+from softdyn.dynamics.derivatives import stiffness
+from softdyn.dynamics.model import SoftModel
+from softdyn.statics.branch import approach, input_scale
+from softdyn.statics.equilibria import balance, rest
+from softdyn.statics.equilibrium import Equilibrium
+from softdyn.statics.stops import SoftStops
+
+STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # the tip's error against the forces
+SOFTNESS = (1e-2, 1e-3, 1e-4)  # of the stops, relative to a joint's force times its range
+
+
+def explore(
+    model: SoftModel, target: np.ndarray, q: np.ndarray, u: np.ndarray, steps: int = 100
+) -> Equilibrium:
+    """An equilibrium, stable or not, with its tip near `target`, from an arbitrary shape.
+
+    Bounded least squares on (q, u) (SciPy's reflective trust region): the forces, the tip's error
+    at falling weights until only the forces count, and a little of u so that of many inputs small
+    ones are taken. Meanwhile joint limits are `SoftStops`; `approach` goes on with it, and Newton's
+    method finishes on exact stops.
+
+    Parameters
+    ----------
+    target : (3,) in the world (m).
+    q, u : where to start: (nq,), (nu,).
+    steps : evaluations at most, for each weight.
+
+    Raises
+    ------
+    StaticsError
+        The least squares ended at no equilibrium.
+    """
+    target = array("target", target, (3,))
+    problem = _TipProblem.build(model, target)
+    x = np.concatenate((model.coordinates(q), u)) / problem.scale
+    for weight in STAGES:
+        value, slope = problem.functions(SOFTNESS[0], weight)
+        x = problem.inside(x)
+        x = least_squares(
+            value, x, slope, bounds=(problem.low, problem.high), max_nfev=steps, ftol=1e-6,
+            xtol=1e-8, gtol=1e-12,
+        ).x  # fmt: skip
+    x = np.clip(x, problem.low, problem.high) * problem.scale
+    q, u = model.configuration(x[: model.nv]), x[model.nv :]
+    if not problem.near_stops(q):
+        return approach(balance(model, u, q), target)
+    here = balance(model, u, q, problem.stops(SOFTNESS[0]))
+    for soft in map(problem.stops, SOFTNESS):
+        here = balance(model, here.u, here.q, soft)
+        here = approach(here, target, 30, soft)
+    coordinates = problem.to_stops(model.coordinates(here.q))
+    return approach(balance(model, here.u, model.configuration(coordinates)), target)
+
+
+@dataclass(frozen=True, eq=False)
+class _TipProblem:
+    """The least-squares problem of `explore` in scaled unknowns x = (coordinates, u) / scale."""
+
+    model: SoftModel
+    target: np.ndarray
+    scale: np.ndarray  # (nv + nu,) of the unknowns
+    force: np.ndarray  # (nv,) of the residual's rows
+    length: float  # of the tip's error (m)
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def build(cls, model: SoftModel, target: np.ndarray) -> _TipProblem:
+        """Scales from the robot at rest."""
+        start = rest(model)
+        span = np.minimum(model.upper - model.lower, 1.0)
+        force = np.abs(np.diag(start.stiffness)) * span
+        force = np.maximum(force, 1e-3 * force.max())
+        scale = np.concatenate((span, input_scale(model, start)))
+        low = np.concatenate((model.lower, model.u_min)) / scale
+        high = np.concatenate((model.upper, model.u_max)) / scale
+        length = max(float(np.linalg.norm(start.y)), 1e-3) / 30
+        return cls(model, target, scale, force, length, low, np.maximum(high, low + 1e-12))
+
+    def stops(self, softness: float) -> SoftStops:
+        """The stops in units of the problem."""
+        model = self.model
+        return SoftStops(softness * self.force * self.scale[: model.nv], model.lower, model.upper)
+
+    def functions(
+        self, softness: float, weight: float
+    ) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
+        """Residual and Jacobian of x for one softness and one weight of the tip's error."""
+        model, n, stops = self.model, self.model.nv, self.stops(softness)
+        little = 1e-3
+
+        def value(x: np.ndarray) -> np.ndarray:
+            z = x * self.scale
+            state = model.state(model.configuration(z[:n]), np.zeros(n))
+            r = state.K + state.bias - state.B @ z[n:]
+            forces, _ = stops.push(z[:n], r)
+            tip = weight * (state.y - self.target) / self.length
+            return np.concatenate(((r - forces) / self.force, tip, little * weight * x[n:]))
+
+        def slope(x: np.ndarray) -> np.ndarray:
+            z = x * self.scale
+            q = model.configuration(z[:n])
+            state = model.state(q, np.zeros(n))
+            H = stiffness(model, q, z[n:]) + np.diag(stops.stiffness(z[:n]))
+            rows = np.zeros((n + 3 + model.nu, n + model.nu))
+            rows[:n, :n] = H / self.force[:, None]
+            rows[:n, n:] = -state.B / self.force[:, None]
+            rows[n : n + 3, :n] = weight * state.J / self.length
+            rows *= self.scale
+            rows[n + 3 :, n:] = little * weight * np.eye(model.nu)
+            return rows
+
+        return value, slope
+
+    def inside(self, x: np.ndarray) -> np.ndarray:
+        """x strictly between its bounds."""
+        margin = 1e-6 * np.minimum(self.high - self.low, 1.0)
+        return np.clip(x, self.low + margin, self.high - margin)
+
+    def near_stops(self, q: np.ndarray) -> bool:
+        """Whether any joint is within a tenth of its scale of a limit."""
+        at, near = self.model.coordinates(q), 0.1 * self.scale[: self.model.nv]
+        return bool(((at < self.model.lower + near) | (at > self.model.upper - near)).any())
+
+    def to_stops(self, coordinates: np.ndarray) -> np.ndarray:
+        """Joints that only the barrier keeps from a limit put on it."""
+        near = 1e-3 * self.scale[: self.model.nv]
+        lower, upper = self.model.lower, self.model.upper
+        coordinates = np.where(coordinates < lower + near, lower, coordinates)
+        return np.where(coordinates > upper - near, upper, coordinates)
