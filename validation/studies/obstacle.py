@@ -1,0 +1,166 @@
+"""The tip meets an obstacle: the published law, the law over a horizon, the same with barriers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from softdyn import SetPoint, SoftModel
+from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.barriers import JointLimits, Sphere
+from softdyn.validation.loop.closed_loop import simulate
+from softdyn.validation.loop.log import Log
+from softdyn.validation.studies import paper
+
+BALL = 0.08  # its radius, as a share of the robot's length
+OFFSET = 0.6  # of its radius: how far beside the path it stands
+
+
+@dataclass(frozen=True)
+class Encounters:
+    """Runs near obstacles.
+
+    Attributes
+    ----------
+    ball : Sphere
+        Stands beside the path to the set point.
+    logs : dict[str, Log]
+        The three runs to the set point by name, the last with the ball as a barrier.
+    report : dict
+        The figures of these and of the random runs, under the names of the command's JSON.
+    """
+
+    ball: Sphere
+    logs: dict[str, Log]
+    report: dict[str, Any]
+
+    def __str__(self) -> str:
+        """A line a run, random ones together."""
+        lines = [f"{'':16} error cm  clearance mm  violation  gave way  step us"]
+        rows, random = self.report["runs"][:3], self.report["runs"][3:]
+        lines += [
+            f"{row['name']:16} {row['final_error_cm']:8.2f} {row['clearance_mm']:13.2f} "
+            f"{row['violation']:10.2f} {row['relaxed']:9d} {row['step_us']:8.0f}"
+            for row in rows
+        ]
+        if random:
+            lines.append(
+                f"{len(random)} random runs: worst violation "
+                f"{max(row['violation'] for row in random):.2f} mm or 0.01 rad, "
+                f"{sum(row['relaxed'] > 0 for row in random)} in which rows gave way, "
+                f"{sum(row['fallbacks'] for row in random)} fallbacks, "
+                f"{sum(row['failed'] for row in random)} that did not come nearer"
+            )
+        return "\n".join(lines)
+
+
+def meet(
+    model: SoftModel,
+    theta: float = 0.0,
+    duration: float = 3.0,
+    limits: bool = False,
+    random: int = 0,
+    seed: int = 0,
+) -> Encounters:
+    """Run the three laws to a set point with a ball in the way, then into random balls.
+
+    Parameters
+    ----------
+    model : SoftModel
+        A bundled robot.
+    theta : float
+        The set point, in multiples of π.
+    duration : float
+        Of each run (s).
+    limits : bool
+        Whether the file's joint limits are barriers too.
+    random, seed : int
+        Number of runs to random targets beside random balls, all with barriers, and their seed.
+
+    Returns
+    -------
+    Encounters
+        Passed when no barrier was violated by more than 1 mm or 0.01 rad.
+    """
+    setup = paper.setup_of(model)
+    radius, tau = BALL * setup.length, SoftIdClfQp(model).gains.eps
+
+    def run(law: SoftIdClfQp, goal: Any) -> Log:
+        return simulate(model, law, goal, duration=duration, period=setup.period)
+
+    def barriers(ball: Sphere) -> SoftIdClfQp:
+        walls = [JointLimits(model)] if limits else []
+        return SoftIdClfQp(model, horizon=tau, barriers=[ball, *walls])
+
+    goal = setup.set_point(theta)
+    laws = {"published": SoftIdClfQp(model), "over the hold": SoftIdClfQp(model, horizon=tau)}
+    logs = {name: run(law, goal) for name, law in laws.items()}
+    ball = in_the_way([log.y for log in logs.values()], radius)
+    laws["with barriers"] = barriers(ball)
+    logs["with barriers"] = run(laws["with barriers"], goal)
+    rows = [figures(name, law, logs[name], ball) for name, law in laws.items()]
+
+    rng = np.random.default_rng(seed)
+    start = model.state(model.q0, np.zeros(model.nv)).y
+    for k in tqdm(range(random), disable=None, leave=False):
+        target, other = draw(model, rng, start, radius)
+        law = barriers(other)
+        rows.append(figures(f"random {k}", law, run(law, target), other))
+    worst = max(row["violation"] for row in rows[2:])
+    report = {
+        "robot": model.name, "hold_s": tau, "limits": limits, "seed": seed, "radius_m": radius,
+        "worst_violation": worst, "passed": worst <= 1.0, "runs": rows,
+    }  # fmt: skip
+    return Encounters(ball, logs, report)
+
+
+def in_the_way(paths: Sequence[np.ndarray], radius: float) -> Sphere:
+    """A ball beside a path (samples, 3) of the tip in the xz-plane that cuts as many as it can."""
+
+    def depth(ball: Sphere) -> float:
+        return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
+
+    return max(_beside(paths, radius), key=depth)
+
+
+def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[Sphere]:
+    for path in paths:
+        left = np.linalg.norm(path - path[-1], axis=1)
+        for share in (0.3, 0.4, 0.5, 0.6, 0.7):
+            k = max(int(np.argmax(left < left[0] * share)), 1)
+            along = path[k + 1] - path[k - 1]
+            beside = np.array([-along[2], 0.0, along[0]]) / np.linalg.norm(along)
+            for side in (-OFFSET, OFFSET):
+                yield Sphere(path[k] + side * radius * beside, radius)
+
+
+def draw(
+    model: SoftModel, rng: np.random.Generator, start: np.ndarray, radius: float
+) -> tuple[SetPoint, Sphere]:
+    """A target that some configuration reaches, and a ball beside the line from `start` to it."""
+    while True:
+        low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
+        y = model.state(model.configuration(0.6 * rng.uniform(low, high)), np.zeros(model.nv)).y
+        centre = start + rng.uniform(0.3, 0.7) * (y - start) + OFFSET * radius * rng.normal(size=3)
+        if min(np.linalg.norm(start - centre), np.linalg.norm(y - centre)) > 1.2 * radius:
+            return SetPoint(y), Sphere(centre, radius)
+
+
+def figures(name: str, law: SoftIdClfQp, log: Log, ball: Sphere) -> dict[str, Any]:
+    """What a run came to; `violation` in mm (joint limits: 0.01 rad), whichever is worse."""
+    clearance = 1e3 * float((np.linalg.norm(log.y - ball.centre, axis=1) - ball.radius).min())
+    rows = law.barrier_rows
+    return {
+        "name": name,
+        "final_error_cm": 100 * float(np.linalg.norm(log.error[-1])),
+        "clearance_mm": clearance,
+        "violation": rows.violation if rows is not None else -clearance,
+        "relaxed": rows.relaxed if rows is not None else 0,
+        "fallbacks": log.fallbacks,
+        "failed": log.failed,
+        "step_us": float(np.median(log.step_us)),
+    }
