@@ -48,8 +48,9 @@ def command(arguments: cli.Arguments) -> int:
     import softdyn
     from softdyn.controllers import find_controller
     from softdyn.validation.files import to_json, write_text
+    from softdyn.validation.report import step_figures
     from softdyn.validation.studies.benchmark import safe
-    from softdyn.validation.timing import step_plots, step_report
+    from softdyn.validation.timing import step_report
     from softdyn.validation.timing.recording import recorded
     from softdyn.validation.timing.step_time import (
         SAMPLES,
@@ -96,9 +97,9 @@ def command(arguments: cli.Arguments) -> int:
     progress.close()
     report["machine"] = step_report.machine() | load.report()
 
-    step_plots.bars(rows, out / "step_time")
+    step_figures.bars(rows, out / "step_time")
     if arguments.scaling:
-        step_plots.growth(report["scaling"], out / "scaling")
+        step_figures.growth(report["scaling"], out / "scaling")
     write_text(out / "step_time.md", step_report.markdown(report))
     write_text(out / "step_time.json", to_json(report) + "\n")
     where = f"\nTables, figures, states: {out}/"
