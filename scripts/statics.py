@@ -112,7 +112,6 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
 
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """The targets, each from many starts."""
-    import numpy as np
 
     from softdyn.validation.crosschecks.rest_report import rests_at
     from softdyn.validation.report import statics_figure
@@ -136,10 +135,7 @@ def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], 
         guesses=[] if arguments.log is None else [last_state(model, arguments.log)],
     )
     if arguments.map is not None:
-        curve = None
-        if setup.length > 0:  # else the robot has no ellipse
-            curve = np.array([setup.ellipse().point(theta) for theta in np.linspace(0, 2, 121)])
-        statics_figure.draw(arguments.map, found, curve)
+        statics_figure.draw(arguments.map, found, paper.ellipse_points(model, 121))
     report = found.to_dict()
     for theta, row in zip(thetas, report["targets"], strict=True):
         row["theta"] = theta
