@@ -4,8 +4,7 @@ from .description.library import bundled_names
 from .description.robot import Robot
 from .description.urdf import parse
 from .dynamics.mimic import build
-from .dynamics.model import SoftModel
-from .dynamics.state import State
+from .dynamics.model import SoftModel, State
 from .exceptions import InputError, SoftdynError, UrdfError
 from .loading import load
 from .references import Ellipse, Reference, SetPoint

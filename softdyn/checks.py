@@ -39,6 +39,31 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
     InputError
         For text, complex numbers, ragged lists, another shape, NaN and infinities.
     """
+    result = _copy(name, value, shape, finite)
+    if finite and not np.isfinite(result).all():
+        raise _not_an_array(name, finite, shape, repr(value))
+    result.flags.writeable = False
+    return result
+
+
+def vector(name: str, value: Any, size: int) -> np.ndarray:
+    """`value` as a new finite float array (size,), in half of `array`'s time.
+
+    One may write to it: compiled kernels take such arrays faster, too.
+
+    Raises
+    ------
+    InputError
+        For text, complex numbers, ragged lists, another shape, NaN and infinities.
+    """
+    result = _copy(name, value, (size,), True)
+    # one dot product instead of a temporary: it overflows only where the slow test decides
+    if not math.isfinite(result.dot(result)) and not np.isfinite(result).all():
+        raise _not_an_array(name, True, (size,), repr(value))
+    return result
+
+
+def _copy(name: str, value: Any, shape: tuple[int, ...], finite: bool) -> np.ndarray:
     try:
         given = np.asarray(value)
     except ValueError:  # ragged
@@ -47,9 +72,12 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
         raise _not_an_array(name, finite, shape, repr(value))
     if given.shape != shape:
         raise _not_an_array(name, finite, shape, f"shape {given.shape}")
-    result = np.array(given, dtype=float, order="C")
-    if finite and not np.isfinite(result).all():
-        raise _not_an_array(name, finite, shape, repr(value))
+    return given.astype(float, "C")
+
+
+def read_only(values: Any) -> np.ndarray:
+    """A new read-only float array of values that need no check."""
+    result = np.array(values, float)
     result.flags.writeable = False
     return result
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.checks import array, number
+from softdyn.checks import array, number, vector
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int8(2), np.float64(2)])
@@ -48,8 +48,18 @@ def test_arrays_are_read_only_copies():
      [[1], [2, 3]], [True, False], 1.0, [[1.0, 2.0]]],
 )  # fmt: skip
 def test_what_is_no_array(value):
-    with pytest.raises(InputError, match=r"^x: expected finite numbers of shape \(2,\), got "):
-        array("x", value, (2,))
+    for check, size in ((array, (2,)), (vector, 2)):
+        with pytest.raises(InputError, match=r"^x: expected finite numbers of shape \(2,\), got "):
+            check("x", value, size)
+
+
+def test_vectors_are_copies_to_write_to():
+    given = np.array([1.0, 1e300])  # its square is beyond the floats
+    with np.errstate(over="ignore"):
+        result = vector("x", given, 2)
+    result[0] = 5.0
+    assert given.tolist() == [1.0, 1e300]
+    assert vector("x", (1, 2), 2).dtype == float
 
 
 def test_infinities_on_request():

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State
 from softdyn.commands import worst_step
 from softdyn.controllers import CONTROLLERS, Command, Gains, Status
@@ -207,7 +208,7 @@ def test_integrators_refuse_wrong_arguments(step) -> None:
 def test_bounds_that_no_input_meets_are_refused(name: str, bounds: tuple[float, float]) -> None:
     parsed = robot("finger").robot
     crossed = tuple(Actuator(a.name, a.tendon, a.gear, *bounds) for a in parsed.actuators)
-    model = SoftModel(replace(parsed, actuators=crossed))
+    model = softdyn.build(replace(parsed, actuators=crossed))
     with pytest.raises(InputError, match=r"^model: expected finite input bounds, lower <= upper"):
         CONTROLLERS[name](model, GAINS)
 
@@ -216,7 +217,7 @@ def test_bounds_that_no_input_meets_are_refused(name: str, bounds: tuple[float, 
 def test_bounds_that_one_input_meets_are_met(name: str) -> None:
     parsed = robot("finger").robot
     held = tuple(Actuator(a.name, a.tendon, a.gear, 0.25, 0.25) for a in parsed.actuators)
-    controller = CONTROLLERS[name](SoftModel(replace(parsed, actuators=held)), GAINS)
+    controller = CONTROLLERS[name](softdyn.build(replace(parsed, actuators=held)), GAINS)
     state, goal = drawn("finger")[3]
     for asked in (state, hostile.forge(state, {"M": (np.nan, False)})):
         np.testing.assert_array_equal(controller(asked, goal).u, 0.25)

@@ -17,7 +17,7 @@ def loaded(statements: str) -> set[str]:
     return set(subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
 
 
-@pytest.mark.parametrize("statement", ["", "softdyn.SoftModel, softdyn.State, softdyn.parse"])
+@pytest.mark.parametrize("statement", ["", "softdyn.State, softdyn.parse, softdyn.build"])
 def test_the_package_needs_no_judge_no_plots_and_no_server(statement):
     modules = loaded(f"import softdyn\n{statement}")
     assert modules.isdisjoint(HEAVY)

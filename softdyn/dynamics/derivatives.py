@@ -12,9 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import array
-from softdyn.compiled import compiled
 from softdyn.dynamics.model import SoftModel
-from softdyn.exceptions import InputError
+from softdyn.dynamics.tree import tree_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +22,12 @@ class Derivatives:
 
     Attributes
     ----------
-    value : (nv,) the function itself.
-    q, v : (nv, nv) ∂/∂q and ∂/∂q̇.
-    u : (nv, nu) ∂/∂u.
+    value : ndarray, (nv,)
+        The function itself.
+    q, v : ndarray, (nv, nv)
+        ∂/∂q and ∂/∂q̇.
+    u : ndarray, (nv, nu)
+        ∂/∂u.
     """
 
     value: np.ndarray
@@ -44,9 +46,14 @@ def acceleration_derivatives(
 
     Parameters
     ----------
-    q : (nq,) configuration.
-    v : (nv,) velocity.
-    u : (nu,) input.
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    v : array_like, (nv,)
+        Velocity.
+    u : array_like, (nu,)
+        Input.
 
     Raises
     ------
@@ -54,14 +61,13 @@ def acceleration_derivatives(
         Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     tau = joint_force_derivatives(model, q, v, u)
-    data = model._data
+    tree, n = tree_of(model), model.nv
     blocks = pin.computeABADerivatives(
-        model.pin_model, data, np.asarray(q, float), np.asarray(v, float), tau.value
+        tree.pin_model, tree.pin_data, np.asarray(q, float), np.asarray(v, float), tau.value
     )
-    by_q, by_v, inverse = (np.reshape(block, (model.nv, model.nv)) for block in blocks)
-    return Derivatives(
-        np.array(data.ddq), by_q + inverse @ tau.q, by_v + inverse @ tau.v, inverse @ tau.u
-    )
+    by_q, by_v, inverse = (np.reshape(block, (n, n)) for block in blocks)
+    qdd = np.array(tree.pin_data.ddq)
+    return Derivatives(qdd, by_q + inverse @ tau.q, by_v + inverse @ tau.v, inverse @ tau.u)
 
 
 def joint_force_derivatives(
@@ -72,7 +78,21 @@ def joint_force_derivatives(
     With a_t = ∂ℓ_t/∂q, H_t = ∂²ℓ_t/∂q² and the force f_t = Σ gear u - k (ℓ - ℓ₀) - d ℓ̇ along
     tendon t, its part of τ is aₜᵀ f_t; hence ∂τ/∂q = Σ f_t H_t - k aₜ aₜᵀ - d aₜ (H_t q̇)ᵀ.
 
-    Parameters and errors: see `acceleration_derivatives`.
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    v : array_like, (nv,)
+        Velocity.
+    u : array_like, (nu,)
+        Input.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
@@ -95,13 +115,27 @@ def tangent_dynamics(
     (∂M/∂q) q̈ is left out on purpose: an acceleration that a stop will not allow, or that lasts a
     millisecond, must not pass for a stiffness over a horizon.
 
-    Parameters and errors: see `acceleration_derivatives`.
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    v : array_like, (nv,)
+        Velocity.
+    u : array_like, (nu,)
+        Input.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     forces = joint_force_derivatives(model, q, v, u)
+    tree, size = tree_of(model), (model.nv, model.nv)
     by_q, by_v, _ = pin.computeRNEADerivatives(
-        model.pin_model, model._data, np.asarray(q), np.asarray(v), np.zeros(model.nv)
+        tree.pin_model, tree.pin_data, np.asarray(q), np.asarray(v), np.zeros(model.nv)
     )
-    size = (model.nv, model.nv)
     return np.reshape(by_q, size) - forces.q, np.reshape(by_v, size) - forces.v
 
 
@@ -112,34 +146,33 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    q : (nq,) configuration.
-    u : (nu,) input.
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    u : array_like, (nu,)
+        Input.
 
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     springs = joint_force_derivatives(model, q, np.zeros(model.nv), u).q
     return gravity_stiffness(model, q) - springs
 
 
 def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
-    """∂g/∂q (nv, nv), the Hessian of gravity's energy."""
-    _check(model)
-    hessian = pin.computeGeneralizedGravityDerivatives(model.pin_model, model._data, q)
+    """∂g/∂q (nv, nv), the Hessian of gravity's energy, of a robot without mimic joints."""
+    tree = tree_of(model)
+    hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, q)
     return np.reshape(np.array(hessian), (model.nv, model.nv))
-
-
-def _check(model: SoftModel) -> None:
-    if model.robot.followers:
-        raise InputError("model", "a robot without mimic joints", model.name)
 
 
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
-    _check(model)
-    forces = np.bincount(model._actuated, model._gear * u, len(model.tendons.names))
+    tree = tree_of(model)
+    forces = np.bincount(tree.actuated, tree.gear * u, len(model.tendons.names))
     return forces.astype(float)  # whole numbers where there is no actuator
 
 
@@ -150,61 +183,17 @@ def tendon_curvature(
 
     Parameters
     ----------
-    q : (nq,) configuration.
-    force : (tendons,) f, along each tendon.
-    v : (nv,) velocity.
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    force : ndarray, (tendons,)
+        f, along each tendon.
+    v : array_like, (nv,)
+        Velocity.
     """
-    tendons = model.tendons
-    if not tendons.spatial:
+    if not model.tendons.spatial:
         return np.zeros((model.nv, model.nv)), np.zeros((len(force), model.nv))
-    jacobian = np.ascontiguousarray(model._joint_jacobian(q))
-    start, direction, norms = tendons.directions(*model._placements())
-    pairs = tendons.incidence
-    order = np.argsort(pairs.segment, kind="stable")
-    first = np.searchsorted(pairs.segment[order], np.arange(len(norms) + 1))
-    return _curvature(
-        jacobian, start, direction, norms, tendons.segment_tendon,
-        pairs.dof[order], pairs.sign[order], first, force, np.asarray(v, float),
-    )  # fmt: skip
-
-
-@compiled
-def _curvature(jacobian, start, direction, norms, segment_tendon, dof, sign, first, force, v):
-    """`Tendons.hessian`, contracted: only joints between the ends of a segment bend its tendon.
-
-    `first[s]` … `first[s + 1]` are the pairs (dof, sign) of segment s, proximal joints first.
-    With c_k the difference of the ends' Jacobian columns, of a segment of length s and direction
-    d, the entry (j, k) is c_j (I - ddᵀ) c_k / s, and d · (ω_j × c_k) where j moves the same end
-    as the more distal k.
-    """
-    nv = jacobian.shape[1]
-    total, rates = np.zeros((nv, nv)), np.zeros((len(force), nv))
-    columns, along = np.empty((len(dof), 3)), np.empty(len(dof))
-    for s in range(len(norms)):
-        t, d = segment_tendon[s], direction[s]
-        length = max(norms[s], 2.2250738585072014e-308)  # a segment shrunk to a point
-        for a in range(first[s], first[s + 1]):
-            w = jacobian[3:, dof[a]]
-            p = start[s] + (norms[s] * d if sign[a] > 0 else 0.0 * d)
-            columns[a, 0] = sign[a] * (jacobian[0, dof[a]] + w[1] * p[2] - w[2] * p[1])
-            columns[a, 1] = sign[a] * (jacobian[1, dof[a]] + w[2] * p[0] - w[0] * p[2])
-            columns[a, 2] = sign[a] * (jacobian[2, dof[a]] + w[0] * p[1] - w[1] * p[0])
-            along[a] = columns[a, 0] * d[0] + columns[a, 1] * d[1] + columns[a, 2] * d[2]
-        for a in range(first[s], first[s + 1]):
-            j, w = dof[a], jacobian[3:, dof[a]]
-            for b in range(a, first[s + 1]):
-                k, c = dof[b], columns[b]
-                value = -along[a] * along[b]
-                for x in range(3):
-                    value += columns[a, x] * c[x]
-                value /= length
-                if sign[a] == sign[b]:
-                    value += w[0] * (c[1] * d[2] - c[2] * d[1])
-                    value += w[1] * (c[2] * d[0] - c[0] * d[2])
-                    value += w[2] * (c[0] * d[1] - c[1] * d[0])
-                total[j, k] += force[t] * value
-                rates[t, j] += value * v[k]
-                if j != k:
-                    total[k, j] += force[t] * value
-                    rates[t, k] += value * v[j]
-    return total, rates
+    tree = tree_of(model)
+    jacobian = tree.joint_jacobian(q)
+    return model.tendons.curvature(jacobian, *tree.placements(), force, v)

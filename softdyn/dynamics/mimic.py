@@ -17,48 +17,75 @@ robot without mimic joints would pay for.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NoReturn
 
 import numpy as np
 
+from softdyn.checks import read_only, vector
 from softdyn.description.robot import Robot
-from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.state import State
-from softdyn.exceptions import InputError
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.tree import TreeModel
+from softdyn.exceptions import UrdfError
 
 
 def build(robot: Robot, bundled: str | None = None) -> SoftModel:
-    """The model of any robot; of one with mimic joints a `MimicModel`.
+    """The model of any robot: a `TreeModel`, or with mimic joints a `MimicModel`.
+
+    Parameters
+    ----------
+    robot : Robot
+        The parsed description.
+    bundled : str, optional
+        Name among the bundled robots, None for any other file.
 
     Raises
     ------
     UrdfError
-        As `SoftModel`.
+        When Pinocchio refuses the file, reads another robot in it than the strict parse did, or
+        finds a singular mass matrix.
     """
-    return MimicModel(robot, bundled) if robot.followers else SoftModel(robot, bundled)
-
-
-class _Tree(SoftModel):
-    """All joints independent; a follower without mass is sound here, its leader's may move it."""
-
-    def _check_mass_matrix(self) -> None:
-        pass
+    model: SoftModel = (MimicModel if robot.followers else TreeModel)(robot, bundled)
+    M = model.state(model.q0, np.zeros(model.nv)).M
+    scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # a moment may be zero but for rounding
+    weakest = int(np.argmin(scale))
+    if scale[weakest] > 0:
+        values, modes = np.linalg.eigh(M / np.outer(scale, scale))
+        if values[0] >= 1e-14:
+            return model
+        weakest = int(np.argmax(np.abs(modes[:, 0])))
+    raise UrdfError(
+        robot.path,
+        "<robot>",
+        "a positive definite mass matrix at q = 0",
+        f"a singular one; joint {model.joint_names[weakest]!r} meets the least inertia",
+    )
 
 
 class MimicModel(SoftModel):
     """A model whose mimic joints follow others: `q`, `v` and all columns leave them out.
 
-    Every public method of `SoftModel` is defined anew in terms of the tree's.
+    Parameters
+    ----------
+    robot : Robot
+        The parsed description.
+    bundled : str, optional
+        Name among the bundled robots, None for any other file.
 
     Attributes
     ----------
-    tree : the model of the same robot with all joints independent.
-    S, offset : (tree.nv, nv), (tree.nv,) coordinates of the tree from those of the robot.
+    tree : TreeModel
+        The model of the same robot with all joints independent.
+    S, offset : ndarray, (tree.nv, nv), (tree.nv,)
+        Coordinates of the tree from those of the robot.
+
+    Raises
+    ------
+    UrdfError
+        When Pinocchio refuses the file or reads another robot in it than the strict parse did.
     """
 
     def __init__(self, robot: Robot, bundled: str | None = None) -> None:
         free = replace(robot, joints=tuple(replace(joint, mimic=None) for joint in robot.joints))
-        tree = _Tree(free)
+        tree = TreeModel(free)
         self.robot, self.bundled, self.name = robot, bundled, robot.name
         followers = {joint.name: joint.mimic for joint in robot.followers}
         self.joint_names = tuple(name for name in tree.joint_names if name not in followers)
@@ -71,30 +98,25 @@ class MimicModel(SoftModel):
             self.offset[row] = mimic.offset if mimic else 0.0
         self._own = np.array([name in column for name in tree.joint_names])
         # where the numbers of q stand in the tree's: all but those of followers
-        follows = np.zeros(tree.nq, bool)
-        for start in tree._idx_q[~self._own]:
-            follows[start] = True
-        follows[tree._idx_q[~self._own & tree._circular] + 1] = True
-        self._slots = np.flatnonzero(~follows)
+        self._slots = np.delete(np.arange(tree.nq), tree.chart.numbers_of(~self._own))
         self.nq = len(self._slots)
-        self.q0 = self._frozen(tree.q0[self._slots])
+        self.q0 = read_only(tree.q0[self._slots])
         self.tree = self._at_rest(tree, free)
         self.u_min, self.u_max = tree.u_min, tree.u_max
-        self.lower, self.upper = (self._frozen(x[self._own]) for x in (tree.lower, tree.upper))
+        self.lower, self.upper = (read_only(x[self._own]) for x in (tree.lower, tree.upper))
         # S has one entry a row: what is diagonal in the tree is diagonal here
         squares = self.S.T**2
-        self.stiffness = self._frozen(squares @ tree.stiffness)
-        self.damping = self._frozen(squares @ tree.damping)
-        self.armature = self._frozen(squares @ tree.armature)
+        self.stiffness = read_only(squares @ tree.stiffness)
+        self.damping = read_only(squares @ tree.damping)
+        self.armature = read_only(squares @ tree.armature)
         pull = self.S.T @ (tree.stiffness * (tree.rest - self.offset))
-        self.rest = self._frozen(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
+        self.rest = read_only(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
         self.tendons = self.tree.tendons
         self.tendon_stiffness = self.tree.tendon_stiffness
         self.tendon_damping = self.tree.tendon_damping
         self.tendon_rest = self.tree.tendon_rest
-        self._check_mass_matrix()
 
-    def _at_rest(self, tree: SoftModel, robot: Robot) -> SoftModel:
+    def _at_rest(self, tree: TreeModel, robot: Robot) -> TreeModel:
         """The tree with omitted rest lengths as at q = 0, where followers are at an offset."""
         if not self.offset.any():
             return tree
@@ -104,11 +126,11 @@ class MimicModel(SoftModel):
             replace(tendon, rest=float(length)) if tendon.rest is None else tendon
             for tendon, length in zip(robot.tendons, lengths, strict=True)
         )
-        return _Tree(replace(robot, tendons=tuple(tendons)))
+        return TreeModel(replace(robot, tendons=tuple(tendons)))
 
     def expand(self, q: np.ndarray) -> np.ndarray:
         """Configuration (tree.nq,) of the tree at q (nq,)."""
-        q = self._vector("q", q, self.nq)
+        q = vector("q", q, self.nq)
         full = self.tree.q0.copy()
         full[self._slots] = q
         values = self.S @ self.tree.coordinates(full)[self._own] + self.offset
@@ -118,34 +140,32 @@ class MimicModel(SoftModel):
 
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v): the tree's, projected."""
-        q, v = self._vector("q", q, self.nq), self._vector("v", v, self.nv)
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
         full, S = self.tree.state(self.expand(q), self.S @ v), self.S
         found = {
             "q": q, "v": v, "M": S.T @ full.M @ S, "bias": S.T @ full.bias, "K": S.T @ full.K,
             "D": S.T @ full.D @ S, "B": S.T @ full.B, "h": S.T @ full.h, "J": full.J @ S,
             "Jdot": full.Jdot @ S, "moment_arms": full.moment_arms @ S,
         }  # fmt: skip
-        for array in found.values():
-            array.flags.writeable = False
         return replace(full, model=self, **found)
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
-        v = self._vector("v", v, self.nv)
-        return self._frozen(self.S.T @ self.tree.coriolis(self.expand(q), self.S @ v) @ self.S)
+        v = vector("v", v, self.nv)
+        return read_only(self.S.T @ self.tree.coriolis(self.expand(q), self.S @ v) @ self.S)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
-        return self._frozen(self.S.T @ self.tree.gravity(self.expand(q)))
+        return read_only(self.S.T @ self.tree.gravity(self.expand(q)))
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Acceleration q̈ (nv,) under the input u (nu,), of M q̈ = B u - h."""
         state = self.state(q, v)
-        return np.linalg.solve(state.M, state.B @ self._vector("u", u, self.nu) - state.h)
+        return np.linalg.solve(state.M, state.B @ vector("u", u, self.nu) - state.h)
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """½ q̇ᵀ M q̇ (J), armature included."""
-        v = self._vector("v", v, self.nv)
+        v = vector("v", v, self.nv)
         return self.tree.kinetic_energy(self.expand(q), self.S @ v)
 
     def gravity_energy(self, q: np.ndarray) -> float:
@@ -168,31 +188,15 @@ class MimicModel(SoftModel):
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
         return self.S.T @ self.tree.tendon_hessians(self.expand(q)) @ self.S
 
-    def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
-        """∂K/∂q (nv, nv)."""
-        return self.S.T @ self.tree.tangent_stiffness(self.expand(q)) @ self.S
-
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Coordinates (nv,) of the independent joints."""
         return self.tree.coordinates(self.expand(q))[self._own]
 
     def configuration(self, coordinates: np.ndarray) -> np.ndarray:
         """Configuration q (nq,) of joint coordinates (nv,): the inverse of `coordinates`."""
-        values = self._vector("coordinates", coordinates, self.nv)
+        values = vector("coordinates", coordinates, self.nv)
         return self.tree.configuration(self.S @ values + self.offset)[self._slots]
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""
         return self.tree.integrate(self.expand(q), self.S @ dv)[self._slots]
-
-    def __getattr__(self, name: str) -> NoReturn:
-        """Only called for what is not there: what asks for the engine itself cannot be answered."""
-        if name in ("pin_model", "_data", "_gear", "_actuated"):
-            raise InputError("robot", "one without mimic joints for this", self.robot.path)
-        raise AttributeError(name)
-
-    @staticmethod
-    def _frozen(values: np.ndarray) -> np.ndarray:
-        array = np.array(values, float)
-        array.flags.writeable = False
-        return array

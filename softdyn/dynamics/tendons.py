@@ -8,7 +8,15 @@ in that frame
     ∂ℓ/∂q_k = Σ_segments (χ_k(end) - χ_k(start)) · (v_k · d + ω_k · (p × d)),
 
 χ_k(x) being 1 where joint k moves x. Only joints *between* the two ends of a segment count, which
-`Incidence` lists once; a segment within one body only adds a constant length.
+`Segments` lists once; a segment within one body only adds a constant length.
+
+For the gradient of the moment arms, with c_k the difference of the two ends' Jacobian columns and s
+the segment's length, the segment's entry (j, k) of ∂²ℓ/∂q² is
+
+    c_j · (I - ddᵀ) c_k / s  +  d · (ω_j × c_k)
+
+where the second term counts if joint j, the one before, moves the same end as joint k: it carries
+the column c_k along as a rigid vector.
 """
 
 from __future__ import annotations
@@ -16,135 +24,138 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from softdyn.compiled import compiled
 from softdyn.description.robot import Tendon
 
-
-@dataclass(frozen=True, eq=False)
-class Anchors:
-    """Points fixed to bodies: `body` (k,) joint indices, `offset` (k, 3) in the body's frame."""
-
-    body: np.ndarray
-    offset: np.ndarray
-
-    def positions(self, rotations: np.ndarray, translations: np.ndarray) -> np.ndarray:
-        """World positions (k, 3) from the bodies' rotations (·, 3, 3) and translations (·, 3)."""
-        moved = np.matmul(rotations[self.body], self.offset[:, :, None])[:, :, 0]
-        return moved + translations[self.body]
+TINY = 2.2250738585072014e-308  # a segment shrunk to a point has no direction: zero is unbiased
 
 
-@dataclass(frozen=True, eq=False)
-class Incidence:
-    """Which degree of freedom changes which segment: parallel arrays, one entry a pair."""
+class Segments(NamedTuple):
+    """The segments that move, and which degree of freedom changes which: segment by segment.
 
-    dof: np.ndarray
-    segment: np.ndarray
-    sign: np.ndarray
-    slot: np.ndarray  # flat index into the (tendons, nv) moment arms
+    Attributes
+    ----------
+    bodies : ndarray of int, (segments, 3)
+        Body of the start, body of the end, and tendon.
+    offsets : ndarray, (segments, 6)
+        Start and end in their bodies' frames.
+    pairs : ndarray of int, (pairs, 2)
+        A degree of freedom, proximal ones first, and a segment that it changes.
+    signs : ndarray, (pairs,)
+        1 where it moves the segment's end, -1 where it moves the start.
+    """
+
+    bodies: np.ndarray
+    offsets: np.ndarray
+    pairs: np.ndarray
+    signs: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Tendons:
     """All tendons of a robot, ready for evaluation.
 
-    `coefficients` (nt, nv) are the constant moment arms of the fixed tendons, `offset` (nt,) the
-    lengths that never change, `segment_tendon` (ns,) the tendon each moving segment belongs to,
-    `supports` (nv, bodies) whether a degree of freedom moves a body.
+    Attributes
+    ----------
+    names : tuple of str
+        In the file's order.
+    coefficients : ndarray, (tendons, nv)
+        The constant moment arms of the fixed tendons.
+    offset : ndarray, (tendons,)
+        The lengths that never change.
+    segments : Segments
+        Of the spatial tendons.
+    spatial : bool
+        Whether any tendon's moment arms depend on q.
     """
 
     names: tuple[str, ...]
     coefficients: np.ndarray
     offset: np.ndarray
-    start: Anchors
-    end: Anchors
-    segment_tendon: np.ndarray
-    incidence: Incidence
-    supports: np.ndarray
-
-    @property
-    def spatial(self) -> bool:
-        """Whether any tendon's moment arms depend on q."""
-        return self.segment_tendon.size > 0
+    segments: Segments
+    spatial: bool
 
     def lengths(
         self, coordinates: np.ndarray, rotations: np.ndarray, translations: np.ndarray
     ) -> np.ndarray:
-        """Lengths (nt,) in metres, or in the unit of ``coef · q`` for fixed tendons."""
+        """Lengths (tendons,) in metres, or in the unit of ``coef · q`` for fixed tendons.
+
+        Parameters
+        ----------
+        coordinates : ndarray, (nv,)
+            Joint coordinates.
+        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+            The bodies' poses.
+        """
         lengths = self.coefficients @ coordinates + self.offset
         if self.spatial:
-            norms = self.directions(rotations, translations)[2]
-            lengths += np.bincount(self.segment_tendon, norms, len(self.names))
+            norms = self._directions(rotations, translations)[2]
+            lengths += np.bincount(self.segments.bodies[:, 2], norms, len(self.names))
         return lengths
-
-    def directions(
-        self, rotations: np.ndarray, translations: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Start points (ns, 3), unit directions (ns, 3) and lengths (ns,) of moving segments.
-
-        A segment shrunk to a point has no direction: zero is the only unbiased answer.
-        """
-        start = self.start.positions(rotations, translations)
-        span = self.end.positions(rotations, translations) - start
-        norms = np.sqrt(np.einsum("ij,ij->i", span, span))
-        return start, span / np.maximum(norms, np.finfo(float).tiny)[:, None], norms
 
     def moment_arms(
         self, jacobian: np.ndarray, rotations: np.ndarray, translations: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Moment arms ∂ℓ/∂q (nt, nv) and the spatial part (nt,) of the lengths.
-
-        `jacobian` (6, nv): joint Jacobian columns (v; ω) about the world's origin.
-        """
-        nt, nv = self.coefficients.shape
-        start, direction, norms = self.directions(rotations, translations)
-        wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
-        pairs = self.incidence
-        values = np.einsum("ik,ki->k", jacobian[:, pairs.dof], wrench[pairs.segment]) * pairs.sign
-        arms = np.bincount(pairs.slot, values, nt * nv).reshape(nt, nv)
-        return arms + self.coefficients, np.bincount(self.segment_tendon, norms, nt)
-
-    def packed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What the kernel `moment_arms` reads: its last four arguments."""
-        bodies = np.column_stack((self.start.body, self.end.body, self.segment_tendon))
-        offsets = np.column_stack((self.start.offset, self.end.offset))
-        pairs = np.column_stack((self.incidence.dof, self.incidence.segment))
-        return bodies, offsets, pairs, self.incidence.sign
-
-    def hessian(
-        self, jacobian: np.ndarray, rotations: np.ndarray, translations: np.ndarray
     ) -> np.ndarray:
-        """Gradients of the moment arms, ∂²ℓ/∂q² (nt, nv, nv).
+        """Moment arms ∂ℓ/∂q (tendons, nv).
 
-        For a segment of length s, with ΔJ the difference of its ends' Jacobians,
-        ΔJᵀ(I - ddᵀ)ΔJ / s plus ±d · ∂J/∂q at each end; joint j moves the column J_k of a more
-        distal joint k as a rigid vector, ∂J_k/∂q_j = ω_j × J_k, symmetric in j and k.
+        Parameters
+        ----------
+        jacobian : ndarray, (6, nv)
+            Joint Jacobian columns (v; ω) about the world's origin.
+        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+            The bodies' poses.
         """
-        nt, nv = self.coefficients.shape
-        result = np.zeros((nt, nv, nv))
-        if not self.spatial:
-            return result
-        start, direction, norms = self.directions(rotations, translations)
-        end = start + direction * norms[:, None]
-        linear, angular = jacobian[:3], jacobian[3:]
-        distal = np.triu(np.ones((nv, nv), bool))
-        for s, t in enumerate(self.segment_tendon):
-            difference = np.zeros((3, nv))
-            for body, point, sign in (
-                (self.start.body[s], start[s], -1.0),
-                (self.end.body[s], end[s], 1.0),
-            ):
-                moves = self.supports[:, body]
-                columns = (linear + np.cross(angular, point, axisa=0, axisc=0)) * moves
-                difference += sign * columns
-                turned = angular.T @ np.cross(columns, direction[s], axisa=0, axisc=0)
-                upper = np.where(distal, turned * moves[:, None], 0.0)
-                result[t] += sign * (upper + np.triu(upper, 1).T)
-            across = difference - np.outer(direction[s], direction[s] @ difference)
-            result[t] += difference.T @ across / max(norms[s], np.finfo(float).tiny)
-        return result
+        start, direction, _ = self._directions(rotations, translations)
+        wrench = np.concatenate((direction, np.cross(start, direction)), axis=1)
+        (dof, segment), signs = self.segments.pairs.T, self.segments.signs
+        values = np.einsum("ik,ki->k", jacobian[:, dof], wrench[segment]) * signs
+        arms = self.coefficients.copy()
+        np.add.at(arms, (self.segments.bodies[segment, 2], dof), values)
+        return arms
+
+    def curvature(
+        self,
+        jacobian: np.ndarray,
+        rotations: np.ndarray,
+        translations: np.ndarray,
+        force: np.ndarray,
+        v: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Σ f_t ∂²ℓ_t/∂q² (nv, nv), and the rates (tendons, nv) of the moment arms along q̇ = v.
+
+        Parameters
+        ----------
+        jacobian : ndarray, (6, nv)
+            Joint Jacobian columns (v; ω) about the world's origin.
+        rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+            The bodies' poses.
+        force : ndarray, (tendons,)
+            f, along each tendon.
+        v : ndarray, (nv,)
+            Velocity.
+        """
+        segments = self.segments
+        return _curvature(
+            np.ascontiguousarray(jacobian), *self._directions(rotations, translations),
+            segments.bodies, segments.pairs, segments.signs, force, np.asarray(v, float),
+        )  # fmt: skip
+
+    def _directions(
+        self, rotations: np.ndarray, translations: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Start points (ns, 3), unit directions (ns, 3) and lengths (ns,) of the segments."""
+        bodies, offsets = self.segments.bodies, self.segments.offsets
+        start, end = (
+            np.matmul(rotations[body], offset[:, :, None])[:, :, 0] + translations[body]
+            for body, offset in ((bodies[:, 0], offsets[:, :3]), (bodies[:, 1], offsets[:, 3:]))
+        )
+        span = end - start
+        norms = np.sqrt(np.einsum("ij,ij->i", span, span))
+        return start, span / np.maximum(norms, TINY)[:, None], norms
 
 
 @compiled
@@ -155,11 +166,12 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
 
     Parameters
     ----------
-    S : (nv, 6) joint Jacobian columns (v; ω) about the world's origin, as rows.
-    rotations, translations : (bodies, 3, 3), (bodies, 3).
-    bodies : (ns, 3) body of the start and of the end of each segment, and its tendon.
-    offsets : (ns, 6) its start and its end in their bodies' frames.
-    pairs, signs : (pairs, 2), (pairs,) a degree of freedom, a segment that it changes, and how.
+    S : ndarray, (nv, 6)
+        Joint Jacobian columns (v; ω) about the world's origin, as rows.
+    rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+        The bodies' poses.
+    bodies, offsets, pairs, signs : ndarray
+        Of `Segments`.
     """
     wrench = np.empty((len(bodies), 6))
     a, d = np.empty(3), np.empty(3)
@@ -176,7 +188,7 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
         length = np.sqrt(square)
         lengths[bodies[s, 2]] += length
         for x in range(3):
-            d[x] /= max(length, 2.2250738585072014e-308)  # a segment shrunk to a point
+            d[x] /= max(length, TINY)
             wrench[s, x] = d[x]
         wrench[s, 3] = a[1] * d[2] - a[2] * d[1]
         wrench[s, 4] = a[2] * d[0] - a[0] * d[2]
@@ -189,49 +201,85 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
         arms[bodies[s, 2], k] += signs[p] * value
 
 
-def _anchors(points: list[tuple[int, np.ndarray]]) -> Anchors:
-    return Anchors(
-        np.array([body for body, _ in points], int),
-        np.array([offset for _, offset in points], float).reshape(-1, 3),
-    )
+@compiled
+def _curvature(jacobian, start, direction, norms, bodies, pairs, signs, force, v):
+    """`Tendons.curvature`: only joints between the ends of a segment bend its tendon."""
+    nv = jacobian.shape[1]
+    total, rates = np.zeros((nv, nv)), np.zeros((len(force), nv))
+    columns, along = np.empty((len(pairs), 3)), np.empty(len(pairs))
+    last = 0
+    for s in range(len(norms)):
+        t, d = bodies[s, 2], direction[s]
+        length = max(norms[s], TINY)
+        first = last
+        while last < len(pairs) and pairs[last, 1] == s:
+            k, sign = pairs[last, 0], signs[last]
+            w = jacobian[3:, k]
+            p = start[s] + (norms[s] * d if sign > 0 else 0.0 * d)
+            columns[last, 0] = sign * (jacobian[0, k] + w[1] * p[2] - w[2] * p[1])
+            columns[last, 1] = sign * (jacobian[1, k] + w[2] * p[0] - w[0] * p[2])
+            columns[last, 2] = sign * (jacobian[2, k] + w[0] * p[1] - w[1] * p[0])
+            c = columns[last]
+            along[last] = c[0] * d[0] + c[1] * d[1] + c[2] * d[2]
+            last += 1
+        for a in range(first, last):
+            j, w = pairs[a, 0], jacobian[3:, pairs[a, 0]]
+            for b in range(a, last):
+                k, c = pairs[b, 0], columns[b]
+                value = -along[a] * along[b]
+                for x in range(3):
+                    value += columns[a, x] * c[x]
+                value /= length
+                if signs[a] == signs[b]:
+                    value += w[0] * (c[1] * d[2] - c[2] * d[1])
+                    value += w[1] * (c[2] * d[0] - c[0] * d[2])
+                    value += w[2] * (c[0] * d[1] - c[1] * d[0])
+                total[j, k] += force[t] * value
+                rates[t, j] += value * v[k]
+                if j != k:
+                    total[k, j] += force[t] * value
+                    rates[t, k] += value * v[j]
+    return total, rates
 
 
 def compile_tendons(
     tendons: tuple[Tendon, ...],
     dof: dict[str, int],
     anchor: Callable[[str, np.ndarray], tuple[int, np.ndarray]],
-    supports: np.ndarray,
+    moves: np.ndarray,
 ) -> Tendons:
     """Turn the description into arrays.
 
     Parameters
     ----------
-    tendons : as parsed.
-    dof : index in v of each moving joint.
-    anchor : (link, xyz) → (body index, offset (3,) in the body's frame).
-    supports : (nv, bodies) bool, whether a degree of freedom moves a body.
+    tendons : tuple of Tendon
+        As parsed.
+    dof : dict of str to int
+        Index in v of each moving joint.
+    anchor : callable
+        (link, xyz) → (body index, offset (3,) in the body's frame).
+    moves : ndarray of bool, (nv, bodies)
+        Whether a degree of freedom moves a body.
     """
-    nt, nv = len(tendons), supports.shape[0]
+    nt, nv = len(tendons), len(moves)
     coefficients, offset = np.zeros((nt, nv)), np.zeros(nt)
-    owner: list[int] = []
-    starts: list[tuple[int, np.ndarray]] = []
-    ends: list[tuple[int, np.ndarray]] = []
+    bodies: list[tuple[int, int, int]] = []
+    offsets: list[tuple[float, ...]] = []
     for t, tendon in enumerate(tendons):
         for term in tendon.terms:
             coefficients[t, dof[term.joint]] = term.coef
-        for a, b in pairwise(anchor(site.link, site.xyz) for site in tendon.sites):
-            if a[0] == b[0]:
-                offset[t] += np.linalg.norm(b[1] - a[1])
+        for (i, a), (j, b) in pairwise(anchor(site.link, site.xyz) for site in tendon.sites):
+            if i == j:
+                offset[t] += np.linalg.norm(b - a)
             else:
-                owner.append(t)
-                starts.append(a)
-                ends.append(b)
-    start, end = _anchors(starts), _anchors(ends)
-    segment_tendon = np.array(owner, int)
-    sign = supports[:, end.body].astype(float) - supports[:, start.body]
-    dofs, segments = np.nonzero(sign)
-    incidence = Incidence(
-        dofs, segments, sign[dofs, segments], segment_tendon[segments] * nv + dofs
-    )
+                bodies.append((i, j, t))
+                offsets.append((*a, *b))
+    ends = np.array(bodies, int).reshape(-1, 3)
+    sign = moves[:, ends[:, 1]].astype(float) - moves[:, ends[:, 0]]
+    segment, dofs = np.nonzero(sign.T)
+    segments = Segments(
+        ends, np.array(offsets).reshape(-1, 6), np.column_stack((dofs, segment)),
+        sign[dofs, segment],
+    )  # fmt: skip
     names = tuple(tendon.name for tendon in tendons)
-    return Tendons(names, coefficients, offset, start, end, segment_tendon, incidence, supports)
+    return Tendons(names, coefficients, offset, segments, len(ends) > 0)

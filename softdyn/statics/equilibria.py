@@ -10,6 +10,7 @@ import pinocchio as pin
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.tree import tree_of
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
@@ -172,7 +173,7 @@ def ramp(
             continue
         guess = found.q if far else move(model, found.q, change)
         after = settle(model, target, guess)
-        missed = np.abs(pin.difference(model.pin_model, guess, after.q)).max(initial=0.0)
+        missed = np.abs(pin.difference(tree_of(model).pin_model, guess, after.q)).max(initial=0.0)
         if missed > SNAP:
             if ds > SMALLEST_RAMP_STEP:
                 ds /= 2

@@ -20,8 +20,7 @@ from scipy.linalg import eigvals
 
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import pull
-from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.state import State
+from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import SoftdynError
 
 

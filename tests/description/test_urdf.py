@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 import softdyn
-from softdyn import SoftdynError, SoftModel, UrdfError
+from softdyn import SoftdynError, UrdfError
 from softdyn.description.library import BUNDLED
 from softdyn.description.robot import Robot, moving_bodies, poses
 from softdyn.description.urdf import MAX_DOF, MAX_LINKS, parse
@@ -230,7 +230,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert robot.actuators[1].gear == 1.0
     assert (bend.lower, bend.upper, bend.damping, bend.friction) == (0.0, 0.0, 0.0, 0.0)
     assert robot.tendons[0].rest is None
-    model = SoftModel(robot)
+    model = softdyn.build(robot)
     np.testing.assert_allclose(model.tendon_rest[0], 0.0)
     np.testing.assert_allclose(model.tendon_rest[1], model.tendon_lengths(model.q0)[1])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 import softdyn
-from softdyn.dynamics.kernels import Live
+from softdyn.dynamics import engine, kernels
+from softdyn.dynamics.tendons import Segments
 from tests.support.control_cases import BUNDLED, MICRO, robot
 from tests.support.oracles import relative
 from tests.support.random_robots import write_robot
@@ -75,13 +77,43 @@ def test_floating_bases(seed, tmp_path):
     assert np.array_equal(M, M.T)
 
 
-def test_an_unknown_layout_is_noticed():
+def test_kernels_take_named_tuples_in_their_order():
+    """One by one, which costs less than as tuples: here their names are compared."""
+    named = (*engine.Memory._fields, *kernels.Constants._fields)
+    fixed = list(inspect.signature(kernels.fixed_terms.py_func).parameters)
+    spatial = list(inspect.signature(kernels.spatial_terms.py_func).parameters)
+    assert tuple(fixed[4:]) == named
+    assert tuple(spatial[4:]) == (*named, *Segments._fields, "actuated", "gear")
+    assert fixed[:4] == spatial[:4] == ["rows", "points", "v", "coordinates"]
+
+
+def test_an_unknown_layout_is_copied(recwarn):
     data = robot("finger").pin_model.createData()
-    Live(data)
-    copied = SimpleNamespace(
+    assert engine.memory(data)[1]
+    other = SimpleNamespace(
         nle=data.nle, J=np.asfortranarray(data.J), Ag=data.Ag, com=data.com, oMi=list(data.oMi)
     )
-    Live(copied)
-    copied.J = np.ascontiguousarray(data.J)  # rows where columns should be
-    with pytest.raises(RuntimeError, match="layout"):
-        Live(copied)
+    assert engine.memory(other)[1]
+    assert not recwarn.list
+    other.J = np.ascontiguousarray(data.J)  # rows where columns should be
+    with pytest.warns(RuntimeWarning, match="unknown layout"):
+        memory, in_view = engine.memory(other)
+    assert not in_view
+    other.J[:] = np.arange(24.0).reshape(6, 4)
+    memory.copy_from(other)
+    np.testing.assert_array_equal(memory.S, other.J.T)
+
+
+@pytest.mark.parametrize("which", BUNDLED + MICRO)
+def test_a_model_on_copies_says_the_same(which, monkeypatch):
+    model = robot(which)
+    monkeypatch.setattr(engine, "_stacked", np.array)
+    with pytest.warns(RuntimeWarning, match="unknown layout"):
+        copying = softdyn.build(model.robot)
+    v = np.random.default_rng(0).normal(size=model.nv)
+    q = model.integrate(model.q0, 0.1 * v)
+    one, two = model.state(q, v), copying.state(q, v)
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(one, field), getattr(two, field))
+    for name in ("tendon_lengths", "tendon_moment_arms", "tendon_hessians", "gravity"):
+        assert relative(getattr(model, name)(q), getattr(copying, name)(q), 1e-300) < 1e-13

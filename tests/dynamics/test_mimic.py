@@ -13,7 +13,9 @@ import softdyn
 from softdyn import InputError, SoftModel, UrdfError
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
+from softdyn.dynamics.derivatives import gravity_stiffness
 from softdyn.dynamics.mimic import MimicModel
+from softdyn.dynamics.tree import TreeModel, tree_of
 from softdyn.validation import StateMap, Twin, crosscheck
 from tests.support.micro import GRIPPER, write
 
@@ -40,10 +42,20 @@ def test_expansion_is_the_files_relation(gripper):
 
 
 def test_every_public_method_is_defined_anew():
-    """What is inherited would speak of a tree that this model does not have."""
+    """The protocol holds for both kinds of model; what it defines itself stands on the rest."""
     public = {name for name, _ in inspect.getmembers(SoftModel, callable) if name[0] != "_"}
-    inherited = {name for name in public if name not in vars(MimicModel)}
-    assert inherited == {"potential_energy"}  # of two that are
+    for kind in (TreeModel, MimicModel):
+        inherited = {name for name in public if name not in vars(kind)}
+        assert inherited == {"potential_energy", "tangent_stiffness"}
+
+
+def test_what_asks_for_the_engine_is_told(gripper):
+    assert isinstance(gripper, SoftModel)
+    assert not isinstance(gripper, TreeModel)
+    assert not hasattr(gripper, "pin_model")
+    for asks in (gravity_stiffness, tree_of):
+        with pytest.raises(InputError, match="a robot without mimic joints"):
+            asks(*(gripper, gripper.q0)[: 1 + (asks is gravity_stiffness)])
 
 
 def test_coefficients_of_joints_are_exact(gripper):
@@ -125,4 +137,4 @@ def test_a_massless_follower_moves_with_its_leader(tmp_path):
 
 def test_a_model_of_the_tree_alone_is_refused(tmp_path):
     with pytest.raises(InputError, match="no mimic joint"):
-        SoftModel(parse(write(tmp_path, GRIPPER)))
+        TreeModel(parse(write(tmp_path, GRIPPER)))

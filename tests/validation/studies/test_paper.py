@@ -135,7 +135,7 @@ def test_an_own_setup():
 def test_the_setup_of_a_model():
     model = softdyn.load("finger")
     assert paper.setup_of(model) is paper.setup("finger")
-    other = softdyn.SoftModel(model.robot)  # the same file, not known as a bundled one
+    other = softdyn.build(model.robot)  # the same file, not known as a bundled one
     assert paper.setup_of(other) == paper.Setup(model.name, model.robot.length, 0.002)
 
 

@@ -1,0 +1,56 @@
+"""Where the numbers of q stand: joint coordinates and configurations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """A continuous joint holds (cos, sin) in q, a floating base its position and a quaternion.
+
+    Its quaternion is (x, y, z, w); every other joint holds its coordinate.
+
+    Attributes
+    ----------
+    nq : int
+        Size of q.
+    first : ndarray of int, (nv,)
+        Where in q the first number of each degree of freedom stands.
+    continuous : ndarray of bool, (nv,)
+        Which are continuous joints.
+    floating : bool
+        Whether a floating base comes first.
+    """
+
+    nq: int
+    first: np.ndarray
+    continuous: np.ndarray
+    floating: bool
+
+    def of(self, q: np.ndarray) -> np.ndarray:
+        """Coordinates (nv,) of a configuration (nq,), angles of continuous joints in (-π, π]."""
+        if self.nq == len(self.first):
+            return q
+        values = q[self.first]
+        if self.floating:
+            values[3:6] = pin.log3(pin.Quaternion(q[3:7]).matrix())
+        sines = self.first[self.continuous] + 1
+        values[self.continuous] = np.arctan2(q[sines], values[self.continuous])
+        return values
+
+    def configuration(self, values: np.ndarray) -> np.ndarray:
+        """Configuration q (nq,) of coordinates (nv,): the inverse of `of`."""
+        q = np.empty(self.nq)
+        q[self.first] = np.where(self.continuous, np.cos(values), values)
+        q[self.first[self.continuous] + 1] = np.sin(values[self.continuous])
+        if self.floating:
+            q[3:7] = pin.Quaternion(pin.exp3(values[3:6])).coeffs()
+        return q
+
+    def numbers_of(self, chosen: np.ndarray) -> np.ndarray:
+        """Indices in q of the numbers that belong to the chosen joints (nv,) bool."""
+        return np.concatenate((self.first[chosen], self.first[chosen & self.continuous] + 1))

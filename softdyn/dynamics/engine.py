@@ -1,0 +1,150 @@
+"""Pinocchio's model of a robot: built, held against the strict parse, and its memory in view."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
+
+from softdyn.description.inertia import MICROMETRE, Inertia
+from softdyn.description.robot import Joint, Robot, moving_bodies
+from softdyn.exceptions import UrdfError
+
+# A floating base in v: velocity of its origin and angular velocity, both in its own axes.
+BASE = ("base_vx", "base_vy", "base_vz", "base_wx", "base_wy", "base_wz")
+FREE = "floating base"  # Pinocchio's joint of it
+
+
+def free_joint(robot: Robot) -> Joint:
+    """The joint that a floating base hangs on: no file has it."""
+    return Joint(FREE, "floating", "", robot.root, np.eye(3), np.zeros(3), np.zeros(3))
+
+
+def build_engine(robot: Robot) -> pin.Model:
+    """Pinocchio's model of the file, checked against the strict parse.
+
+    Raises
+    ------
+    UrdfError
+        When Pinocchio refuses the file, reads other joints or another body in it, or nothing moves.
+    """
+    try:
+        free = (pin.JointModelFreeFlyer(), FREE) if robot.floating else ()
+        model = pin.buildModelFromXML(robot.xml, *free)
+    except (ValueError, RuntimeError) as error:
+        raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
+    moving = {joint.name: joint for joint in robot.moving_joints}
+    if robot.floating:
+        moving = {FREE: free_joint(robot)} | moving
+    if not moving:
+        raise UrdfError(robot.path, "<robot>", "at least one joint that moves", "none")
+    freedoms = len(moving) + (5 if robot.floating else 0)
+    if set(model.names[1:]) != set(moving) or model.nv != freedoms:
+        raise UrdfError(robot.path, "<robot>", f"joints {sorted(moving)}", list(model.names[1:]))
+    bodies = moving_bodies(robot)
+    for joint, inertia in zip(model.names[1:], model.inertias[1:], strict=True):
+        link = moving[joint].child
+        _check_inertia(robot, link, inertia, bodies[link])
+    return model
+
+
+def _check_inertia(robot: Robot, link: str, read: pin.Inertia, body: Inertia) -> None:
+    """Compare a moving body as Pinocchio has read it with the strict parse's, up to rounding."""
+    size = max(1.0, float(np.abs(body.com).max()))
+    slack = 1e-9 * np.abs(body.tensor).max() + MICROMETRE**2 * body.mass
+    compared: list[tuple[str, str, Any, Any, float]] = [
+        ("mass", "kg", body.mass, read.mass, max(1e-9 * body.mass, 1e-12)),
+        ("inertia", "kg m^2", body.tensor, read.inertia, slack),
+    ]
+    if body.mass > 0:  # nothing has no centre
+        compared.insert(1, ("centre of mass", "m", body.com, read.lever, 1e-9 * size))
+    for what, unit, expected, got, tolerance in compared:
+        if not np.abs(np.subtract(got, expected)).max() <= tolerance:
+            texts = (" ".join(f"{x:g}" for x in np.ravel(values)) for values in (expected, got))
+            raise UrdfError(
+                robot.path,
+                f'<link name="{link}">',
+                f"{what} {next(texts)} {unit}, its fixed links included",
+                f"{next(texts)} {unit} in Pinocchio",
+            )
+
+
+def moved_bodies(model: pin.Model) -> np.ndarray:
+    """Whether a degree of freedom moves a body: (nv, bodies) bool."""
+    moves = np.zeros((model.nv, model.njoints), bool)
+    for body in range(1, model.njoints):
+        for j in model.supports[body]:
+            moves[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j], body] = True
+    return moves
+
+
+class Memory(NamedTuple):
+    """What Pinocchio's algorithms leave in a Data, as the kernels read it.
+
+    Attributes
+    ----------
+    bias : ndarray, (nv,)
+        Of `nonLinearEffects`.
+    S : ndarray, (nv, 6)
+        Joint Jacobian columns about the world's origin, as rows.
+    momenta, centre : ndarray, (nv, 6), (3,)
+        Columns of the centroidal map, as rows; the centre of mass that they are about.
+    rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
+        Joint placements.
+    """
+
+    bias: np.ndarray
+    S: np.ndarray
+    momenta: np.ndarray
+    centre: np.ndarray
+    rotations: np.ndarray
+    translations: np.ndarray
+
+    def copy_from(self, data: pin.Data) -> None:
+        """Write what `data` holds now into these arrays."""
+        for array, found in zip(self, _read(data), strict=True):
+            array[...] = found
+
+
+def memory(data: pin.Data) -> tuple[Memory, bool]:
+    """Views of a Data's memory, which Pinocchio's algorithms refresh in place, and True.
+
+    Going through Data's accessors costs a microsecond each, and one a joint for `oMi`, a C++ vector
+    of (rotation, translation) pairs, contiguous by the standard. Where this Pinocchio lays its
+    memory out in another way: copies, which `Memory.copy_from` refreshes, False, and a warning.
+    """
+    rotations = [placement.rotation for placement in data.oMi]
+    translations = [placement.translation for placement in data.oMi]
+    found = _read(data)
+    views = found._replace(rotations=_stacked(rotations), translations=_stacked(translations))
+    seen = (*views[:4], *views.rotations, *views.translations)
+    held = (data.nle, data.J, data.Ag, data.com[0], *rotations, *translations)
+    if all(view.flags.c_contiguous for view in views[:4]) and all(
+        view.ctypes.data == array.ctypes.data for view, array in zip(seen, held, strict=True)
+    ):
+        return views, True
+    warnings.warn(
+        "this Pinocchio keeps its results in an unknown layout: they are copied in every step",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return Memory(*(np.array(array, order="C") for array in found)), False
+
+
+def _read(data: pin.Data) -> Memory:
+    """Through Data's accessors; of one joint, Pinocchio hands matrices out as vectors."""
+    n = len(data.nle)
+    rotations = np.array([placement.rotation for placement in data.oMi])
+    translations = np.array([placement.translation for placement in data.oMi])
+    J, Ag = data.J.T.reshape(n, 6), data.Ag.T.reshape(n, 6)
+    return Memory(data.nle, J, Ag, data.com[0], rotations, translations)
+
+
+def _stacked(arrays: list[np.ndarray]) -> np.ndarray:
+    """One view of arrays that follow each other in memory at even distances."""
+    first, last = arrays[0], arrays[-1]
+    stride = (last.ctypes.data - first.ctypes.data) // max(len(arrays) - 1, 1)
+    return as_strided(first, (len(arrays), *first.shape), (stride, *first.strides))

@@ -1,0 +1,310 @@
+"""TreeModel: Pinocchio's model of a tree, the robot's compliance and its tendons, composed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from softdyn.checks import read_only, vector
+from softdyn.compiled import COMPILES
+from softdyn.description.robot import Robot
+from softdyn.dynamics import kernels
+from softdyn.dynamics.coordinates import Coordinates
+from softdyn.dynamics.engine import BASE, build_engine, free_joint, memory, moved_bodies
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.tendons import compile_tendons
+from softdyn.exceptions import InputError
+
+
+class TreeModel(SoftModel):
+    """The model of a robot whose joints all move by themselves.
+
+    Parameters
+    ----------
+    robot : Robot
+        The parsed description, without mimic joints: one with them is for `softdyn.build`.
+    bundled : str, optional
+        Name among the bundled robots, None for any other file.
+
+    Attributes
+    ----------
+    pin_model : pinocchio.Model
+        The engine's model of the same file.
+    pin_data : pinocchio.Data
+        Its scratch memory.
+    gear : ndarray, (m,)
+        Of each input: force along its tendon for an input of 1.
+    actuated : ndarray of int, (m,)
+        The tendon of each input.
+
+    Raises
+    ------
+    InputError
+        A robot with mimic joints, which are no degrees of freedom of their own.
+    UrdfError
+        When Pinocchio refuses the file or reads another robot in it than the strict parse did.
+    """
+
+    def __init__(self, robot: Robot, bundled: str | None = None) -> None:
+        if robot.followers:
+            raise InputError("robot", "no mimic joint: see softdyn.build", robot.path)
+        self.robot, self.bundled, self.name = robot, bundled, robot.name
+        model = self.pin_model = build_engine(robot)
+        self.nq, self.nv, self.nu = model.nq, model.nv, len(robot.actuators)
+        base = BASE if robot.floating else ()
+        self.joint_names = (*base, *model.names[1 + robot.floating :])
+        self.q0 = read_only(pin.neutral(model))
+        self.u_min = read_only([actuator.lower for actuator in robot.actuators])
+        self.u_max = read_only([actuator.upper for actuator in robot.actuators])
+
+        # the base's six degrees of freedom have no spring, damper, armature or limit
+        joints = dict.fromkeys(base, free_joint(robot)) | {j.name: j for j in robot.joints}
+        ordered = [joints[name] for name in self.joint_names]
+        self.lower, self.upper, self.stiffness, self.rest, self.damping, self.armature = (
+            read_only([getattr(joint, field) for joint in ordered])
+            for field in ("lower", "upper", "stiffness", "rest", "damping", "armature")
+        )
+        model.armature = self.armature.copy()
+        self.pin_data = model.createData()
+        self._memory, self._in_view = memory(self.pin_data)
+
+        # the joint of each degree of freedom
+        self._bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
+        first = [model.idx_qs[j] + k - model.idx_vs[j] for k, j in enumerate(self._bodies)]
+        continuous = np.array([joint.kind == "continuous" for joint in ordered])
+        self.chart = Coordinates(self.nq, np.array(first), continuous, robot.floating)
+        self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
+        moves = moved_bodies(model)
+        index = {name: k for k, name in enumerate(self.joint_names)}
+        self.tendons = compile_tendons(robot.tendons, index, self._anchor, moves)
+        self.tendon_stiffness = read_only([tendon.stiffness for tendon in robot.tendons])
+        self.tendon_damping = read_only([tendon.damping for tendon in robot.tendons])
+        at_zero = self.tendon_lengths(self.q0)
+        self.tendon_rest = read_only(
+            [
+                length if tendon.rest is None else tendon.rest
+                for tendon, length in zip(robot.tendons, at_zero, strict=True)
+            ]
+        )
+        # B = Σ gear (∂ℓ/∂q)ᵀ over the actuators of each tendon
+        self.gear = read_only([actuator.gear for actuator in robot.actuators])
+        self.actuated = np.array(
+            [self.tendons.names.index(actuator.tendon) for actuator in robot.actuators], int
+        )
+        self._fixed_arms = read_only(self.tendons.coefficients)
+        self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
+        self._fixed_D = read_only(self._damping_matrix(self._fixed_arms))
+        self._pack(moves)
+
+    def _pack(self, moves: np.ndarray) -> None:
+        """Gather what the State's kernel reads, in as few arrays as possible."""
+        model, tendons, bodies = self.pin_model, self.tendons, self._bodies
+        tip, offset = self._anchor(self.robot.task, np.zeros(3))
+        # after a joint's first degree of freedom its others add to the same body
+        before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
+        beyond = [model.idx_vs[j] + self.pin_data.nvSubtree[j] for j in bodies]
+        constants = kernels.Constants(
+            tip=tip,
+            tip_offset=offset,
+            tree=np.column_stack((moves[:, tip], bodies, before, beyond)).astype(int),
+            gravity=model.gravity.linear.copy(),
+            joints=np.column_stack((self.stiffness, self.rest, self.damping, self.armature)),
+            tendons=np.column_stack(
+                (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
+            ),
+            coefficients=tendons.coefficients,
+        )
+        self._arguments: tuple[Any, ...] = (*self._memory, *constants)
+        self._fill: Callable[..., None] = kernels.fixed_terms
+        self._rows = self.nv + kernels.JOINT_TERMS
+        if tendons.spatial:
+            self._arguments += (*tendons.segments, self.actuated, self.gear.copy())
+            self._fill = kernels.spatial_terms
+            self._rows += len(tendons.names) + self.nu
+        self._damped = bool(self.tendon_damping.any())
+        self._assemble = self._by_kernel if COMPILES else self._in_numpy
+
+    # -- state ---------------------------------------------------------------------------------
+
+    def state(self, q: np.ndarray, v: np.ndarray) -> State:
+        """Every term of the dynamics at (q, v)."""
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        pin.nonLinearEffects(self.pin_model, self.pin_data, q, v)
+        return self._assemble(q, v)
+
+    def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
+        pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
+        if not self._in_view:
+            self._memory.copy_from(self.pin_data)
+        tendons = len(self.tendons.names)
+        rows, points = np.empty((self._rows, self.nv)), np.empty(6 + tendons)
+        self._fill(rows, points, v, self.chart.of(q), *self._arguments)
+        for filled in (q, v, rows, points):
+            filled.flags.writeable = False
+        M, J, Jdot, bias, K, h, g = kernels.joint_terms(rows)
+        y, ydot, lengths = kernels.point_terms(points)
+        arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        if self.tendons.spatial:
+            arms, inputs = kernels.tendon_terms(rows, tendons)
+            B = inputs.T
+            if self._damped:
+                D = read_only(self._damping_matrix(arms))
+        return State.trusted(
+            model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
+            y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
+        )  # fmt: skip
+
+    def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
+        """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
+        model, data = self.pin_model, self.pin_data
+        M = pin.crba(model, data, q, pin.Convention.WORLD).reshape(self.nv, self.nv)
+        pin.computeJointJacobiansTimeVariation(model, data, q, v)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        J, Jdot = (
+            np.reshape(get(model, data, self._frame, axes), (6, self.nv))[:3]
+            for get in (pin.getFrameJacobian, pin.getFrameJacobianTimeVariation)
+        )
+        y = pin.updateFramePlacement(model, data, self._frame).translation
+        poses, coordinates = self.placements(), self.chart.of(q)
+        lengths = self.tendons.lengths(coordinates, *poses)
+        arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        if self.tendons.spatial:
+            arms = self.tendons.moment_arms(np.reshape(data.J, (6, self.nv)), *poses)
+            B, D = self._input_matrix(arms), self._damping_matrix(arms)
+        K = self._spring_force(coordinates, lengths, arms)
+        terms = {
+            "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
+            "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
+        }  # fmt: skip
+        kept = {name: read_only(value) for name, value in terms.items()}
+        B.flags.writeable = False  # as it is: in Fortran's order where it changes with q
+        return State.trusted(model=self, B=B, **kept)
+
+    def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        C = pin.computeCoriolisMatrix(self.pin_model, self.pin_data, q, v)
+        return read_only(np.reshape(C, (self.nv, self.nv)))
+
+    def gravity(self, q: np.ndarray) -> np.ndarray:
+        """Gravity force g (n,), the gradient of `gravity_energy`."""
+        q = vector("q", q, self.nq)
+        momenta = pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
+        linear = np.reshape(momenta, (6, self.nv))[:3]
+        return read_only(-self.pin_model.gravity.linear @ linear)
+
+    # -- dynamics ------------------------------------------------------------------------------
+
+    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        u = vector("u", u, self.nu)
+        arms, B, D, coordinates = self._fixed_arms, self._fixed_B, self._fixed_D, self.chart.of(q)
+        if self.tendons.spatial:
+            arms = self.tendon_moment_arms(q)
+            B, D = self._input_matrix(arms), self._damping_matrix(arms)
+        lengths = self.tendons.lengths(coordinates, *self.placements())
+        tau = B @ u - D @ v - self._spring_force(coordinates, lengths, arms)
+        return np.array(pin.aba(self.pin_model, self.pin_data, q, v, tau))
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """½ q̇ᵀ M q̇ (J), armature included."""
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        M = np.reshape(pin.crba(self.pin_model, self.pin_data, q), (self.nv, self.nv))
+        return float(v @ M @ v) / 2
+
+    def gravity_energy(self, q: np.ndarray) -> float:
+        """Potential energy of gravity (J), zero at the world's origin."""
+        q = vector("q", q, self.nq)
+        return float(pin.computePotentialEnergy(self.pin_model, self.pin_data, q))
+
+    def elastic_energy(self, q: np.ndarray) -> float:
+        """Energy of joint springs and elastic tendons (J)."""
+        q = vector("q", q, self.nq)
+        stretch = self.chart.of(q) - self.rest
+        slack = self.tendon_lengths(q) - self.tendon_rest
+        return float(self.stiffness @ stretch**2 + self.tendon_stiffness @ slack**2) / 2
+
+    # -- tendons -------------------------------------------------------------------------------
+
+    def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
+        """Lengths (tendons,) of all tendons, in the file's order."""
+        q = vector("q", q, self.nq)
+        pin.forwardKinematics(self.pin_model, self.pin_data, q)
+        return self.tendons.lengths(self.chart.of(q), *self.placements())
+
+    def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
+        """Moment arms ∂ℓ/∂q (tendons, n)."""
+        return self.tendons.moment_arms(self.joint_jacobian(q), *self.placements())
+
+    def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
+        """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
+        jacobian, poses, v = self.joint_jacobian(q), self.placements(), np.zeros(self.nv)
+        hessians = np.empty((len(self.tendons.names), self.nv, self.nv))
+        for t, unit in enumerate(np.eye(len(hessians))):
+            hessians[t] = self.tendons.curvature(jacobian, *poses, unit, v)[0]
+        return hessians
+
+    # -- configurations ------------------------------------------------------------------------
+
+    def coordinates(self, q: np.ndarray) -> np.ndarray:
+        """Joint coordinates (n,): q itself but for continuous joints, in (-π, π]."""
+        return self.chart.of(np.asarray(q, float))
+
+    def configuration(self, coordinates: np.ndarray) -> np.ndarray:
+        """Configuration q (nq,) of joint coordinates (n,): the inverse of `coordinates`."""
+        return self.chart.configuration(vector("coordinates", coordinates, self.nv))
+
+    def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
+        """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
+        q, dv = vector("q", q, self.nq), vector("dv", dv, self.nv)
+        return np.array(pin.integrate(self.pin_model, q, dv))
+
+    # -- the engine ----------------------------------------------------------------------------
+
+    def placements(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (bodies, 3, 3), translations (bodies, 3) of the engine's last kinematics."""
+        if not self._in_view:
+            self._memory.copy_from(self.pin_data)
+        return self._memory.rotations, self._memory.translations
+
+    def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Joint Jacobian columns (v; ω) about the world's origin (6, n)."""
+        q = vector("q", q, self.nq)
+        jacobian = pin.computeJointJacobians(self.pin_model, self.pin_data, q)
+        return np.reshape(jacobian, (6, self.nv))
+
+    def _anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
+        """Moving body that carries a point of a link, and the point in the body's frame."""
+        model = self.pin_model
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        return frame.parentJoint, frame.placement.act(np.array(xyz))
+
+    def _input_matrix(self, arms: np.ndarray) -> np.ndarray:
+        return (self.gear[:, None] * arms[self.actuated]).T
+
+    def _damping_matrix(self, arms: np.ndarray) -> np.ndarray:
+        return np.diag(self.damping) + arms.T @ (self.tendon_damping[:, None] * arms)
+
+    def _spring_force(
+        self, coordinates: np.ndarray, lengths: np.ndarray, arms: np.ndarray
+    ) -> np.ndarray:
+        pull = self.tendon_stiffness * (lengths - self.tendon_rest)
+        return self.stiffness * (coordinates - self.rest) + arms.T @ pull
+
+
+def tree_of(model: SoftModel) -> TreeModel:
+    """`model` itself, for what asks for the engine.
+
+    Raises
+    ------
+    InputError
+        A robot with mimic joints, whose model is a projection.
+    """
+    if not isinstance(model, TreeModel):
+        raise InputError("model", "a robot without mimic joints", model.name)
+    return model
