@@ -6,9 +6,11 @@ import argparse
 import math
 import os
 import re
+import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -84,6 +86,16 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         "--repair-inertia",
         action="store_true",
         help="replace impossible inertias by the nearest possible ones",
+    )
+
+
+def add_server_options(parser: argparse.ArgumentParser) -> None:
+    """Options of a command that serves a page."""
+    parser.add_argument(
+        "--port", type=count, metavar="P", help="of the page (default: a free one from 7000 on)"
+    )
+    parser.add_argument(
+        "--no-open", action="store_true", help="print the page's address and open no browser"
     )
 
 
@@ -176,6 +188,30 @@ def run(command: Command, arguments: Arguments) -> int:
     except KeyboardInterrupt:
         print("error: interrupted", file=sys.stderr)
         return INTERRUPTED
+
+
+class _Ended(BaseException):
+    """SIGINT or SIGTERM; not an Exception, so that nobody takes it for an error."""
+
+
+@contextmanager
+def ends_cleanly() -> Iterator[None]:
+    """Leave the block without an error when somebody ends the command by Ctrl-C or SIGTERM."""
+
+    def end(*_: object) -> None:
+        # a second Ctrl-C must not interrupt the clean end that the first one began
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+        raise _Ended
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except _Ended:
+        pass
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:

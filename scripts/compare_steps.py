@@ -46,9 +46,10 @@ def command(arguments: cli.Arguments) -> int:
 
     cli.make_folder(arguments.out / "states")
     cli.check_outputs(arguments.json)
-    states = {name: arguments.out / "states" / f"{name}.npz" for name in arguments.robots}
-    for name, path in states.items():
-        recorded(softdyn.load(name), find_controller(DRIVER), arguments.states, path)
+    folder, make = arguments.out / "states", find_controller(DRIVER)
+    for robot in arguments.robots:
+        recorded(softdyn.load(robot), make, arguments.states, folder, robot)
+    states = {robot: folder / f"{robot}.npz" for robot in arguments.robots}
     with tqdm(total=arguments.pairs + 1, disable=None, leave=False, unit="pair") as bar:
         rows = compare(
             arguments.old, states, list(dict.fromkeys(arguments.controllers)),

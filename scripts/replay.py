@@ -3,12 +3,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from softdyn.commands import cli
-
-if TYPE_CHECKING:
-    from softdyn.validation import Log
 
 EPILOG = """\
 LOG is what run.py --log or benchmark.py wrote (results/runs/ROBOT/CONTROLLER/CASE.npz). Several
@@ -48,7 +43,9 @@ def command(arguments: cli.Arguments) -> int:
         )
     logs = [Log.load(path) for path in arguments.logs]
     if arguments.plot is not None:
-        draw(logs, arguments.labels, arguments.plot)
+        from softdyn.validation.report.time_figures import save_comparison
+
+        save_comparison(arguments.plot, logs, arguments.labels)
         print(arguments.plot)
     if arguments.html is None:
         return cli.PASSED
@@ -64,19 +61,6 @@ def command(arguments: cli.Arguments) -> int:
     write_text(arguments.html, page.html())
     print(arguments.html)
     return cli.PASSED
-
-
-def draw(logs: list[Log], labels: list[str] | None, file: str) -> None:
-    """The figure of the runs."""
-    from softdyn.validation.files import atomic
-    from softdyn.validation.report import plot_style
-    from softdyn.validation.report.comparison_figure import compare
-    from softdyn.validation.report.replay import labels_of
-
-    with plot_style.style():
-        figure = compare(logs, labels or labels_of(logs))
-        with atomic(file) as stream:
-            figure.savefig(stream, format="png", dpi=120)
 
 
 main = cli.program(parser, command, __name__)

@@ -7,7 +7,7 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from softdyn.commands import cli, live
+from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
@@ -67,7 +67,7 @@ parser.add_argument(
     metavar="X",
     help="pace of --view, simulated seconds per second (default: 1)",
 )
-live.add_server_options(parser)
+cli.add_server_options(parser)
 cli.add_json(parser)
 
 

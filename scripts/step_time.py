@@ -12,6 +12,7 @@ from softdyn.commands import cli  # beside this script
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
+SCALING_ROUNDS = 20
 DRIVER = "soft-id-clf-qp"  # drives the loops that states are recorded from
 EPILOG = """\
 Robots and controllers as in benchmark.py. Every figure comes from the same recorded closed-loop
@@ -45,19 +46,17 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Measure what is asked for, then tables and figures."""
+    from tqdm import tqdm
+
     import softdyn
     from softdyn.controllers import find_controller
     from softdyn.validation.files import to_json, write_text
-    from softdyn.validation.studies.benchmark import safe
-    from softdyn.validation.timing import step_plots, step_report
+    from softdyn.validation.report import step_figures
+    from softdyn.validation.timing import step_report
     from softdyn.validation.timing.recording import recorded
-    from softdyn.validation.timing.step_time import (
-        SAMPLES,
-        MachineLoad,
-        Subject,
-        measure,
-        paper_stack,
-    )
+    from softdyn.validation.timing.step_scaling import scaling
+    from softdyn.validation.timing.step_time import SAMPLES, MachineLoad, paper_stack, rows_of
+    from softdyn.validation.timing.throughput import throughput
 
     out = Path(arguments.out)
     cli.make_folder(out / "states")
@@ -66,39 +65,24 @@ def command(arguments: cli.Arguments) -> int:
     models = {name: softdyn.load(name) for name in dict.fromkeys(arguments.robots)}
     stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
-    progress = Progress()
 
-    load = MachineLoad()
-    rows: list[dict[str, Any]] = []
-    for name, model in models.items():
-        driver = find_controller(DRIVER) if model.bundled else next(iter(makes.values()))
-        progress.start(f"{name}: states", 1)
-        file = out / "states" / f"{safe(name)}.npz"
-        steps = recorded(model, driver, arguments.states, file).steps()
-        progress.start(name, rounds)
-        subjects = {
-            law: Subject(model, make, steps, stack and stack(law)) for law, make in makes.items()
-        }
-        for law, times in measure(subjects, rounds, progress.tick).items():
-            size = {"robot": name, "controller": law, "n": model.nv, "m": model.nu}
-            rows.append({**size, **times.row()})
-    report: dict[str, Any] = {"rows": rows}
-    if arguments.scaling:
-        from softdyn.validation.timing.step_scaling import scaling
-
-        progress.start("chains", 20)
-        report["scaling"] = scaling(rounds=20, tick=progress.tick)
-    if arguments.throughput:
-        from softdyn.validation.timing.throughput import throughput
-
-        progress.start("closed loops", len(models))
-        report["throughput"] = [throughput(model, DRIVER) for model in models.values()]
-    progress.close()
+    load, report = MachineLoad(), dict[str, Any](rows=[])
+    total = rounds * len(models) + arguments.scaling * SCALING_ROUNDS
+    with tqdm(total=total, unit="round", disable=None, leave=False) as bar:
+        for name, model in models.items():
+            bar.set_description(name)
+            driver = find_controller(DRIVER) if model.bundled else next(iter(makes.values()))
+            states = recorded(model, driver, arguments.states, out / "states", name)
+            report["rows"] += rows_of(name, model, makes, states.steps(), rounds, stack, bar.update)
+        if arguments.scaling:
+            report["scaling"] = scaling(rounds=SCALING_ROUNDS, tick=bar.update)
+        if arguments.throughput:
+            report["throughput"] = [throughput(model, DRIVER) for model in models.values()]
     report["machine"] = step_report.machine() | load.report()
 
-    step_plots.bars(rows, out / "step_time")
+    step_figures.bars(report["rows"], out / "step_time")
     if arguments.scaling:
-        step_plots.growth(report["scaling"], out / "scaling")
+        step_figures.growth(report["scaling"], out / "scaling")
     write_text(out / "step_time.md", step_report.markdown(report))
     write_text(out / "step_time.json", to_json(report) + "\n")
     where = f"\nTables, figures, states: {out}/"
@@ -110,33 +94,9 @@ def has_stack() -> bool:
     """Whether the extra ``bench`` is there; says so on stderr where it is not."""
     found = find_spec("cvxpy") is not None
     if not found:
-        print("note: no cvxpy, so the paper's stack is left out: pip install '.[bench]'",
-              file=sys.stderr)  # fmt: skip
+        hint = "pip install '.[bench]'"
+        print(f"note: no cvxpy, so the paper's stack is left out: {hint}", file=sys.stderr)
     return found
-
-
-class Progress:
-    """A bar on stderr, only on a terminal."""
-
-    def __init__(self) -> None:
-        from tqdm import tqdm
-
-        self._tqdm = tqdm
-        self._bar: Any = None
-
-    def start(self, what: str, total: int) -> None:
-        """Another part of the work."""
-        self.close()
-        self._bar = self._tqdm(total=total, desc=what, disable=None, leave=False)
-
-    def tick(self) -> None:
-        """One step of it is done."""
-        self._bar.update()
-
-    def close(self) -> None:
-        """No bar."""
-        if self._bar is not None:
-            self._bar.close()
 
 
 main = cli.program(parser, command, __name__)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from softdyn.commands import cli, live
+from softdyn.commands import cli
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
@@ -20,7 +20,7 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
-live.add_server_options(parser)
+cli.add_server_options(parser)
 cli.add_robot_options(parser)
 
 
@@ -28,7 +28,7 @@ def command(arguments: cli.Arguments) -> int:
     """Write the page, or serve it until somebody ends it."""
     import threading
 
-    with live.ends_cleanly():
+    with cli.ends_cleanly():
         from softdyn.validation.files import write_text
         from softdyn.view.rest_sweep import rest_page
 

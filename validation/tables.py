@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 
@@ -16,6 +16,27 @@ def columns(lines: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
         ).rstrip()
         for line in lines
     )
+
+
+Column = tuple[str, str, str]
+"""Title, key of the rows, format; one without a format is words."""
+
+
+def cells(shown: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """The titles, then a line for each of the rows; what is None there is a dash."""
+
+    def cell(value: Any, form: str) -> str:
+        return "-" if value is None else format(value, form)
+
+    return [
+        [title for title, _, _ in shown],
+        *([cell(row[key], form) for _, key, form in shown] for row in rows),
+    ]
+
+
+def aligned(shown: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> str:
+    """The same as columns of text, numbers on the right."""
+    return columns(cells(shown, rows), [k for k, (_, _, form) in enumerate(shown) if form])
 
 
 def pipes(lines: Sequence[Sequence[Any]]) -> list[str]:

@@ -12,7 +12,7 @@ from softdyn.commands.__main__ import COMMANDS, main
 from tests.support import ROOT, SCRIPTS
 
 NAMES = [name for names in COMMANDS.values() for name in names]
-HELPERS = {"__init__", "__main__", "cli", "live"}
+HELPERS = {"__init__", "__main__", "cli"}
 
 
 def test_every_script_is_a_command_and_listed(capsys):

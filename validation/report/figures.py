@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from softdyn.validation.report import plot_style as look
@@ -47,22 +48,20 @@ def lyapunov(runs: Sequence[Run], kind: str) -> Figure | None:
         return None
     span = 2.0 if kind == "tracking" else max(run.duration for run in runs)
     figure, ((axes,),) = look.panels(1, 1, look.COLUMN, 2.5)
-    handles = []
     for robot, band in shown.items():
-        colour, dashes = colours[robot]
+        colour, _ = colours[robot]
         axes.fill_between(span * band.s, band.low, band.high, color=colour, alpha=0.16, linewidth=0)
-        axes.semilogy(span * band.s, band.mean, color=colour, linestyle=dashes)
+        look.line(axes, span * band.s, band.mean, colours[robot])
         for s, value in band.ends:
             axes.plot(span * s, value, color=colour, **look.FAILED)
-        handles.append(look.handle(look.robot_title(robot), colours[robot]))
-    if any(band.ends for band in shown.values()):
-        handles.append(look.failed_handle())
     axes.set_xlabel("Time (cycles of the reference)" if kind == "tracking" else look.TIME)
     axes.set_ylabel(r"$V(t)\,/\,V(0)$  (–)")
     axes.set_xlim(0, span)
     axes.xaxis.set_major_locator(MaxNLocator(2 * TICKS, steps=[1, 2, 5, 10]))
-    log_ticks(axes)
-    look.legend_above(figure, handles)
+    log_axis(axes)
+    titles = {robot: look.robot_title(robot) for robot in shown}
+    failed = any(band.ends for band in shown.values())
+    look.legend_above(figure, look.legend_handles(titles, colours, failed))
     axes.set_title(f"{look.controller_title(name)}: geometric mean and range", loc="left")
     return figure
 
@@ -108,7 +107,7 @@ def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
         look.handle(
             "target $(x_d, z_d)$", (look.VERMILLION, ""), marker="+", markersize=9, mew=1.4
         ),
-        *([look.failed_handle()] if any(run.failed for run in runs) else []),
+        *look.legend_handles({}, {}, any(run.failed for run in runs)),
     ]
     look.legend_above(figure, handles)
     return figure
@@ -129,11 +128,8 @@ def tracking(runs: Sequence[Run]) -> Figure | None:
         look.letter(axes, i, look.robot_title(robot))
     row[0].set_ylabel("z (cm)")
     title = f"reference, {experiment_title('tracking', rate)}"
-    handles = [look.handle(title, (look.REFERENCE, "-"), linewidth=REFERENCE_WIDTH)]
-    handles += [look.handle(look.controller_title(name), colours[name]) for name in controllers]
-    if any(run.failed for run in runs):
-        handles.append(look.failed_handle())
-    look.legend_above(figure, handles)
+    reference = look.handle(title, (look.REFERENCE, "-"), linewidth=REFERENCE_WIDTH)
+    look.legend_above(figure, [reference, *legend(runs, colours)])
     return figure
 
 
@@ -151,10 +147,9 @@ def draw_second_cycles(axes: Axes, runs: Sequence[Run], colours: dict[str, Any])
         path = run.y[second][:, [0, 2]]
         path = path[thin_path(path, PATH_TOLERANCE)]
         wild = length(path) > WILD_LENGTHS * length(reference) / 2
-        colour, dashes = colours[name]
-        axes.plot(*path.T, color=colour, linestyle=dashes, **weight(run, wild))
+        look.line(axes, path[:, 0], path[:, 1], colours[name], **weight(run, wild))
         if run.failed:
-            axes.plot(*path[-1], color=colour, zorder=4, **look.FAILED)
+            axes.plot(*path[-1], color=colours[name][0], zorder=4, **look.FAILED)
     if early:
         text = "\n".join(("ended before:", *early))
         axes.text(0.99, 0.99, text, transform=axes.transAxes, ha="right", va="top", fontsize=6)
@@ -176,33 +171,30 @@ def errors(runs: Sequence[Run], kind: str) -> Figure | None:
     for row, robot in zip(grid, robots, strict=True):
         for axes, value in zip(row, values, strict=True):
             for run in of(runs, robot, value=value):
-                colour, dashes = colours[run.case.controller]
+                colour = colours[run.case.controller]
                 error = np.maximum(run.error, FINEST)
                 kept = thin(error, bins=200)
                 wild = np.abs(np.diff(np.log10(error[kept]))).sum() > WILD_DECADES
-                axes.semilogy(
-                    run.t[kept],
-                    error[kept],
-                    color=colour,
-                    linestyle=dashes,
-                    **weight(run, wild),
-                )
+                look.line(axes, run.t[kept], error[kept], colour, **weight(run, wild))
                 if run.failed:
-                    axes.plot(run.t[-1], error[-1], color=colour, zorder=4, clip_on=False,
+                    axes.plot(run.t[-1], error[-1], color=colour[0], zorder=4, clip_on=False,
                               **look.FAILED)  # fmt: skip
             axes.set_xlim(0, max(run.duration for run in of(runs, value=value)))
             axes.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
-            log_ticks(axes)
+            log_axis(axes)
         row[0].set_ylabel(f"{look.robot_title(robot)}\n‖e‖ (cm)")
     for axes, value in zip(grid[0], values, strict=True):
         axes.set_title(experiment_title(kind, value))
     for axes in grid[-1]:
         axes.set_xlabel(look.TIME)
-    handles = [look.handle(look.controller_title(name), colours[name]) for name in controllers]
-    if any(run.failed for run in runs):
-        handles.append(look.failed_handle())
-    look.legend_above(figure, handles)
+    look.legend_above(figure, legend(runs, colours))
     return figure
+
+
+def legend(runs: Sequence[Run], colours: dict[str, look.Look]) -> list[Line2D]:
+    """Handles for the runs' controllers, and for the mark of a failed run if one is."""
+    titles = {name: look.controller_title(name) for name in distinct(runs, "controller")}
+    return look.legend_handles(titles, colours, any(run.failed for run in runs))
 
 
 def weight(run: Run, wild: bool) -> dict[str, Any]:
@@ -220,7 +212,8 @@ def length(path: np.ndarray) -> float:
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
-def log_ticks(axes: Axes) -> None:
-    """Powers of ten, few enough to read."""
+def log_axis(axes: Axes) -> None:
+    """A logarithmic vertical axis with powers of ten, few enough to read."""
+    axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(numticks=6))
     axes.yaxis.set_minor_formatter(NullFormatter())

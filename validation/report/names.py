@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.validation.loop.log import Log
 
 CONTROLLERS = {
     "soft-id-clf-qp": "Soft ID-CLF-QP",
@@ -32,3 +38,25 @@ def experiment_title(kind: str, value: float) -> str:
     """θ of a set point or ω of a trajectory; `value` is in multiples of π."""
     multiple = {0.0: "0", 1.0: "π"}.get(value, f"{value:g}π")
     return f"{SYMBOLS[kind]} = {multiple}{' rad/s' if kind == 'tracking' else ''}"
+
+
+def goal(log: Log) -> str:
+    """A run's experiment in words."""
+    if log.theta is not None:
+        return f"set point {experiment_title('set_point', log.theta)}"
+    if log.omega is not None:
+        return f"tracking {experiment_title('tracking', log.omega)}"
+    if np.ptp(log.y_ref, axis=0).max() > 0:
+        return "tracking"
+    return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
+
+
+def labels_of(logs: Sequence[Log]) -> list[str]:
+    """The controllers' names, told apart by robot or experiment where they are the same."""
+    parts: list[list[Any]] = [
+        [controller_title(log.controller) for log in logs],
+        [log.robot for log in logs],
+        [goal(log) for log in logs],
+    ]
+    shown = [column for column in parts if len(set(column)) > 1] or parts[:1]
+    return [", ".join(column[i] for column in shown) for i in range(len(logs))]

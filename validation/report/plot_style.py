@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from softdyn.validation.files import atomic
 from softdyn.validation.report import names
 
+Look = tuple[str, Any]  # colour and dashes
 COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)
 PNG_DPI = 200
 TIME = "Time (s)"
@@ -29,30 +30,15 @@ GREY, BROWN, REFERENCE, NEUTRAL = "#7F7F7F", "#7A4B2A", "#BBBBBB", "#444444"
 SOLID, DASHED, DASH_DOT, DOTTED = "-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2))
 DASH_DOT_DOT, LONG = (0, (4, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2))
 # colour and dashes, so that a print in grey still tells lines apart
-CONTROLLERS = {
-    "soft-id-clf-qp": (BLUE, SOLID),
-    "id-clf-qp": (VERMILLION, DASHED),
-    "clf-qp": (GREEN, DASH_DOT),
-    "ic": (ORANGE, DOTTED),
-    "uic": (PURPLE, DASH_DOT_DOT),
-    "ic-qp": (SKY, LONG),
-}
-ROBOTS = {
-    "finger": (BLUE, SOLID),
-    "helix": (VERMILLION, DASHED),
-    "spirob": (GREEN, DASH_DOT),
-    "spirob48": (PURPLE, DASH_DOT_DOT),
-}
-OTHERS = (
+INPUTS: tuple[Look, ...] = (
+    (BLUE, SOLID), (VERMILLION, DASHED), (GREEN, DASH_DOT), (ORANGE, DOTTED),
+    (PURPLE, DASH_DOT_DOT), (SKY, LONG), (BLACK, SOLID), (GREY, DASHED), (BROWN, SOLID),
+)  # fmt: skip
+CONTROLLERS = dict(zip(names.CONTROLLERS, INPUTS, strict=False))
+ROBOTS = dict(zip(names.ROBOTS, (*INPUTS[:3], INPUTS[4]), strict=True))
+OTHERS: tuple[Look, ...] = (
     (BLACK, DASHED), (GREY, SOLID), (BROWN, DASH_DOT), (BLACK, DOTTED), (GREY, DASHED),
 )  # fmt: skip
-INPUTS = tuple(
-    zip(
-        (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, BROWN),
-        (SOLID, DASHED, DASH_DOT, DOTTED, DASH_DOT_DOT, LONG, SOLID, DASHED, SOLID),
-        strict=True,
-    )
-)
 RC = {
     "font.family": "DejaVu Sans",  # ships with Matplotlib, so every machine has it
     "font.size": 7.5,
@@ -92,10 +78,10 @@ def style() -> Iterator[None]:
         yield
 
 
-def looks(names: Iterable[str], known: dict[str, Any]) -> dict[str, Any]:
+def looks(shown: Iterable[str], known: Mapping[str, Look]) -> dict[str, Look]:
     """Colour and dashes of every name: its own, or the next one that nobody has."""
-    others = [name for name in dict.fromkeys(names) if name not in known]
-    return known | {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(others)}
+    others = [name for name in dict.fromkeys(shown) if name not in known]
+    return {**known} | {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(others)}
 
 
 def robot_title(name: str) -> str:
@@ -130,17 +116,26 @@ def letter(axes: Axes, index: int, title: str) -> None:
     axes.set_title(f"({string.ascii_lowercase[index % 26]}) {title}", loc="left")
 
 
-def handle(label: str, look: tuple[Any, Any], **options: Any) -> Line2D:
+def line(axes: Axes, x: Any, y: Any, look: Look, **options: Any) -> None:
+    """Draw a line in its colour and dashes."""
+    axes.plot(x, y, color=look[0], linestyle=look[1], **options)
+
+
+def handle(label: str, look: Look, **options: Any) -> Line2D:
     """A line for a legend."""
     return Line2D([], [], color=look[0], linestyle=look[1], label=label, **options)
 
 
-def failed_handle(label: str = "failed run") -> Line2D:
-    """The mark at the end of a failed run, for a legend."""
-    return Line2D([], [], color=NEUTRAL, label=label, **FAILED)
+def legend_handles(
+    titles: Mapping[str, str], known: Mapping[str, Look], failed: bool
+) -> list[Line2D]:
+    """A handle for every title, and if there are `failed` runs one for the mark at their ends."""
+    lines = [handle(title, known[name]) for name, title in titles.items()]
+    mark = Line2D([], [], color=NEUTRAL, label="failed run", **FAILED)
+    return [*lines, mark] if failed else lines
 
 
-def legend_above(figure: Figure, handles: Sequence[Any]) -> None:
+def legend_above(figure: Figure, handles: Sequence[Line2D]) -> None:
     """One legend for all panels in a strip of its own above them, as wide as the figure allows."""
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     for rows in range(1, len(handles) + 1):

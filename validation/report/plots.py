@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from softdyn.validation.report import figures
-from softdyn.validation.report.input_figure import inputs
 from softdyn.validation.report.plot_data import Run, distinct
 from softdyn.validation.report.plot_style import save, style
+from softdyn.validation.report.time_figures import inputs
 from softdyn.validation.studies.benchmark import Case, log_path, safe
 
 CONVERGENCE = "convergence_"  # and a robot

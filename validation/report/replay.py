@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.names import controller_title, experiment_title
+from softdyn.validation.report.names import controller_title, goal, labels_of
 from softdyn.validation.studies import paper
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
@@ -141,25 +140,3 @@ def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
 
 def _distance(points: np.ndarray, point: np.ndarray | float) -> float:
     return float(np.linalg.norm(points - point, axis=1).min())
-
-
-def goal(log: Log) -> str:
-    """A run's experiment in words."""
-    if log.theta is not None:
-        return f"set point {experiment_title('set_point', log.theta)}"
-    if log.omega is not None:
-        return f"tracking {experiment_title('tracking', log.omega)}"
-    if np.ptp(log.y_ref, axis=0).max() > 0:
-        return "tracking"
-    return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"
-
-
-def labels_of(logs: Sequence[Log]) -> list[str]:
-    """The controllers' names, told apart by robot or experiment where they are the same."""
-    parts: list[list[Any]] = [
-        [controller_title(log.controller) for log in logs],
-        [log.robot for log in logs],
-        [goal(log) for log in logs],
-    ]
-    shown = [column for column in parts if len(set(column)) > 1] or parts[:1]
-    return [", ".join(column[i] for column in shown) for i in range(len(logs))]

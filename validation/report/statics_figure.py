@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from softdyn import InputError
-from softdyn.statics import Equilibrium, TipSearch
+from softdyn.statics import Equilibrium
+from softdyn.validation.crosschecks.rest_report import RestReport
 from softdyn.validation.files import atomic
 from softdyn.validation.report.plot_style import (
     BLACK,
@@ -45,13 +45,7 @@ def check_path(path: str | Path) -> Path:
     return path
 
 
-def draw(
-    path: str | Path,
-    samples: Sequence[Equilibrium],
-    searches: Sequence[TipSearch],
-    labels: Sequence[str],
-    curve: np.ndarray | None = None,
-) -> None:
+def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) -> None:
     """Sampled tips beside the robot's shapes at the targets.
 
     Left, every sampled tip by its distance from the z axis and its height (by x where the robot
@@ -59,14 +53,16 @@ def draw(
 
     Parameters
     ----------
-    path : to write, .png or .pdf.
-    samples : stable equilibria, at least one.
-    searches, labels : one a target.
-    curve : (·, 3) points of the tracked ellipse, for the eye.
+    path : str or Path
+        To write, .png or .pdf.
+    report : RestReport
+        With at least one sample.
+    curve : ndarray, (·, 3)
+        Points of the tracked ellipse, for the eye.
     """
     path = check_path(path)
-    model = samples[0].model
-    tips = np.array([one.y for one in samples])
+    model = report.samples[0].model
+    tips = np.array([one.y for one in report.samples])
     planar = bool(np.abs(tips[:, 1]).max() < 1e-9)
     with style():
         figure, axes = panels(1, 2, PAGE, 3.8, sharex=True, sharey=True)
@@ -77,7 +73,7 @@ def draw(
         left.set_xlabel("x (cm)" if planar else "distance from the z axis (cm)")
         left.set_ylabel("z (cm)")
         twin = Twin(model)
-        for search in searches:
+        for search in (one.search for one in report.targets):
             stable = search.nearest_stable
             if not search.nearest.stable:
                 _shape(right, twin, search.nearest, VERMILLION)
@@ -88,10 +84,10 @@ def draw(
         for axis in (left, right):
             if curve is not None:
                 axis.plot(100 * curve[:, 0], 100 * curve[:, 2], color=GREY, lw=0.8, zorder=1)
-            for search, label in zip(searches, labels, strict=True):
-                x, _, z = 100 * search.target
+            for target in report.targets:
+                x, _, z = 100 * target.search.target
                 axis.plot(x, z, "+", color=BLACK, ms=8, mew=1.4, zorder=5)
-                axis.annotate(label, (x, z), (5, 4), textcoords="offset points", fontsize=7)
+                axis.annotate(target.name, (x, z), (5, 4), textcoords="offset points", fontsize=7)
             axis.set_aspect("equal")
         figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
         with atomic(path) as stream:

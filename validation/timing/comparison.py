@@ -18,13 +18,26 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import aligned
 from softdyn.validation.timing import checkout
 
 HERE = Path(softdyn.__file__).resolve().parents[1]
 LIMIT, HORIZON_LIMIT = 1.03, 1.15  # of new to old; of `best` to the law without a horizon
 BASE, OVER_HORIZON = "soft-id-clf-qp", "best"
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+COLUMNS = (
+    ("robot", "robot", ""),
+    ("controller", "controller", ""),
+    ("against", "against", ""),
+    ("µs", "base_us", ".1f"),
+    ("new µs", "new_us", ".1f"),
+    ("ratio", "ratio", ".3f"),
+    ("95 % from", "low", ".3f"),
+    ("to", "high", ".3f"),
+    ("limit", "limit", "g"),
+    ("", "verdict", ""),
+)
+VERDICTS = {True: "", False: "slower"}
 Sample = dict[str, dict[str, float]]
 
 
@@ -107,15 +120,6 @@ def ratio(base: np.ndarray, new: np.ndarray, limit: float, draws: int = 10_000) 
     }  # fmt: skip
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def table(rows: Sequence[dict[str, Any]]) -> str:
     """The rows for a terminal."""
-    titles = ("robot", "controller", "against", "µs", "new µs", "ratio", "95 %", "limit", "")
-    lines = [
-        (
-            row["robot"], row["controller"], row["against"], f"{row['base_us']:.1f}",
-            f"{row['new_us']:.1f}", f"{row['ratio']:.3f}", f"{row['low']:.3f} to {row['high']:.3f}",
-            f"{row['limit']:g}", "" if row["passed"] else "slower",
-        )
-        for row in rows
-    ]  # fmt: skip
-    return columns([titles, *lines], numbers=range(3, 8))
+    return aligned(COLUMNS, [row | {"verdict": VERDICTS[row["passed"]]} for row in rows])

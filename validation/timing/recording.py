@@ -17,6 +17,7 @@ from softdyn.validation.files import atomic
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.benchmark import safe
 
 DURATION = 3.0  # s of every loop: the transient, and what follows it
 TRANSIENT = 0.5  # s; half of a loop's states are taken from it
@@ -113,9 +114,20 @@ def record(
 
 
 def recorded(
-    model: SoftModel, make: Callable[[SoftModel], Any], count: int, path: Path
+    model: SoftModel, make: Callable[[SoftModel], Any], count: int, folder: Path, robot: str
 ) -> Recording:
-    """What `path` holds, if it is this robot's and as much; else a new recording, written there."""
+    """What the robot's file in `folder` holds, if it is of this model and as much; else new ones.
+
+    Parameters
+    ----------
+    model, make, count
+        See `record`.
+    folder : Path
+        Where ROBOT.npz is, or will be.
+    robot : str
+        Its name, or the path of its file.
+    """
+    path = folder / f"{safe(robot)}.npz"
     if path.is_file():
         found = Recording.load(path)
         if found.digest == digest_of(model) and len(found) == count:

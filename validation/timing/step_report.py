@@ -46,7 +46,7 @@ THROUGHPUT = (
     ("MuJoCo", "mujoco_s", ".3f"),
     ("bookkeeping", "bookkeeping_s", ".3f"),
 )
-Columns = Sequence[tuple[str, str, str]]
+Columns = Sequence[tables.Column]
 
 
 def machine() -> dict[str, Any]:
@@ -62,7 +62,7 @@ def machine() -> dict[str, Any]:
 
 def text(report: dict[str, Any]) -> str:
     """Aligned tables for a terminal."""
-    parts = [_aligned(columns, rows) for _, columns, rows in _tables(report)]
+    parts = [tables.aligned(columns, rows) for _, columns, rows in _tables(report)]
     return "\n\n".join([*parts, _machine(report)])
 
 
@@ -70,7 +70,7 @@ def markdown(report: dict[str, Any]) -> str:
     """The tables with headings."""
     parts = ["# Step times", "", _machine(report)]
     for title, columns, rows in _tables(report):
-        parts += ["", f"## {title}", "", *tables.pipes(_cells(columns, rows))]
+        parts += ["", f"## {title}", "", *tables.pipes(tables.cells(columns, rows))]
     return "\n".join(parts) + "\n"
 
 
@@ -90,19 +90,6 @@ def _machine(report: dict[str, Any]) -> str:
         f"{engines}; load {on['load_before']:.1f} to {on['load_after']:.1f}, "
         f"{100 * on['cpu_share']:.0f} % of a core was ours."
     )
-
-
-def _aligned(columns: Columns, rows: list[dict[str, Any]]) -> str:
-    numbers = [k for k, (_, _, form) in enumerate(columns) if form]
-    return tables.columns(_cells(columns, rows), numbers)
-
-
-def _cells(columns: Columns, rows: list[dict[str, Any]]) -> list[list[str]]:
-    def cell(value: Any, form: str) -> str:
-        return "-" if value is None else format(value, form)
-
-    table = [[cell(row[key], form) for _, key, form in columns] for row in rows]
-    return [[title for title, _, _ in columns], *table]
 
 
 def _processor() -> str:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import gc
 import os
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter_ns, process_time
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -29,34 +29,49 @@ STACK_STATES = 12
 WARM_UP = 50  # steps before any is timed
 
 Step = tuple[np.ndarray, np.ndarray, Reference]
-Law = Callable[[Any, Any], Any]
-Key = TypeVar("Key")
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Round(NamedTuple):
+    """One pass over all states, in ns: a figure a state, but one a spelling of the stack."""
+
+    dynamics: list[float]
+    law: list[float]
+    engine: list[float]
+    solve: list[float]
+    native: list[float]
+    stacks: list[float]
 
 
 @dataclass(frozen=True)
 class Times:
-    """What was measured of one controller on one robot, in µs; arrays (rounds, states).
+    """What was measured of one controller on one robot.
 
     Attributes
     ----------
-    dynamics, law : `model.state`, and the controller on its answer; together the step.
-    solve : inside ProxQP's ``update`` and ``solve``, calls from Python included.
-    native : what ProxQP itself reports for both, `run_time`.
-    engine : the step's Pinocchio calls alone.
-    stack, stack_quadratic : (rounds,) a step in the paper's stack, as the reference implementation
-        spells it and as a quadratic programme; one state a round.
-    stack_difference : median over states of the largest difference of its input from ours, as a
-        share of the largest input's range.
+    dynamics, law : array, (rounds, states)
+        `model.state`, and the controller on its answer (µs); together the step.
+    engine : array, (rounds, states)
+        The step's Pinocchio calls alone.
+    solve : array, (rounds, states)
+        Inside ProxQP's ``update`` and ``solve``, calls from Python included.
+    native : array, (rounds, states)
+        What ProxQP itself reports for both, `run_time`.
+    stacks : array, (rounds, 2) or (rounds, 0)
+        A step in the paper's stack, as the reference implementation spells it and as a quadratic
+        programme; one state a round.
+    stack_difference : float or None
+        Median over states of the largest difference of its input from ours, as a share of the
+        largest input's range.
     """
 
     dynamics: np.ndarray
     law: np.ndarray
+    engine: np.ndarray
     solve: np.ndarray
     native: np.ndarray
-    engine: np.ndarray
-    stack: np.ndarray = field(default_factory=lambda: np.empty(0))
-    stack_quadratic: np.ndarray = field(default_factory=lambda: np.empty(0))
-    stack_difference: float | None = None
+    stacks: np.ndarray
+    stack_difference: float | None
 
     @property
     def step(self) -> np.ndarray:
@@ -65,25 +80,20 @@ class Times:
 
     def row(self) -> dict[str, float | int | None]:
         """The figures: see `docs/real_time.md`."""
-        step = self.step
+        step, floor = self.step, float(np.median(self.engine + self.native))
         median, p99, p999 = (float(np.percentile(step, p)) for p in (50, 99, 99.9))
-        dynamics, solve, native, calls = (
-            float(np.median(x)) for x in (self.dynamics, self.solve, self.native, self.engine)
-        )
-        floor = float(np.median(self.engine + self.native))
-        stack, quadratic = (
-            float(np.median(x)) if x.size else None for x in (self.stack, self.stack_quadratic)
-        )
+        solve = float(np.median(self.solve))
+        stack, quadratic = np.median(self.stacks, axis=0).tolist() or (None, None)
         return {
             "median_us": median,
             "p99_us": p99,
             "p999_us": p999,
             "worst_state_us": float(np.median(step, axis=0).max()),
-            "dynamics_us": dynamics,
+            "dynamics_us": float(np.median(self.dynamics)),
             "assembly_us": float(np.median(self.law)) - solve,
             "solve_us": solve,
-            "pinocchio_us": calls,
-            "proxqp_us": native,
+            "pinocchio_us": float(np.median(self.engine)),
+            "proxqp_us": float(np.median(self.native)),
             "floor_us": floor,
             "floor_ratio": median / floor,
             "stack_us": stack,
@@ -93,31 +103,35 @@ class Times:
             "stack_difference": self.stack_difference,
             "states": step.shape[1],
             "samples": step.size,
-            "stack_samples": int(self.stack.size),
+            "stack_samples": len(self.stacks) if stack else 0,
         }
 
 
-def paper_stack(controller: str) -> Callable[[Any, bool], Law] | None:
-    """(controller, quadratic) → a step as the paper computes it: state → u, or NaN.
+Law = Callable[[State, Reference], Any]
+
+
+def paper_stack(controller: Any) -> list[Law]:
+    """A controller's step as the paper computes it: laws (state, reference) → u (m,), or NaN.
 
     The programme as printed, nothing condensed, scaled or kept: cvxpy builds it anew, SCS solves.
-    None for laws that have no programme. Needs the extra ``bench``.
+    First as the reference implementation spells it, then as a quadratic programme; none for laws
+    that have no programme. Needs the extra ``bench``.
     """
-    if controller not in PROGRAMMES:
-        return None
 
-    def make(ours: Any, quadratic: bool) -> Law:
-        law = PrintedLaw(PROGRAMMES[controller], ours.gains, Scs(quadratic=quadratic))
+    def law(quadratic: bool) -> Law:
+        printed = PrintedLaw(
+            PROGRAMMES[controller.name], controller.gains, Scs(quadratic=quadratic)
+        )
 
-        def step(state: State, reference: Reference) -> np.ndarray:
+        def u(state: State, reference: Reference) -> np.ndarray:
             try:
-                return law(state, reference)["u"]
+                return printed(state, reference)["u"]
             except Unsolved:
                 return np.full(state.model.nu, np.nan)
 
-        return step
+        return u
 
-    return make
+    return [law(False), law(True)] if getattr(controller, "name", "") in PROGRAMMES else []
 
 
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:
@@ -148,9 +162,13 @@ class Subject:
 
     Parameters
     ----------
-    make : builds the controller; twice, since one copy's QP solvers (its `solvers`) are clocked.
-    steps : (q, v, reference) of every step.
-    stack : (controller, quadratic) → the paper's stack for it, if it is to be timed too.
+    model : SoftModel
+    make : callable
+        Builds the controller; twice, since one copy's QP solvers (its `solvers`) are clocked.
+    steps : sequence
+        (q, v, reference) of every step.
+    stack : callable, optional
+        Controller → the paper's stack for it, if that is to be timed too: see `paper_stack`.
     """
 
     def __init__(
@@ -158,7 +176,7 @@ class Subject:
         model: SoftModel,
         make: Callable[[SoftModel], Any],
         steps: Sequence[Step],
-        stack: Callable[[Any, bool], Law] | None = None,
+        stack: Callable[[Any], list[Law]] | None = None,
     ) -> None:
         self._model, self._steps = model, list(steps)
         self._law, self._looked_into = make(model), make(model)
@@ -171,94 +189,95 @@ class Subject:
                 law(state, reference)
         lazy = vars(state).keys() - given  # what the law made the State compute
         self._engine = engine_calls(model, gravity="g" in lazy, coriolis="C" in lazy)
-        self._stacks: dict[bool, Law] = {}
-        self._difference: float | None = None
-        if stack is not None:
-            self._add_stack(stack)
-
-    def _add_stack(self, make: Callable[[Any, bool], Law]) -> None:
-        """The paper's stack in both spellings, on a few states spread over all; warms it up."""
-        self._stacks = {quadratic: make(self._law, quadratic) for quadratic in (False, True)}
+        self._stacks = stack(self._law) if stack else []
         chosen = np.linspace(0, len(self._steps) - 1, min(STACK_STATES, len(self._steps)))
         self._stack_steps = [self._steps[i] for i in chosen.astype(int)]
+        self.stack_difference = self._difference() if self._stacks else None
+
+    def _difference(self) -> float:
+        """See `Times`; warms the stack up."""
         differences = []
         for q, v, reference in self._stack_steps:
             state = self._model.state(q, v)
             ours = self._law(state, reference).u
-            theirs = [stack(state, reference) for stack in self._stacks.values()]
-            differences.append(max(float(np.abs(ours - u).max()) for u in theirs))
+            theirs = [stack(state, reference) for stack in self._stacks]
+            differences.append(np.abs(np.subtract(theirs, ours)).max())
         span = float((self._model.u_max - self._model.u_min).max())
-        self._difference = float(np.nanmedian(differences)) / span
+        return float(np.nanmedian(differences)) / span
 
-    def begin(self, rounds: int) -> None:
-        """Make room for what is measured."""
-        shape = (rounds, len(self._steps))
-        self._ns = {name: np.zeros(shape) for name in ("dynamics", "law", "solve", "engine")}
-        self._native = np.zeros(shape)
-        self._stack_ns: dict[bool, list[int]] = {False: [], True: []}
-
-    def run(self, k: int) -> None:
-        """One round."""
-        ns, now = self._ns, perf_counter_ns
-        dynamics, law = ns["dynamics"][k], ns["law"][k]
-        state_of, controller = self._model.state, self._law
-        for i, (q, v, reference) in enumerate(self._steps):
+    def round(self, k: int) -> Round:
+        """Time everything once on every state, the stack on state `k` of its few."""
+        found, now = Round([], [], [], [], [], []), perf_counter_ns
+        dynamics, law, engine, solve, native, stacks = found
+        state_of, controller, pinocchio = self._model.state, self._law, self._engine
+        for q, v, reference in self._steps:
             began = now()
             state = state_of(q, v)
             halfway = now()
             controller(state, reference)
             ended = now()
-            dynamics[i], law[i] = halfway - began, ended - halfway
-        pinocchio, calls = self._engine, ns["engine"][k]
-        for i, (q, v, _) in enumerate(self._steps):
+            dynamics.append(halfway - began)
+            law.append(ended - halfway)
+        for q, v, _ in self._steps:
             began = now()
             pinocchio(q, v)
-            calls[i] = now() - began
-        if self._clocks:
-            self._look(ns["solve"][k], self._native[k])
-        for quadratic, stack in self._stacks.items():
-            # one state a round: its step takes as long as two hundred of ours
-            q, v, reference = self._stack_steps[k % len(self._stack_steps)]
+            engine.append(now() - began)
+        for q, v, reference in self._steps:
+            if self._clocks:
+                state = state_of(q, v)
+                for clock in self._clocks:
+                    clock.reset()
+                self._looked_into(state, reference)
+            solve.append(sum(clock.outside for clock in self._clocks))
+            native.append(sum(clock.inside * 1e3 for clock in self._clocks))
+        # one state a round: its step takes as long as two hundred of ours
+        q, v, reference = self._stack_steps[k % len(self._stack_steps)]
+        for stack in self._stacks:
             began = now()
             stack(state_of(q, v), reference)
-            self._stack_ns[quadratic].append(now() - began)
-
-    def _look(self, solve: np.ndarray, native: np.ndarray) -> None:
-        for i, (q, v, reference) in enumerate(self._steps):
-            state = self._model.state(q, v)
-            for clock in self._clocks:
-                clock.reset()
-            self._looked_into(state, reference)
-            solve[i] = sum(clock.outside for clock in self._clocks)
-            native[i] = sum(clock.inside for clock in self._clocks)
-
-    def times(self) -> Times:
-        """All rounds, in µs."""
-        stacks = {k: np.array(rows, float) / 1e3 for k, rows in self._stack_ns.items()}
-        return Times(
-            **{name: values / 1e3 for name, values in self._ns.items()},
-            native=self._native,
-            stack=stacks[False],
-            stack_quadratic=stacks[True],
-            stack_difference=self._difference,
-        )
+            stacks.append(now() - began)
+        return found
 
 
 def measure(
     subjects: Mapping[Key, Subject], rounds: int, tick: Callable[[], Any] = lambda: None
 ) -> dict[Key, Times]:
     """Time all subjects in turn, `rounds` times over; `tick` is called after every round."""
-    order = list(subjects.values())
-    shuffle = random.Random(0).shuffle
-    for subject in order:
-        subject.begin(rounds)
+    found: dict[Key, list[Round]] = {key: [] for key in subjects}
+    order, shuffle = list(subjects), random.Random(0).shuffle
     with quiet():
         for k in range(rounds):
             shuffle(order)
-            for subject in order:
-                subject.run(k)
+            for key in order:
+                found[key].append(subjects[key].round(k))
             tick()
-    return {key: subject.times() for key, subject in subjects.items()}
+    times = {}
+    for key, passes in found.items():
+        columns = zip(Round._fields, zip(*passes, strict=True), strict=True)
+        arrays: dict[str, Any] = {name: np.array(column) / 1e3 for name, column in columns}
+        times[key] = Times(**arrays, stack_difference=subjects[key].stack_difference)
+    return times
+
+
+def rows_of(
+    robot: str,
+    model: SoftModel,
+    makes: Mapping[str, Callable[[SoftModel], Any]],
+    steps: Sequence[Step],
+    rounds: int,
+    stack: Callable[[Any], list[Law]] | None = None,
+    tick: Callable[[], Any] = lambda: None,
+) -> list[dict[str, Any]]:
+    """The table of one robot: a row for each of the controllers `makes`, by name.
+
+    Other parameters are those of `Subject` and `measure`.
+    """
+    subjects = {law: Subject(model, make, steps, stack) for law, make in makes.items()}
+    size = {"n": model.nv, "m": model.nu}
+    return [
+        {"robot": robot, "controller": law, **size, **times.row()}
+        for law, times in measure(subjects, rounds, tick).items()
+    ]
 
 
 @contextmanager

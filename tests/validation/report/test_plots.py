@@ -10,7 +10,7 @@ import pytest
 
 from softdyn import InputError
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report import figures, input_figure, plot_data, plot_style, plots
+from softdyn.validation.report import figures, plot_data, plot_style, plots, time_figures
 from softdyn.validation.report.plot_data import Run, lyapunov_band, thin, thin_path
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark import Case
@@ -139,7 +139,7 @@ def test_the_users_own_settings_do_not_matter(full, tmp_path):
 
 
 def test_no_global_state_of_pyplot():
-    modules = (plots, figures, input_figure, plot_style, plot_data)
+    modules = (plots, figures, time_figures, plot_style, plot_data)
     assert not any("pyplot" in Path(module.__file__).read_text() for module in modules)
 
 

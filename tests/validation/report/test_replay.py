@@ -12,8 +12,8 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.validation import Log, simulate
-from softdyn.validation.report.comparison_figure import compare
 from softdyn.validation.report.replay import comparison, replay, replays, track
+from softdyn.validation.report.time_figures import compare
 from softdyn.validation.studies import paper
 
 

@@ -79,23 +79,23 @@ def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
     assert len(states) == 25
     assert set(states.loop) == {*(f"set_point {t:g}" for t in paper.THETAS), "tracking 0.5"}
     assert (states.t[states.loop == "tracking 0.5"] <= 0.6).all()
-    path = tmp_path / "states.npz"
+    path = tmp_path / "finger.npz"
     states.save(path)
     again = Recording.load(path)
     for name in ("q", "v", "y", "ydot", "yddot", "t", "loop", "digest"):
         assert np.array_equal(getattr(again, name), getattr(states, name))
-    assert recorded(finger, SoftIdClfQp, 25, path).q.tobytes() == states.q.tobytes()
+    assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").q.tobytes() == states.q.tobytes()
     path.write_bytes(b"no archive")
     with pytest.raises(InputError, match="recorded states"):
         Recording.load(path)
 
 
 def test_states_of_another_file_are_recorded_anew(finger, states, tmp_path):
-    path = tmp_path / "states.npz"
+    path = tmp_path / "finger.npz"
     other = Recording(*(getattr(states, n) for n in ("q", "v", "y", "ydot", "yddot", "t", "loop")),
                       digest="of another file")  # fmt: skip
     other.save(path)
-    assert recorded(finger, SoftIdClfQp, 25, path).digest != "of another file"
+    assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").digest != "of another file"
 
 
 def test_parts_and_floor(finger, states):
@@ -140,8 +140,8 @@ def test_the_papers_stack_finds_the_same_inputs(finger, states):
 
 
 def test_the_stack_is_timed_on_the_same_states(finger, states):
-    def stack(controller, quadratic):
-        return lambda state, reference: controller(state, reference).u
+    def stack(controller):
+        return [lambda state, reference: controller(state, reference).u] * 2
 
     subject = Subject(finger, SoftIdClfQp, states.steps(), stack)
     row = measure({"it": subject}, 2)["it"].row()

@@ -1,21 +1,25 @@
-"""The figure of the inputs and their bounds."""
+"""Figures over time: inputs and their bounds, and the errors of a few saved runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from softdyn.validation.files import atomic
 from softdyn.validation.loop.log import Log
 from softdyn.validation.report import plot_style as look
-from softdyn.validation.report.names import experiment_title
+from softdyn.validation.report.figures import FINEST
+from softdyn.validation.report.names import experiment_title, labels_of
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     Run,
     distinct,
+    finite_errors,
     main_controller,
     of,
     preferred,
@@ -54,24 +58,58 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
         names = [", ".join(every[i::cycle]) for i in range(min(cycle, nu))]
         handles = [look.handle(n, c) for n, c in zip(names, look.INPUTS, strict=False)]
         handles.append(look.handle("bounds", (look.NEUTRAL, look.DOTTED), linewidth=0.8))
-        if any(run.failed for run in shown):
-            handles.append(look.failed_handle())
+        handles += look.legend_handles({}, {}, any(run.failed for run in shown))
         row[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for axes in grid[-1]:
         axes.set_xlabel(look.TIME)
     return figure
 
 
+def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
+    """‖e‖ (cm, logarithmic) over time of every run, and below it every run's inputs.
+
+    A run that diverged is drawn up to its last finite sample.
+    """
+    rows = 1 + len(logs)
+    figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
+    (errors,), *inputs = grid
+    for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
+        error = np.maximum(finite_errors(log), FINEST)
+        kept = thin(error, bins=600)
+        name = f"{label} (failed)" if log.failed else label
+        t = log.t[: len(error)]
+        look.line(errors, t[kept], error[kept], look.INPUTS[i % len(look.INPUTS)], label=name)
+    errors.set_yscale("log")
+    errors.set_ylabel("‖e‖ (cm)")
+    errors.legend()
+    for (axes,), log, label in zip(inputs, logs, labels, strict=True):
+        if log.u.size:
+            draw_inputs(axes, log)
+            scale_inputs(axes, [log])
+        axes.set_ylabel(f"u ({log.u_unit})")
+        axes.set_title(label, loc="left")
+    errors.set_xlim(0, max(log.duration for log in logs))
+    grid[-1][0].set_xlabel(look.TIME)
+    return figure
+
+
+def save_comparison(
+    path: str | Path, logs: Sequence[Log], labels: Sequence[str] | None = None
+) -> None:
+    """Write the figure of `compare` as a PNG; `labels` are what tells the runs apart by default."""
+    with look.style():
+        figure = compare(logs, labels or labels_of(logs))
+        with atomic(path) as stream:
+            figure.savefig(stream, format="png", dpi=120)
+
+
 def draw_inputs(axes: Axes, run: Run | Log) -> None:
     """Every u_i of a run as it was held, and its bounds."""
     for i in range(run.u.shape[1]):
-        colour, dashes = look.INPUTS[i % len(look.INPUTS)]
         held = np.append(run.u[:, i], run.u[-1, i])[: len(run.t)]
         kept = thin(held, bins=600)
-        axes.plot(
-            run.t[kept], held[kept], color=colour, linestyle=dashes, linewidth=0.9,
-            drawstyle="steps-post",
-        )  # fmt: skip
+        colour = look.INPUTS[i % len(look.INPUTS)]
+        look.line(axes, run.t[kept], held[kept], colour, linewidth=0.9, drawstyle="steps-post")
     for bound in sorted({*run.u_min, *run.u_max}):
         if np.isfinite(bound):
             axes.axhline(bound, color=look.NEUTRAL, linestyle=look.DOTTED, linewidth=0.8)

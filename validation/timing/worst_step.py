@@ -1,0 +1,98 @@
+"""The slowest control step under hostile numbers: what a controller takes to fall back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from time import thread_time_ns
+from typing import Any
+
+import numpy as np
+
+from softdyn import Reference, SetPoint, SoftModel, State
+from softdyn.validation.tables import aligned
+from softdyn.validation.timing import hostile
+
+LIMIT_US = 5000.0
+COLUMNS = (
+    ("robot", "robot", ""),
+    ("controller", "controller", ""),
+    ("calls", "calls", "d"),
+    ("fell back", "fallbacks", "d"),
+    ("ordinary", "ordinary_us", ".0f"),
+    ("median", "median_us", ".0f"),
+    ("p99", "p99_us", ".0f"),
+    ("worst µs", "worst_us", ".0f"),
+    ("worst case", "worst_case", ""),
+)
+
+
+def cases(model: SoftModel) -> Iterator[tuple[str, State, Reference]]:
+    """(name, state, reference) of every hostile call, an ordinary one first."""
+    found = dict(hostile.states(model))
+    good, rest = found["inside, v ~ 1"], found["inside, at rest"]
+    goal = SetPoint(good.y + 0.01)
+    yield "ordinary", good, goal
+    yield "target at the tip, at rest", rest, SetPoint(rest.y)
+    for name, state in (*found.items(), *hostile.forged(good), *hostile.degenerate(good)):
+        yield name, state, goal
+    for name, reference in hostile.references().items():
+        yield name, good, reference
+
+
+def measure(model: SoftModel, controller: Any, repeats: int) -> dict[str, Any]:
+    """Times of one controller over all cases (µs), its fallbacks, the case that took longest.
+
+    The processor's time, not the clock's, and of `repeats` of a call the fastest: that takes out
+    what the machine was doing besides.
+    """
+    timed: list[tuple[float, str]] = []
+    wrong = 0
+    for name, state, reference in cases(model):
+        each = []
+        for _ in range(repeats):
+            began = thread_time_ns()
+            u = controller(state, reference).u
+            each.append((thread_time_ns() - began) / 1e3)
+        timed.append((min(each), name))
+        wrong += not ((model.u_min <= u) & (u <= model.u_max)).all()
+    times = [time for time, _ in timed]
+    worst, case = max(timed)
+    return {
+        "calls": len(times),
+        "fallbacks": controller.guard.fallbacks // repeats,
+        "ordinary_us": times[0],
+        "median_us": float(np.median(times)),
+        "p99_us": float(np.percentile(times, 99)),
+        "worst_us": worst,
+        "worst_case": case,
+        "wrong": wrong,
+    }
+
+
+def survey(
+    models: Mapping[str, SoftModel],
+    makes: Mapping[str, Callable[[SoftModel], Any]],
+    repeats: int,
+    tick: Callable[[], Any] = lambda: None,
+) -> dict[str, Any]:
+    """A row for every robot and controller, and whether all were fast and within bounds."""
+    rows = []
+    for robot, model in models.items():
+        for name, make in makes.items():
+            row = measure(model, make(model), repeats)
+            rows.append({"robot": robot, "controller": name, **row})
+            tick()
+    worst, wrong = max(row["worst_us"] for row in rows), sum(row["wrong"] for row in rows)
+    passed = worst <= LIMIT_US and not wrong
+    return {
+        "rows": rows, "worst_us": worst, "limit_us": LIMIT_US, "wrong": wrong, "passed": passed
+    }  # fmt: skip
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """The report for a terminal."""
+    return (
+        f"{aligned(COLUMNS, report['rows'])}\n"
+        f"slowest step {report['worst_us'] / 1e3:.2f} ms, limit {LIMIT_US / 1e3:g} ms; "
+        f"{report['wrong']} answers not finite or out of bounds"
+    )
