@@ -1,1 +1,6 @@
-"""Damaged files by the thousand, and what may come of them."""
+"""Damaged files by the thousand, and what may come of them.
+
+- `inputs`: a base file, a seed and a number in, a damaged file out
+- `verdict`: what becomes of one: refused in one line, accepted and read alike, or a finding
+- `campaign`: many of them, each in a process that may die of it, and the report
+"""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ LARGEST, SMALLEST, CONDITION, TOLERANCE = 1e3, 1e-9, 1e8, 1e-7
 LARGEST_TREE = 60  # links; MuJoCo takes seconds to compile the largest ones
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """`kind` is one of those above; `deep` says that both engines had their say."""
 
     kind: str

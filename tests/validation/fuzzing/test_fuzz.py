@@ -11,6 +11,7 @@ import pytest
 
 from softdyn import Robot, SoftdynError, parse
 from softdyn.commands import fuzz
+from softdyn.validation.fuzzing import campaign
 from softdyn.validation.fuzzing.inputs import mutant
 from softdyn.validation.fuzzing.verdict import (
     ACCEPTED,
@@ -60,7 +61,7 @@ def test_what_was_found_once_is_found_no_more(path: Path, tmp_path: Path) -> Non
 
 
 def test_inputs_depend_on_seed_and_number_alone() -> None:
-    bases = fuzz.base_files(fuzz.CORPUS)
+    bases = campaign.base_files(fuzz.CORPUS)
     drawn = [mutant(bases, 3, k) for k in range(50)]
     assert [mutant(bases, 3, k) for k in reversed(range(50))] == drawn[::-1]
     assert len(set(drawn)) > 45
@@ -183,7 +184,7 @@ def _written(path: Path, text: str) -> Path:
 
 
 def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
-    outcomes = list(fuzz.in_a_process([], 0, range(8), fragile))
+    outcomes = list(campaign.in_a_process([], 0, range(8), fragile))
     assert [index for index, _, _ in outcomes] == list(range(8))
     kinds = [kind for _, (kind, _, _), _ in outcomes]
     assert kinds == [ACCEPTED, ACCEPTED, "crash", ACCEPTED, ACCEPTED, "hang", ACCEPTED, ACCEPTED]
@@ -191,11 +192,11 @@ def test_a_dead_process_is_a_finding_and_is_replaced() -> None:
 
 def test_inputs_behind_findings_are_kept(tmp_path: Path, monkeypatch, capsys) -> None:
     found = [(0, ("refused", "x", False), 0.1), (1, ("crash", "exit code -11", False), 0.0)]
-    monkeypatch.setattr(fuzz, "in_a_process", lambda *_: iter(found))
+    monkeypatch.setattr(campaign, "in_a_process", lambda *_: iter(found))
     assert fuzz.main(["--count", "2", "--out", str(tmp_path / "kept")]) == 1
     assert "1: crash: exit code -11" in capsys.readouterr().out
     kept = tmp_path / "kept" / "0-1.urdf"
-    assert kept.read_bytes() == mutant(fuzz.base_files(fuzz.CORPUS), 0, 1).data
+    assert kept.read_bytes() == mutant(campaign.base_files(fuzz.CORPUS), 0, 1).data
 
 
 def test_bad_arguments(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -1,0 +1,190 @@
+"""Many damaged files in turn, each loaded in a process that may die of it; what became of them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import resource
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from softdyn import InputError
+from softdyn.description.library import BUNDLED
+from softdyn.validation.files import atomic
+from softdyn.validation.fuzzing.inputs import Base, mutant
+from softdyn.validation.fuzzing.verdict import (
+    ACCEPTED,
+    CRASH,
+    FINDINGS,
+    HANG,
+    REFUSED,
+    Verdict,
+    judge,
+)
+
+CPU_LIMIT, WALL_LIMIT = 5, 60.0  # s an input; the processor's time counts, whatever else it does
+MEMORY = 6 * 2**30  # bytes of address space a process may have
+DEEP = 3  # one input in so many, where it is accepted, is compared term by term in both engines
+
+
+class Outcome(NamedTuple):
+    """What became of an input, and the processor's time that took (s)."""
+
+    number: int
+    verdict: Verdict
+    seconds: float
+
+
+def base_files(corpus: Path) -> list[Base]:
+    """The bundled robots and the corpus's own, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        There is no URDF in ``base/``.
+    """
+    own = sorted(corpus.glob("base/*.urdf"))
+    if not own:
+        raise InputError("--corpus", "a folder with base/*.urdf", corpus)
+    bundled = [BUNDLED / f"{name}.urdf" for name in ("finger", "spirob")]
+    # small ones twice as often
+    found = [Base(path.read_bytes()) for path in (*bundled, *own, *own)]
+    for path in sorted(corpus.glob("base/*.xml")):  # each of the URDF named first in its name
+        of = path.with_name(f"{path.stem.partition('-')[0]}.urdf")
+        found.append(Base(path.read_bytes(), of.read_bytes()))
+    return found
+
+
+def campaign(
+    bases: Sequence[Base],
+    seed: int,
+    numbers: range,
+    keep: Path | None = None,
+    tick: Callable[[], Any] = lambda: None,
+) -> dict[str, Any]:
+    """Judge the inputs with these numbers; returns the report.
+
+    Parameters
+    ----------
+    bases : sequence of Base
+    seed : int
+    numbers : range
+    keep : Path, optional
+        A folder for the inputs with a finding.
+    tick : callable
+        Called after every input.
+    """
+    kinds, refusals = Counter[str](), Counter[str]()
+    findings, deep, slowest, began = [], 0, (0.0, -1), time.perf_counter()
+    for index, (kind, detail, compared), seconds in in_a_process(bases, seed, numbers):
+        kinds[kind] += 1
+        deep += compared
+        slowest = max(slowest, (seconds, index))
+        if kind == REFUSED:
+            refusals[detail] += 1
+        elif kind != ACCEPTED:
+            findings.append({"index": index, "kind": kind, "detail": detail})
+            if keep is not None:
+                base = mutant(bases, seed, index)
+                kind_of_file = "urdf" if base.of is None else "xml"
+                with atomic(keep / f"{seed}-{index}.{kind_of_file}") as file:
+                    file.write(base.data)
+        tick()
+    return {
+        "seed": seed,
+        "first": numbers.start,
+        "count": len(numbers),
+        "bases": len(bases),
+        "refused": kinds[REFUSED],
+        "accepted": kinds[ACCEPTED],
+        "compared_in_both_engines": deep,
+        "findings": {kind: kinds[kind] for kind in FINDINGS},
+        "inputs_with_findings": findings,
+        "kinds_of_refusal": len(refusals),
+        "refusals": dict(refusals.most_common()),
+        "slowest_s": slowest[0],
+        "slowest_index": slowest[1],
+        "wall_s": time.perf_counter() - began,
+    }
+
+
+def summary(report: dict[str, Any]) -> str:
+    """The counts for people."""
+    lines = [
+        f"{report['count']} inputs from number {report['first']} of seed {report['seed']}, "
+        f"{report['bases']} base files, {report['wall_s']:.0f} s",
+        f"refused {report['refused']}, in {report['kinds_of_refusal']} ways",
+        f"accepted {report['accepted']}, "
+        f"{report['compared_in_both_engines']} of them compared in both engines",
+        f"slowest {report['slowest_s']:.2f} s, number {report['slowest_index']}",
+    ]
+    lines += [f"{kind:<16}{number}" for kind, number in report["findings"].items()]
+    for found in report["inputs_with_findings"][:20]:
+        lines.append(f"  {found['index']}: {found['kind']}: {found['detail'][:200]}")
+    return "\n".join(lines)
+
+
+def work(pipe: Any, bases: Sequence[Base], seed: int) -> None:
+    """Judge inputs by their numbers until the pipe closes: a process of `in_a_process`."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the engines' own complaints
+    _, ceiling = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        judge(bases[0].data, path, True)
+        pipe.send("ready")
+        while True:
+            try:
+                index = pipe.recv()
+            except EOFError:
+                return
+            base, began = mutant(bases, seed, index), time.process_time()
+            resource.setrlimit(resource.RLIMIT_CPU, (int(began) + CPU_LIMIT + 2, ceiling))
+            verdict = judge(base.data, path, index % DEEP == 0, base.of)
+            seconds = time.process_time() - began
+            if seconds > CPU_LIMIT:
+                verdict = Verdict(HANG, f"{seconds:.1f} s")
+            pipe.send((verdict, seconds))
+
+
+def in_a_process(
+    bases: Sequence[Base], seed: int, numbers: range, worker: Callable[..., None] = work
+) -> Iterator[Outcome]:
+    """The outcome of each input, by a process that is replaced when it dies."""
+    context = multiprocessing.get_context("spawn")
+    todo = list(numbers)[::-1]
+    while todo:
+        ours, theirs = context.Pipe()
+        process = context.Process(target=worker, args=(theirs, bases, seed), daemon=True)
+        process.start()
+        theirs.close()
+        try:
+            ours.recv()  # ready
+            while todo:
+                ours.send(todo[-1])
+                if not ours.poll(WALL_LIMIT):
+                    late = Verdict(HANG, f"no answer within {WALL_LIMIT:g} s")
+                    yield Outcome(todo.pop(), late, 0.0)
+                    break
+                verdict, seconds = ours.recv()
+                yield Outcome(todo.pop(), verdict, seconds)
+        except EOFError:
+            process.join()
+            yield Outcome(todo.pop(), _dead(process.exitcode), 0.0)
+        finally:
+            ours.close()
+            process.kill()
+            process.join()
+
+
+def _dead(code: int | None) -> Verdict:
+    """The verdict on a process that ended by itself."""
+    if code == -signal.SIGXCPU:
+        return Verdict(HANG, f"more than {CPU_LIMIT} s")
+    return Verdict(CRASH, f"exit code {code}")
