@@ -1,1 +1,17 @@
-"""The robot in the browser: scene, tendon paths, pages, the server on the loopback."""
+"""The robot in the browser.
+
+Which file holds what
+---------------------
+scene
+    A robot as plain data: links, shapes, cables; the colour of a cable by its tension (`TENSION`).
+tendon_paths
+    Where to draw a fixed tendon, which has a length but no path.
+rest_sweep
+    The motion that ``scripts/view.py`` shows: at rest, then what each input does.
+page
+    One HTML page of robots in motion, replayed or live.
+server
+    The page on this machine's loopback; the one file that imports Meshcat.
+web
+    What runs in the browser: page, style, player.
+"""

@@ -61,20 +61,11 @@ class Track:
     @property
     def data(self) -> dict[str, Any]:
         """The track as JSON."""
-        return {
-            "figure": self.figure,
+        return vars(self) | {
             "frames": base64.b64encode(self.frames.astype("<f4").tobytes()).decode(),
-            "label": self.label,
-            "note": self.note,
-            "colour": self.colour,
             "tint": self.colour if self.tint else None,
-            "opacity": self.opacity,
-            "offset": list(self.offset),
-            "aims": self.aims,
             "path": None if self.path is None else np.round(self.path, 5).tolist(),
-            "failed": self.failed,
             "full": None if self.full is None else np.asarray(self.full).tolist(),
-            "balls": [list(ball) for ball in self.balls],
         }
 
 
@@ -91,13 +82,7 @@ class Run:
     @property
     def data(self) -> dict[str, Any]:
         """The run as JSON."""
-        return {
-            "title": self.title,
-            "tracks": [track.data for track in self.tracks],
-            "duration": self.duration,
-            "loop": self.loop,
-            "notes": [list(note) for note in self.notes],
-        }
+        return vars(self) | {"tracks": [track.data for track in self.tracks]}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from softdyn.description.robot import Joint, Robot, levels, poses
 from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
+from softdyn.dynamics.mimic import MimicModel
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.tendon_paths import Path, fixed_path
 
@@ -80,34 +83,23 @@ class Figure:
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link at the configuration q (nq,)."""
-        robot, model = self.model.robot, self.model
-        values = dict(zip(model.joint_names, model.coordinates(q), strict=True))
-        base = np.eye(4)
-        if robot.floating:
-            place = list(values.values())[:6]
-            base[:3, 3], base[:3, :3] = place[:3], _rotation(np.array(place[3:]))
-        placed = {robot.root: base}
-        depth = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
-        for joint in sorted(robot.joints, key=lambda joint: depth[joint.child]):
-            move = np.eye(4)
-            if joint.moves:
-                follows = joint.mimic
-                x = values[joint.name] if follows is None else (
-                    follows.multiplier * values[follows.leader] + follows.offset)  # fmt: skip
-                if joint.kind == "prismatic":
-                    move[:3, 3] = x * joint.axis
-                else:
-                    move[:3, :3] = _rotation(x * joint.axis)
-            placed[joint.child] = placed[joint.parent] @ _matrix(joint) @ move
-        return placed
+        tree, full = self.model, q
+        if isinstance(self.model, MimicModel):
+            tree, full = self.model.tree, self.model.expand(q)
+        engine = tree.pin_model
+        data = engine.createData()
+        pin.framesForwardKinematics(engine, data, np.asarray(full, float))
+        return {
+            link.name: data.oMf[engine.getFrameId(link.name, pin.BODY)].homogeneous
+            for link in tree.robot.links
+        }
 
     @property
     def data(self) -> dict[str, Any]:
         """The figure as JSON; matrices column by column, meshes in base64."""
         robot, model = self.model.robot, self.model
-        links = {name: i for i, name in enumerate(n for level in _levels(robot) for n in level)}
-        meshes: dict[int, Mesh] = {id(s.shape): s.shape for s in self.shapes
-                                   if isinstance(s.shape, Mesh)}  # fmt: skip
+        links = {name: i for i, name in enumerate(chain(*levels(robot.root, robot.joints)))}
+        meshes = {id(s.shape): s.shape for s in self.shapes if isinstance(s.shape, Mesh)}
         number = {key: i for i, key in enumerate(meshes)}
         order = {name: i for i, name in enumerate(model.joint_names)}
         joints = sorted(robot.joints, key=lambda joint: links[joint.child])
@@ -123,7 +115,7 @@ class Figure:
                 {
                     "parent": links[joint.parent],
                     "child": links[joint.child],
-                    "pose": _columns(_matrix(joint)),
+                    "pose": _columns(_pose(joint.rotation, joint.translation)),
                     "axis": joint.axis.tolist(),
                     "slides": joint.kind == "prismatic",
                     "turns": joint.kind == "continuous",
@@ -145,36 +137,27 @@ class Figure:
                 for shape in self.shapes
             ],
             "cables": [
-                {
-                    "name": cable.name,
-                    "sites": [
-                        [links[link], *np.asarray(xyz).tolist()] for link, xyz in cable.sites
-                    ],
+                vars(cable)
+                | {
+                    "sites": [[links[link], *xyz.tolist()] for link, xyz in cable.sites],
                     "weights": cable.weights.tolist(),
-                    "limit": cable.limit,
-                    "side": cable.side,
                 }
                 for cable in self.cables
             ],
         }
 
 
-def tension_colour(part: float) -> tuple[float, ...]:
+def tension_colour(part: float) -> tuple[float, float, float]:
     """RGB in 0 … 1 of a tension as a part of full; the cube root, as most are a few per cent."""
     at = float(np.cbrt(np.clip(part, -1, 1)))
     stops = [stop for stop, _ in TENSION]
-    return tuple(
-        float(np.interp(at, stops, [rgb[k] / 255 for _, rgb in TENSION])) for k in range(3)
-    )
+    red, green, blue = (np.interp(at, stops, [rgb[k] for _, rgb in TENSION]) for k in range(3))
+    return float(red) / 255, float(green) / 255, float(blue) / 255
 
 
-def _levels(robot: Robot) -> Iterator[list[str]]:
-    return levels(robot.root, robot.joints)
-
-
-def _matrix(joint: Joint) -> np.ndarray:
+def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = joint.rotation, joint.translation
+    pose[:3, :3], pose[:3, 3] = rotation, translation
     return pose
 
 
@@ -184,16 +167,6 @@ def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
         return {"index": order.get(joint.name, -1), "gain": 1, "offset": 0}
     follows = joint.mimic
     return {"index": order[follows.leader], "gain": follows.multiplier, "offset": follows.offset}
-
-
-def _rotation(vector: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) of a rotation vector (3,), by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def _columns(matrix: np.ndarray) -> list[float]:
@@ -254,17 +227,8 @@ def _sticks(robot: Robot) -> Iterator[Visual]:
     for joint in robot.joints:
         length = float(np.linalg.norm(joint.translation))
         if length > 0:
-            pose = np.eye(4)
-            pose[:3, :3] = _towards(joint.translation / length)
-            pose[:3, 3] = joint.translation / 2
+            along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), joint.translation)
+            pose = _pose(along.matrix(), joint.translation / 2)
             yield Visual(joint.parent, pose, Cylinder(0.018 * size, length), STICK)
         if joint.moves or joint.child == robot.task:
             yield Visual(joint.child, np.eye(4), Sphere(0.03 * size), STICK)
-
-
-def _towards(direction: np.ndarray) -> np.ndarray:
-    """A rotation (3, 3) that turns z into `direction` (3,)."""
-    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    x = np.cross(other, direction)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(direction, x), direction], axis=1)

@@ -9,10 +9,11 @@ at which it clears the link's shapes, not the moment arm.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
-from softdyn.description.robot import Joint, Robot, Tendon, children, poses
+from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
 from softdyn.description.visuals import Visual, triangles
 
 Path = list[tuple[str, np.ndarray]]
@@ -30,21 +31,21 @@ def fixed_path(robot: Robot, tendon: Tendon, shapes: Sequence[Visual], side: int
     coefs = {term.joint: term.coef for term in tendon.terms}
     depth = {name: len(robot.chain(name)) for name in placed}
     spanned = sorted((j for j in robot.joints if j.name in coefs), key=lambda j: depth[j.child])
-    chains: list[list[Joint]] = []
+    spans: list[list[Joint]] = []
     for joint in spanned:
         above = robot.chain(joint.parent)
-        for chain in chains:
-            if chain[-1] in above:
-                chain.append(joint)
+        for span in spans:
+            if span[-1] in above:
+                span.append(joint)
                 break
         else:
-            chains.append([joint])
-    return [_along(robot, chain, coefs, shapes, side, placed) for chain in chains]
+            spans.append([joint])
+    return [_along(robot, span, coefs, shapes, side, placed) for span in spans]
 
 
 def _along(
     robot: Robot,
-    chain: list[Joint],
+    span: list[Joint],
     coefs: dict[str, float],
     shapes: Sequence[Visual],
     side: int,
@@ -57,7 +58,7 @@ def _along(
         path.append((link, rotation.T @ (point - translation)))
 
     beside = []
-    for joint in chain:
+    for joint in span:
         rotation, _ = placed[joint.child]
         along, length = _direction(robot, joint, placed)
         if joint.kind == "prismatic":
@@ -75,7 +76,7 @@ def _along(
         add(joint.parent, point - min(distance, 0.4 * before) * along)
         add(joint.child, point + min(distance, 0.4 * length) * along)
         before = length
-    add(chain[-1].child, point + 0.6 * length * along)
+    add(span[-1].child, point + 0.6 * length * along)
     return path
 
 
@@ -84,15 +85,11 @@ def _direction(
 ) -> tuple[np.ndarray, float]:
     """From the joint to the next one that lies elsewhere: unit vector (3,) and distance (m)."""
     origin = placed[joint.child][1]
-    below = children(robot.joints)
-    front = [joint.child]
-    while front:
-        link = front.pop(0)
+    for link in chain(*levels(joint.child, robot.joints)):
         step = placed[link][1] - origin
         length = float(np.linalg.norm(step))
         if length > 1e-9:
             return step / length, length
-        front += [other.child for other in below.get(link, ())]
     length = max(robot.length, 1e-3) / 4  # the last link of a chain without a tip frame
     return placed[joint.child][0] @ _diagonal(joint.axis), length
 
@@ -113,18 +110,14 @@ def _distance(
     placed: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> float:
     """How far beside the joint the cable clears the shapes of the first link below with any."""
-    below = children(robot.joints)
-    front, origin = [joint.child], placed[joint.child][1]
-    while front:
-        link = front.pop(0)
+    origin = placed[joint.child][1]
+    for link in chain(*levels(joint.child, robot.joints)):
         rotation, translation = placed[link]
         reach = [
-            (points @ rotation.T + translation - origin) @ normal
+            float(((triangles(shape) @ rotation.T + translation - origin) @ normal).max())
             for shape in shapes
             if shape.link == link
-            for points in [triangles(shape).reshape(-1, 3)]
         ]
         if reach:
-            return max(CLEARANCE * float(np.concatenate(reach).max()), 0.01 * robot.length)
-        front += [other.child for other in below.get(link, ())]
+            return max(CLEARANCE * max(reach), 0.01 * robot.length)
     return 0.03 * max(robot.length, 1e-3)

@@ -1,1 +1,21 @@
-"""Pinocchio against MuJoCo, term by term and along trajectories."""
+"""Pinocchio against MuJoCo, and what statics says against MuJoCo.
+
+Which file holds what
+---------------------
+crosscheck
+    `crosscheck`: every quantity at random states, with its tolerance.
+mujoco_terms
+    MuJoCo's own answer to each term of the dynamics.
+trajectories
+    Both engines along time, and their ladders of steps.
+result
+    What a cross-check found, and its text.
+batch
+    Many robots: the catalogue of example-robot-data, or random ones.
+random_robots
+    A seed in, URDF text out.
+rests
+    Whether the twin stays at an equilibrium.
+rest_report
+    Where a robot can rest, judged by the twin, and its text.
+"""
