@@ -117,6 +117,12 @@ class Log:
         return len(self.u)
 
     @property
+    def finite_samples(self) -> int:
+        """Number of samples before the first that is not finite, which a diverged run ends with."""
+        finite = np.isfinite(self.error).all(axis=1) & np.isfinite(self.q).all(axis=1)
+        return len(finite) if finite.all() else int(np.argmin(finite))
+
+    @property
     def final_error_cm(self) -> float:
         """‖e(T)‖ (cm) of the run's final state, the paper's SP; NaN when the run ended early."""
         return CM * float(np.linalg.norm(self.error[-1])) if self.complete else math.nan

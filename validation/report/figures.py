@@ -46,7 +46,7 @@ def lyapunov(runs: Sequence[Run], kind: str) -> Figure | None:
     shown = {robot: band for robot, band in bands.items() if band is not None}
     if not shown:
         return None
-    span = 2.0 if kind == "tracking" else max(run.duration for run in runs)
+    span = 2.0 if kind == "tracking" else max(run.log.duration for run in runs)
     figure, ((axes,),) = look.panels(1, 1, look.COLUMN, 2.5)
     for robot, band in shown.items():
         colour, _ = colours[robot]
@@ -72,31 +72,30 @@ def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
     if not runs:
         return None
     width = max(look.COLUMN, 1.7 * len(runs) + 0.36)
-    spans = [np.ptp(np.vstack([run.y, run.y_ref])[:, [0, 2]], axis=0) for run in runs]
+    spans = [np.ptp(np.vstack([run.path, run.goal]), axis=0) for run in runs]
     x, z = np.maximum(np.max(spans, axis=0), 1e-3)
     height = np.clip((width - 0.9) / len(runs) * z / x, 0.8, 3.0) + 1.0
     figure, (row,) = look.panels(1, len(runs), width, float(height), sharex=True, sharey=True)
-    longest = max(run.duration for run in runs)
+    longest = max(run.log.duration for run in runs)
     norm = PowerNorm(0.4, 0, longest)  # most happens at the beginning
     for i, (axes, run) in enumerate(zip(row, runs, strict=True)):
-        kept = thin_path(run.y[:, [0, 2]], PATH_TOLERANCE)
-        points = run.y[kept][:, [0, 2]]
+        log = run.log
+        kept = thin_path(run.path, PATH_TOLERANCE)
+        points = run.path[kept]
         (x, z), end = points[0], points[-1]
         lines = LineCollection(
-            list(np.stack((points[:-1], points[1:]), axis=1)), array=run.t[kept][:-1], norm=norm,
+            list(np.stack((points[:-1], points[1:]), axis=1)), array=log.t[kept][:-1], norm=norm,
             cmap="viridis", capstyle="round", linewidth=1.4,
         )  # fmt: skip
         axes.add_collection(lines)
         axes.plot(x, z, "o", color=look.BLACK, markerfacecolor="white", zorder=3)
-        axes.plot(*run.y_ref[-1, [0, 2]], "+", color=look.VERMILLION, markersize=9, mew=1.4)
-        if run.failed:
+        axes.plot(*run.goal[-1], "+", color=look.VERMILLION, markersize=9, mew=1.4)
+        if log.failed:
             axes.plot(*end, color=look.NEUTRAL, **look.FAILED)
         axes.set_aspect("equal")
-        final = (
-            f"‖e(T)‖ = {run.error[-1]:.2g} cm" if run.complete else f"ended at {run.t[-1]:.2g} s"
-        )
+        reached, ended = f"‖e(T)‖ = {run.error[-1]:.2g} cm", f"ended at {log.t[-1]:.2g} s"
         title = experiment_title("set_point", run.case.value)
-        look.letter(axes, i, f"{title}\n{final}")
+        look.letter(axes, i, f"{title}\n{reached if log.complete else ended}")
         axes.set_xlabel("x (cm)")
         axes.xaxis.set_major_locator(MaxNLocator(TICKS))
     row[0].set_ylabel("z (cm)")
@@ -107,7 +106,7 @@ def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
         look.handle(
             "target $(x_d, z_d)$", (look.VERMILLION, ""), marker="+", markersize=9, mew=1.4
         ),
-        *look.legend_handles({}, {}, any(run.failed for run in runs)),
+        *look.legend_handles({}, {}, any(run.log.failed for run in runs)),
     ]
     look.legend_above(figure, handles)
     return figure
@@ -135,20 +134,20 @@ def tracking(runs: Sequence[Run]) -> Figure | None:
 
 def draw_second_cycles(axes: Axes, runs: Sequence[Run], colours: dict[str, Any]) -> None:
     """One robot's reference and tips from half of the planned duration on."""
-    reference = max(runs, key=lambda run: len(run.t)).y_ref[:, [0, 2]]
+    reference = max(runs, key=lambda run: len(run.log.t)).goal
     axes.plot(*reference.T, color=look.REFERENCE, linewidth=REFERENCE_WIDTH, zorder=1)
     early = []
     for run in runs:
         name = run.case.controller
-        second = run.t >= run.duration / 2 * (1 - 1e-9)
+        second = run.log.t >= run.log.duration / 2 * (1 - 1e-9)
         if not second.any():
-            early.append(f"{look.controller_title(name)}, {run.t[-1]:.2g} s")
+            early.append(f"{look.controller_title(name)}, {run.log.t[-1]:.2g} s")
             continue
-        path = run.y[second][:, [0, 2]]
+        path = run.path[second]
         path = path[thin_path(path, PATH_TOLERANCE)]
         wild = length(path) > WILD_LENGTHS * length(reference) / 2
         look.line(axes, path[:, 0], path[:, 1], colours[name], **weight(run, wild))
-        if run.failed:
+        if run.log.failed:
             axes.plot(*path[-1], color=colours[name][0], zorder=4, **look.FAILED)
     if early:
         text = "\n".join(("ended before:", *early))
@@ -175,11 +174,11 @@ def errors(runs: Sequence[Run], kind: str) -> Figure | None:
                 error = np.maximum(run.error, FINEST)
                 kept = thin(error, bins=200)
                 wild = np.abs(np.diff(np.log10(error[kept]))).sum() > WILD_DECADES
-                look.line(axes, run.t[kept], error[kept], colour, **weight(run, wild))
-                if run.failed:
-                    axes.plot(run.t[-1], error[-1], color=colour[0], zorder=4, clip_on=False,
+                look.line(axes, run.log.t[kept], error[kept], colour, **weight(run, wild))
+                if run.log.failed:
+                    axes.plot(run.log.t[-1], error[-1], color=colour[0], zorder=4, clip_on=False,
                               **look.FAILED)  # fmt: skip
-            axes.set_xlim(0, max(run.duration for run in of(runs, value=value)))
+            axes.set_xlim(0, max(run.log.duration for run in of(runs, value=value)))
             axes.xaxis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
             log_axis(axes)
         row[0].set_ylabel(f"{look.robot_title(robot)}\n‖e‖ (cm)")
@@ -194,7 +193,7 @@ def errors(runs: Sequence[Run], kind: str) -> Figure | None:
 def legend(runs: Sequence[Run], colours: dict[str, look.Look]) -> list[Line2D]:
     """Handles for the runs' controllers, and for the mark of a failed run if one is."""
     titles = {name: look.controller_title(name) for name in distinct(runs, "controller")}
-    return look.legend_handles(titles, colours, any(run.failed for run in runs))
+    return look.legend_handles(titles, colours, any(run.log.failed for run in runs))
 
 
 def weight(run: Run, wild: bool) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,77 +11,60 @@ from typing import Any, TypeVar
 import numpy as np
 
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.metrics import CM
 from softdyn.validation.studies.benchmark import Case
 
 OURS = "soft-id-clf-qp"  # the paper's controller
 EXAMPLE = {"set_point": 0.5, "tracking": 0.2}  # what single examples show, in multiples of π
 Value = TypeVar("Value")
-CM = 100.0  # per m
 FLOOR = 1e-12  # what V/V(0) is drawn at least as, for the logarithm
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A case and the part of its log that the figures need.
+    """A case and its log, up to the first sample that is not finite, a diverged run's last.
 
     Attributes
     ----------
-    t : (N + 1,) time (s).
-    y, y_ref : (N + 1, 3) tip and reference (cm).
-    error : (N + 1,) ‖e‖ (cm).
-    u, u_min, u_max, u_unit : (N, nu) input, its bounds (nu,) and its unit.
-    V : (N,) Lyapunov function, NaN where the controller has none.
-    duration : the planned one (s).
-    complete, failed : whether it reached its end, and whether it counts as failed.
+    case : Case
+        What was run.
+    log : Log
+        N + 1 samples.
+    error : np.ndarray, (N + 1,)
+        ‖e‖ (cm).
     """
 
     case: Case
-    t: np.ndarray
-    y: np.ndarray
-    y_ref: np.ndarray
+    log: Log
     error: np.ndarray
-    u: np.ndarray
-    u_min: np.ndarray
-    u_max: np.ndarray
-    u_unit: str
-    V: np.ndarray
-    duration: float
-    complete: bool
-    failed: bool
 
     @classmethod
     def load(cls, case: Case, path: Path) -> Run:
-        """Read a case's log; samples that are not finite, a diverged run's last, are left out."""
+        """Read a case's log."""
         log = Log.load(path)
-        error = finite_errors(log)
-        n = len(error)
-        return cls(
-            case,
-            log.t[:n],
-            CM * log.y[:n],
-            CM * log.y_ref[:n],
-            error,
-            log.u[:n],
-            log.u_min,
-            log.u_max,
-            log.u_unit,
-            log.V[:n],
-            log.duration,
-            log.complete,
-            log.failed,
-        )
+        n = log.finite_samples
+        kept = {name: getattr(log, name)[:n] for name in ("t", "y", "y_ref", "u", "V")}
+        return cls(case, replace(log, **kept), finite_errors(log))
+
+    @property
+    def path(self) -> np.ndarray:
+        """(N + 1, 2) the tip's x and z (cm)."""
+        return CM * self.log.y[:, [0, 2]]
+
+    @property
+    def goal(self) -> np.ndarray:
+        """(N + 1, 2) the reference's x and z (cm)."""
+        return CM * self.log.y_ref[:, [0, 2]]
 
     @property
     def progress(self) -> np.ndarray:
         """(N + 1,) time as a part of the planned duration."""
-        return self.t / self.duration
+        return self.log.t / self.log.duration
 
 
 def finite_errors(log: Log) -> np.ndarray:
     """‖e‖ (cm) of a log's samples, up to the first that is not finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        error = CM * np.linalg.norm(log.error, axis=1)
-    return error if np.isfinite(error).all() else error[: np.argmin(np.isfinite(error))]
+    return CM * np.linalg.norm(log.error[: log.finite_samples], axis=1)
 
 
 def of(
@@ -119,12 +102,15 @@ def thin(*columns: np.ndarray, bins: int = 400) -> np.ndarray:
 
     Parameters
     ----------
-    columns : (N,) each, of one length and finite.
-    bins : parts of equal length that the samples are divided into.
+    columns : np.ndarray, (N,)
+        Of one length and finite.
+    bins : int
+        Parts of equal length that the samples are divided into.
 
     Returns
     -------
-    (K,) increasing indices, K ≤ 2 · bins · number of columns + 2; all where that is not fewer.
+    np.ndarray, (K,)
+        Increasing, K ≤ 2 · bins · number of columns + 2; all where that is not fewer.
     """
     n = len(columns[0])
     if n <= 2 * bins * len(columns) + 2:
@@ -159,9 +145,12 @@ class Band:
 
     Attributes
     ----------
-    s : (K,) the curve parameter, 0 … 1 over the planned duration.
-    mean, low, high : (K,) over the runs that got there.
-    ends : (s, value) of the last sample of each failed run.
+    s : np.ndarray, (K,)
+        The curve parameter, 0 … 1 over the planned duration.
+    mean, low, high : np.ndarray, (K,)
+        Over the runs that got there.
+    ends : list[tuple[float, float]]
+        (s, value) of the last sample of each failed run.
     """
 
     s: np.ndarray
@@ -177,9 +166,9 @@ def lyapunov_band(runs: Sequence[Run], bins: int = 300) -> Band | None:
     A peak shows in `high` however short it is. Runs from V(0) = 0 have no normalised V.
     """
     curves = [
-        (run, np.maximum(run.V / run.V[0], FLOOR))
+        (run, np.maximum(run.log.V / run.log.V[0], FLOOR))
         for run in runs
-        if len(run.V) and np.isfinite(run.V).all() and run.V[0] > 0
+        if len(run.log.V) and np.isfinite(run.log.V).all() and run.log.V[0] > 0
     ]
     if not curves:
         return None
@@ -200,5 +189,5 @@ def lyapunov_band(runs: Sequence[Run], bins: int = 300) -> Band | None:
         np.exp(np.nanmean(logs[:, alive], axis=0)),
         np.nanmin(lows[:, alive], axis=0),
         np.nanmax(highs[:, alive], axis=0),
-        [(float(run.progress[len(V) - 1]), float(V[-1])) for run, V in curves if run.failed],
+        [(float(run.progress[len(V) - 1]), float(V[-1])) for run, V in curves if run.log.failed],
     )

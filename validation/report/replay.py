@@ -100,8 +100,7 @@ def track(
     """A log as a track of at most `rate` frames a second and `MOST` in all."""
     if log.joint_names != model.joint_names or log.q.shape[1] != model.nq:
         raise InputError("log", f"one of {model.name!r}", repr(log))
-    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.error).all(axis=1)
-    last = len(log.t) if finite.all() else int(np.argmin(finite))
+    last = log.finite_samples
     kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))
     t = log.t
     # the input that was held from each sample on; the last sample has none of its own

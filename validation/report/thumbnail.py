@@ -28,8 +28,7 @@ _up = np.cross(_view, _right)
 
 def thumbnail(log: Log, figure: Figure, path: Path) -> None:
     """Draw the end of a run into a PNG: robot, cables, target, reference path and trail."""
-    finite = np.isfinite(log.q).all(axis=1) & np.isfinite(log.y).all(axis=1)
-    last = (len(log.t) if finite.all() else int(np.argmin(finite))) - 1
+    last = log.finite_samples - 1
     canvas = Canvas(figsize=SIZE, dpi=DPI)
     FigureCanvasAgg(canvas)
     axes = canvas.add_axes((0, 0, 1, 1))

@@ -30,14 +30,14 @@ from softdyn.validation.report.plot_data import (
 def inputs(runs: Sequence[Run]) -> Figure | None:
     """The input and its bounds over time, a row a robot: one set point, one trajectory."""
     _, runs = main_controller(runs)
-    runs = [run for run in runs if run.u.size]
+    runs = [run for run in runs if run.log.u.size]
     robots, kinds = distinct(runs, "robot"), distinct(runs, "kind")
     if not runs:
         return None
     width = look.COLUMN if len(kinds) == 1 else look.PAGE
     figure, grid = look.panels(len(robots), len(kinds), width, 1.6 * len(robots) + 0.3)
     for row, robot in zip(grid, robots, strict=True):
-        shown: list[Run | Log] = []
+        shown: list[Log] = []
         for axes, kind in zip(row, kinds, strict=True):
             found = of(runs, robot, kind=kind)
             if not found:
@@ -45,8 +45,8 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
                 continue
             value = preferred([run.case.value for run in found], EXAMPLE[kind])
             (run,) = of(found, value=value)
-            draw_inputs(axes, run)
-            shown.append(run)
+            draw_inputs(axes, run.log)
+            shown.append(run.log)
             name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}"
             look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
         for axes in row:
@@ -58,7 +58,7 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
         names = [", ".join(every[i::cycle]) for i in range(min(cycle, nu))]
         handles = [look.handle(n, c) for n, c in zip(names, look.INPUTS, strict=False)]
         handles.append(look.handle("bounds", (look.NEUTRAL, look.DOTTED), linewidth=0.8))
-        handles += look.legend_handles({}, {}, any(run.failed for run in shown))
+        handles += look.legend_handles({}, {}, any(log.failed for log in shown))
         row[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5))
     for axes in grid[-1]:
         axes.set_xlabel(look.TIME)
@@ -103,33 +103,33 @@ def save_comparison(
             figure.savefig(stream, format="png", dpi=120)
 
 
-def draw_inputs(axes: Axes, run: Run | Log) -> None:
+def draw_inputs(axes: Axes, log: Log) -> None:
     """Every u_i of a run as it was held, and its bounds."""
-    for i in range(run.u.shape[1]):
-        held = np.append(run.u[:, i], run.u[-1, i])[: len(run.t)]
+    for i in range(log.u.shape[1]):
+        held = np.append(log.u[:, i], log.u[-1, i])[: len(log.t)]
         kept = thin(held, bins=600)
         colour = look.INPUTS[i % len(look.INPUTS)]
-        look.line(axes, run.t[kept], held[kept], colour, linewidth=0.9, drawstyle="steps-post")
-    for bound in sorted({*run.u_min, *run.u_max}):
+        look.line(axes, log.t[kept], held[kept], colour, linewidth=0.9, drawstyle="steps-post")
+    for bound in sorted({*log.u_min, *log.u_max}):
         if np.isfinite(bound):
             axes.axhline(bound, color=look.NEUTRAL, linestyle=look.DOTTED, linewidth=0.8)
-    if run.failed:
-        axes.plot(run.t[-1], run.u[-1, 0], color=look.NEUTRAL, clip_on=False, **look.FAILED)
-    axes.set_xlim(0, run.duration)
+    if log.failed:
+        axes.plot(log.t[-1], log.u[-1, 0], color=look.NEUTRAL, clip_on=False, **look.FAILED)
+    axes.set_xlim(0, log.duration)
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
 
 
-def scale_inputs(axes: Axes, runs: Sequence[Run | Log]) -> None:
+def scale_inputs(axes: Axes, logs: Sequence[Log]) -> None:
     """A vertical axis that holds the bounds; logarithmic far from 0 if inputs mostly are near it.
 
     Between bounds that are ten times as large as the usual input a linear axis would show nothing.
     """
-    low = min(float(run.u_min.min()) for run in runs)
-    high = max(float(run.u_max.max()) for run in runs)
+    low = min(float(log.u_min.min()) for log in logs)
+    high = max(float(log.u_max.max()) for log in logs)
     if not np.isfinite(high - low):
         return
     largest = max(-low, high)
-    typical = float(np.median(np.concatenate([np.abs(run.u).ravel() for run in runs])))
+    typical = float(np.median(np.concatenate([np.abs(log.u).ravel() for log in logs])))
     if typical < largest / 10:
         linear = 10.0 ** np.floor(np.log10(max(typical, largest / 1000)))
         axes.set_yscale("symlog", linthresh=linear)

@@ -278,11 +278,12 @@ def make_run(tmp_path, **options):
 
 def test_a_band_holds_every_sample(tmp_path):
     run = make_run(tmp_path, steps=5000)
-    V = run.V.copy()
+    given = run.log.V
+    V = given.copy()
     V[2500] *= 1e4  # one sample
-    runs = [replace(run, V=V), replace(run, V=3 * run.V), replace(run, V=run.V**2)]
+    runs = [replace(run, log=replace(run.log, V=V)) for V in (V, 3 * given, given**2)]
     band = lyapunov_band(runs)
-    curves = np.array([run.V / run.V[0] for run in runs])
+    curves = np.array([run.log.V / run.log.V[0] for run in runs])
     assert band.high.max() == curves.max()
     assert band.low.min() == pytest.approx(max(curves.min(), 1e-12))
     assert (band.low <= band.mean * (1 + 1e-9)).all()
@@ -291,7 +292,7 @@ def test_a_band_holds_every_sample(tmp_path):
     same = lyapunov_band([run, run])
     k = int(np.argmin(abs(same.s - 0.5)))
     assert same.mean[k] == pytest.approx(
-        np.interp(0.5, run.t[:-1] / 10, run.V / run.V[0]), rel=0.03
+        np.interp(0.5, run.log.t[:-1] / 10, given / given[0]), rel=0.03
     )
 
 
@@ -301,7 +302,7 @@ def test_a_run_that_ended_early_is_marked_and_counts_as_long_as_it_lasts(tmp_pat
     assert band.s[-1] > 0.98
     ((s, value),) = band.ends
     assert s == pytest.approx(0.5, abs=0.02)
-    assert value == half.V[-1] / half.V[0]
+    assert value == half.log.V[-1] / half.log.V[0]
 
 
 def test_samples_that_are_not_finite_are_left_out(tmp_path):
@@ -312,8 +313,8 @@ def test_samples_that_are_not_finite_are_left_out(tmp_path):
     path = tmp_path / "x.npz"
     replace(log, error=error, y=y).save(path)
     run = Run.load(case, path)
-    assert len(run.t) == len(run.error) == len(log.t) - 1
-    assert np.isfinite(run.y).all()
+    assert len(run.log.t) == len(run.error) == len(log.t) - 1
+    assert np.isfinite(run.log.y).all()
 
 
 def test_runs_without_a_lyapunov_function_have_no_band(tmp_path):
