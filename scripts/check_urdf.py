@@ -20,9 +20,7 @@ exit codes: 0 the file is sound, whatever it amounts to; 1 some numbers look wro
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
-parser.add_argument(
-    "--samples", type=cli.count, default=100, metavar="N", help="random poses (default: 100)"
-)
+parser.option("--samples", cli.count, "N", "random poses", 100)
 cli.add_robot_options(parser)
 cli.add_json(parser)
 

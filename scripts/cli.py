@@ -31,6 +31,11 @@ class Parser(argparse.ArgumentParser):
         # argparse takes -1e-3 for an option: its own pattern knows no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
 
+    def option(self, name: str, kind: Callable, metavar: str, help: str, default: Any) -> None:
+        """An option with a default, which its help tells."""
+        shown = f"{help} (default: %(default)s)"
+        self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
+
     def error(self, message: str) -> NoReturn:
         """Exit with code 2."""
         self.exit(BAD_INPUT, f"error: {message}\n")

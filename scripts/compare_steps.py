@@ -25,9 +25,7 @@ parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
 parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
 parser.add_argument("--pairs", type=cli.count, default=10, metavar="N", help="default: 10")
 parser.add_argument("--rounds", type=cli.count, default=5, metavar="N", help="default: 5")
-parser.add_argument(
-    "--states", type=cli.count, default=400, metavar="N", help="a robot (default: 400)"
-)
+parser.option("--states", cli.count, "N", "a robot", 400)
 parser.add_argument(
     "--out", type=Path, default=Path("results/step_time"), metavar="DIR",
     help="where states/ROBOT.npz are, or will be (default: results/step_time)",

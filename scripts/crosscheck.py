@@ -38,12 +38,8 @@ parser.add_argument(
 parser.add_argument(
     "--markdown", metavar="FILE", help="write the rows of --catalogue as a document"
 )
-parser.add_argument(
-    "--samples", type=cli.count, default=20, metavar="N", help="random states (default: 20)"
-)
-parser.add_argument(
-    "--seed", type=cli.whole, default=0, metavar="S", help="of the random states (default: 0)"
-)
+parser.option("--samples", cli.count, "N", "random states", 20)
+parser.option("--seed", cli.whole, "S", "of the random states", 0)
 cli.add_json(parser)
 
 

@@ -28,9 +28,7 @@ exit codes: 0 no finding; 1 some; 2 bad input.
 
 
 parser = cli.Parser(__doc__, EPILOG)
-parser.add_argument(
-    "--count", type=cli.count, default=1000, metavar="N", help="inputs (default: 1000)"
-)
+parser.option("--count", cli.count, "N", "inputs", 1000)
 parser.add_argument("--seed", type=int, default=0, metavar="S", help="(default: 0)")
 parser.add_argument("--first", type=int, default=0, metavar="I", help="number of the first one")
 parser.add_argument(

@@ -19,9 +19,7 @@ exit codes: 0 no barrier was violated by more than 1 mm or 0.01 rad; 1 one was; 
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
-parser.add_argument(
-    "--theta", type=cli.finite, default=0.0, metavar="T", help="set point (default: 0)"
-)
+parser.option("--theta", cli.finite, "T", "set point", 0.0)
 parser.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
 parser.add_argument("--limits", action="store_true", help="joint limits are barriers too")
 parser.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")

@@ -35,9 +35,7 @@ parser.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="m
 parser.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help="as thetas")
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 parser.add_argument("--out", default="results/reproduction", metavar="DIR")
-parser.add_argument(
-    "--grid", default="results", metavar="DIR", help="benchmark.py's folder (default: results)"
-)
+parser.option("--grid", str, "DIR", "benchmark.py's folder", "results")
 cli.add_json(parser)
 
 

@@ -60,13 +60,7 @@ parser.add_argument("--contacts", action="store_true", help="let the links touch
 parser.add_argument("--log", metavar="FILE", help="write the run as NPZ")
 parser.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
-parser.add_argument(
-    "--speed",
-    type=cli.positive,
-    default=1.0,
-    metavar="X",
-    help="pace of --view, simulated seconds per second (default: 1)",
-)
+parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds per second", 1.0)
 cli.add_server_options(parser)
 cli.add_json(parser)
 

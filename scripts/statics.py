@@ -38,37 +38,11 @@ goal.add_argument(
 goal.add_argument(
     "--inputs", type=cli.finite, nargs="+", metavar="U", help="where these inputs lead"
 )
-parser.add_argument(
-    "--rays",
-    type=cli.count,
-    default=40,
-    metavar="N",
-    help="random inputs to raise (default: 40)",
-)
-parser.add_argument(
-    "--spread",
-    type=cli.count,
-    default=100,
-    metavar="N",
-    help="stable rests sought where there are few (default: 100)",
-)
-parser.add_argument(
-    "--shapes",
-    type=cli.count,
-    default=12,
-    metavar="N",
-    help="random shapes to start from, for each target (default: 12)",
-)
-parser.add_argument(
-    "--seed", type=cli.whole, default=0, metavar="S", help="of all that is random (default: 0)"
-)
-parser.add_argument(
-    "--hold",
-    type=cli.positive,
-    default=10.0,
-    metavar="S",
-    help="length of the twin's run in s (default: 10)",
-)
+parser.option("--rays", cli.count, "N", "random inputs to raise", 40)
+parser.option("--spread", cli.count, "N", "stable rests sought where there are few", 100)
+parser.option("--shapes", cli.count, "N", "random shapes to start from, for each target", 12)
+parser.option("--seed", cli.whole, "S", "of all that is random", 0)
+parser.option("--hold", cli.positive, "S", "length of the twin's run in s", 10.0)
 parser.add_argument(
     "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
 )

@@ -29,9 +29,7 @@ exit codes: 0 done; 2 bad input; 130 interrupted.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
 parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
-parser.add_argument(
-    "--states", type=cli.count, default=400, metavar="N", help="a robot (default: 400)"
-)
+parser.option("--states", cli.count, "N", "a robot", 400)
 parser.add_argument(
     "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
 )
