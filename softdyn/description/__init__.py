@@ -1,1 +1,12 @@
-"""What a robot's file says, without any engine: joints, inertia, annotations, meshes."""
+"""What a robot's file says, as frozen data, without any engine.
+
+- `library`: from a name to a file: bundled robots, paths, example-robot-data;
+- `strict_xml`: XML without surprises; every error names file, line and element;
+- `urdf`: the one parse of an annotated URDF, from links and joints to the checks of the whole;
+- `annotations`: what softdyn adds: a joint's spring (stiffness and rest), the ``<softdyn>`` block
+  with armatures, tendons, actuators and the task frame, overlays;
+- `unknown_names`: misspelt and misplaced elements;
+- `robot`: the data itself, links, joints, tendons, and the tree that they span;
+- `inertia`: transport, lumping, what makes an inertia physical, the nearest one that is;
+- `visuals`, `meshes`: what a robot looks like, and the mesh files behind it.
+"""

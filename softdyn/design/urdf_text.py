@@ -1,20 +1,14 @@
-"""Annotated URDF as text: numbers, elements, and a robot that grows link by link."""
+"""Annotated URDF as text: numbers, elements, and a serial robot that grows link by link."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 Vector = Sequence[float]
 ORIGIN = (0.0, 0.0, 0.0)
-CREDIT = """
-  Source of the numbers: the paper's reference implementation, CyPhiLab/tendon_clf (MIT license),
-  of Pham & Patterson, "Control Lyapunov Functions for Underactuated Soft Robots", collected in
-  source/reference_models.json.
-"""
 
 
 def num(x: float) -> str:
@@ -29,22 +23,15 @@ def vec(values: Vector) -> str:
     return " ".join(num(v) for v in values)
 
 
-def rotation(quat: Vector) -> list[list[float]]:
-    """Return the 3x3 rotation matrix of a quaternion (w, x, y, z) of any length."""
-    norm = math.sqrt(sum(c * c for c in quat))
-    w, x, y, z = (c / norm for c in quat)
-    return [
-        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-    ]
-
-
 def rpy(quat: Vector) -> list[float]:
     """Return roll, pitch, yaw [rad] of a quaternion (w, x, y, z) that turns about one axis.
 
-    Every body of the reference turns about a single axis, some by 90 degrees of pitch, where a
-    general conversion would lose half of the digits.
+    Some turn by 90 degrees of pitch, where a general conversion would lose half of the digits.
+
+    Raises
+    ------
+    ValueError
+        For a quaternion that turns about another axis.
     """
     w, *axis = quat
     turning = [i for i, c in enumerate(axis) if abs(c) > 1e-12]
@@ -58,7 +45,14 @@ def tensor(principal: Vector, quat: Vector) -> list[list[float]]:
 
     Entries below 1e-12 of the largest moment are rounding of the quaternion, and become 0.
     """
-    r = rotation(quat)
+    # written out: the committed files hold its last digits, which SciPy's Rotation rounds otherwise
+    norm = math.sqrt(sum(c * c for c in quat))
+    w, x, y, z = (c / norm for c in quat)
+    r = (
+        (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+    )
     noise = 1e-12 * max(principal)
     full = [[0.0] * 3 for _ in range(3)]
     for i in range(3):
@@ -80,19 +74,9 @@ def origin(xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> str:
     return f'<origin xyz="{vec(xyz)}"{turn}/>'
 
 
-def box(x: float, y: float, z: float) -> str:
-    """Return a box with edge lengths [m]."""
-    return f'<box size="{vec((x, y, z))}"/>'
-
-
 def cylinder(radius: float, length: float) -> str:
     """Return a cylinder about local z [m]."""
     return f'<cylinder radius="{num(radius)}" length="{num(length)}"/>'
-
-
-def sphere(radius: float) -> str:
-    """Return a sphere [m]."""
-    return f'<sphere radius="{num(radius)}"/>'
 
 
 def mesh(name: str, scale: Vector) -> str:
@@ -120,25 +104,26 @@ def inertial(mass: float, com: Vector, inertia: Sequence[Vector]) -> str:
     return f'<inertial>{origin(com)}<mass value="{num(mass)}"/><inertia {text}/></inertial>'
 
 
-def body_inertial(body: dict[str, Any]) -> str:
-    """Return the ``<inertial>`` of a body of the facts."""
-    principal, quat = body["inertia_principal"], body["inertia_quat_wxyz"]
-    return inertial(body["mass"], body["com"], tensor(principal, quat))
-
-
 @dataclass(frozen=True)
 class Joint:
     """One compliant degree of freedom.
 
-    Parameters
+    Attributes
     ----------
-    name : joint name
-    axis : unit vector in the child's frame
-    stiffness : [N m/rad], or [N/m] of a prismatic joint
-    damping : [N m s/rad], or [N s/m]
-    kind : ``revolute`` or ``prismatic``
-    limits : lower and upper [rad] or [m]; a joint of the reference without a range gets +-pi
-    armature : added to the diagonal of the mass matrix [kg m^2] or [kg]
+    name : str
+        Of the joint.
+    axis : sequence of float, (3,)
+        Unit vector in the child's frame.
+    stiffness : float
+        N m/rad, or N/m of a prismatic joint.
+    damping : float
+        N m s/rad, or N s/m.
+    kind : str
+        ``revolute`` or ``prismatic``.
+    limits : sequence of float, (2,)
+        Lower and upper, rad or m.
+    armature : float
+        Added to the diagonal of the mass matrix, kg m^2 or kg.
     """
 
     name: str
@@ -150,41 +135,56 @@ class Joint:
     armature: float = 0.0
 
 
+@dataclass(frozen=True)
+class Input:
+    """A bounded input on a tendon: force per unit, and lower and upper bound."""
+
+    gear: float
+    bounds: Vector
+
+
 @dataclass
 class Robot:
-    """URDF text in the making; lines are kept in the order of the calls."""
+    """URDF text in the making; lines are kept in the order of the calls.
+
+    It begins with the links ``world`` and, welded to it, ``base`` with these `parts`. Every further
+    link is joined to the last one.
+    """
 
     name: str
     comment: str
     colors: Mapping[str, Vector]
+    parts: Sequence[str]
+    last: str = "world"
     lines: list[str] = field(default_factory=list)
     annotations: list[str] = field(default_factory=list)
 
-    def link(self, name: str, *parts: str) -> None:
-        """Add a link; without parts it is massless and invisible."""
-        if not parts:
-            self.lines.append(f'  <link name="{name}"/>')
-            return
-        self.lines += [f'  <link name="{name}">', *(f"    {p}" for p in parts), "  </link>"]
+    def __post_init__(self) -> None:
+        self._link("world")
+        self.add("base", self.parts)
 
-    def fixed(self, parent: str, child: str, xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> None:
-        """Weld ``child`` to ``parent``."""
-        tree = f'<parent link="{parent}"/><child link="{child}"/>'
-        self.lines.append(
-            f'  <joint name="{child}_joint" type="fixed">{origin(xyz, angles)}{tree}</joint>'
-        )
-
-    def chain(
-        self, parent: str, child: str, joints: Sequence[Joint], xyz: Vector, angles: Vector
+    def add(
+        self,
+        name: str,
+        parts: Sequence[str] = (),
+        joints: Sequence[Joint] = (),
+        xyz: Vector = ORIGIN,
+        angles: Vector = ORIGIN,
     ) -> None:
-        """Connect two links by one-DOF joints in series, over massless links in between."""
-        for i, joint in enumerate(joints):
-            last = i == len(joints) - 1
-            target = child if last else f"{child}_{joint.name}"
-            if not last:
-                self.link(target)
+        """Add a link at a pose in the last one, on one-DOF joints in series, or welded to it.
+
+        Between joints there are massless links.
+        """
+        self._link(name, *parts)
+        where, parent = origin(xyz, angles), self.last
+        if not joints:
+            tree = f'<parent link="{parent}"/><child link="{name}"/>'
+            self.lines.append(f'  <joint name="{name}_joint" type="fixed">{where}{tree}</joint>')
+        for joint in joints:
+            target = name if joint is joints[-1] else f"{name}_{joint.name}"
+            if target != name:
+                self._link(target)
             lower, upper = joint.limits
-            where = origin(xyz, angles) if i == 0 else ""
             self.lines += [
                 f'  <joint name="{joint.name}" type="{joint.kind}">',
                 f'    {where}<parent link="{parent}"/><child link="{target}"/>',
@@ -199,41 +199,57 @@ class Robot:
                 self.annotations.append(
                     f'<joint name="{joint.name}" armature="{num(joint.armature)}"/>'
                 )
-            parent = target
+            where, parent = "", target
+        self.last = name
 
-    def tendon(self, name: str, parts: Iterable[str]) -> None:
-        """Add a tendon over joints (:func:`over`) or sites (:func:`site`)."""
-        self.annotations += [f'<tendon name="{name}">', *(f"  {p}" for p in parts), "</tendon>"]
+    def finish(
+        self, xyz: Vector, angles: Vector, tendons: Mapping[str, Iterable[str]], *inputs: Input
+    ) -> str:
+        """Add the tip and the inputs, one a tendon, and return the whole file.
 
-    def actuator(self, name: str, tendon: str, gear: float, bounds: Vector) -> None:
-        """Add one bounded input on a tendon."""
-        low, high = map(num, bounds)
-        self.annotations.append(
-            f'<actuator name="{name}" tendon="{tendon}" gear="{num(gear)}"'
-            f' lower="{low}" upper="{high}"/>'
-        )
-
-    def text(self) -> str:
-        """Return the whole file."""
+        Parameters
+        ----------
+        xyz, angles : sequence of float, (3,)
+            Pose of the tip in the last link.
+        tendons : mapping of str to str
+            Their joints (`over`) or sites (`site`).
+        inputs : Input
+            In the tendons' order.
+        """
+        self.add("tip", (), (), xyz, angles)
+        for name, parts in tendons.items():
+            self.annotations += [f'<tendon name="{name}">', *(f"  {p}" for p in parts), "</tendon>"]
+        for i, (tendon, given) in enumerate(zip(tendons, inputs, strict=True), 1):
+            low, high = map(num, given.bounds)
+            self.annotations.append(
+                f'<actuator name="u{i}" tendon="{tendon}" gear="{num(given.gear)}"'
+                f' lower="{low}" upper="{high}"/>'
+            )
         materials = [
             f'  <material name="{name}"><color rgba="{vec((*color, 1.0))}"/></material>'
             for name, color in self.colors.items()
         ]
-        head = ['<?xml version="1.0" encoding="utf-8"?>', f"<!--{self.comment}-->"]
-        block = [*self.annotations, '<task frame="tip"/>']
         return "\n".join(
             [
-                *head,
+                '<?xml version="1.0" encoding="utf-8"?>',
+                f"<!--{self.comment}-->",
                 f"<robot name={quoteattr(self.name)}>",
                 *materials,
                 *self.lines,
                 '  <softdyn version="1">',
-                *(f"    {line}" for line in block),
+                *(f"    {line}" for line in (*self.annotations, '<task frame="tip"/>')),
                 "  </softdyn>",
                 "</robot>",
                 "",
             ]
         )
+
+    def _link(self, name: str, *parts: str) -> None:
+        """A link; without parts it is massless and invisible."""
+        if parts:
+            self.lines += [f'  <link name="{name}">', *(f"    {p}" for p in parts), "  </link>"]
+        else:
+            self.lines.append(f'  <link name="{name}"/>')
 
 
 def over(joint: str, coef: float = 1.0) -> str:
@@ -244,13 +260,3 @@ def over(joint: str, coef: float = 1.0) -> str:
 def site(link: str, xyz: Vector) -> str:
     """Return one point [m] of a spatial tendon, in the link's frame."""
     return f'<site link="{link}" xyz="{vec(xyz)}"/>'
-
-
-def begin(name: str, comment: str, colors: Mapping[str, Vector], *base: str) -> Robot:
-    """Start a robot: root link ``world``, and ``base`` welded to it at the origin."""
-    generated = "  Generated by scripts/make_robots.py: change that, not this file.\n"
-    robot = Robot(name, f"\n{comment.strip(chr(10))}\n{CREDIT}{generated}", colors)
-    robot.link("world")
-    robot.link("base", *base)
-    robot.fixed("world", "base")
-    return robot

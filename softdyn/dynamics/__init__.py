@@ -1,1 +1,12 @@
-"""The analytic dynamics on Pinocchio: model, State, tendons, derivatives, integrators."""
+"""The analytic dynamics: M q̈ + C q̇ + D q̇ + K + g = B u and its derivatives, on Pinocchio.
+
+- `model`: `SoftModel`, what every model answers, and `State`, its terms at one (q, v);
+- `tree`: the model of a robot whose joints all move by themselves: springs, dampers, inputs;
+- `mimic`: the model of one with mimic joints, a projection; `build` chooses;
+- `engine`: Pinocchio's model, built and held against the strict parse, and its memory in view;
+- `kernels`: a State in one compiled function: M, g, the tip's J and J̇, forces;
+- `tendons`: lengths, moment arms ∂ℓ/∂q of fixed and spatial tendons, and their gradients;
+- `coordinates`: where the numbers of q stand: continuous joints, floating bases;
+- `derivatives`: of accelerations and forces by q, q̇ and u; tangent and gravity stiffness;
+- `integrators`: one time step, Runge–Kutta or with implicit damping.
+"""

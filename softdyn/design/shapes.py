@@ -1,4 +1,4 @@
-"""The meshes of the bundled robots: unit shapes that their URDFs scale, as binary STL."""
+"""Unit shapes that a robot's URDF scales, as triangles and as binary STL."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ def grid_triangles(grid: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    grid : (rows, columns, 3); seen from outside, columns run counter-clockwise about the rows
+    grid : ndarray, (rows, columns, 3)
+        Seen from outside, columns run counter-clockwise about the rows.
 
     Returns
     -------
-    (n, 3, 3) corners; triangles without area (at a pole) are left out
+    ndarray, (n, 3, 3)
+        Corners; triangles without area (at a pole) are left out.
     """
     right = np.roll(grid, -1, axis=1)
     a, b, c, d = grid[:-1], right[:-1], right[1:], grid[1:]
@@ -48,9 +50,12 @@ def helicoid_mesh(strips: int = 4, inner: float = 0.6, thickness: float = 0.16) 
 
     Parameters
     ----------
-    strips : number of strips per hand
-    inner : radius inside which the helicoid is cut away
-    thickness : of a strip, along y
+    strips : int
+        Number of strips per hand.
+    inner : float
+        Radius inside which the helicoid is cut away.
+    thickness : float
+        Of a strip, along y.
     """
     up = np.linspace(0.0, 1.0, 13)
     parts = []
@@ -75,9 +80,12 @@ def lathe(profile: np.ndarray, outline: np.ndarray | float = 1.0, columns: int =
 
     Parameters
     ----------
-    profile : (rows, 2), radius and x, from the near to the far end
-    outline : factor of the radius at each angle (columns,), or at each row and angle; the angle
-        turns from +z towards -y, as :func:`cable_direction` does
+    profile : ndarray, (rows, 2)
+        Radius and x, from the near to the far end.
+    outline : float or ndarray, (columns,) or (rows, columns)
+        Factor of the radius at each angle, which turns from +z towards -y.
+    columns : int
+        Number of angles.
     """
     around = np.linspace(0.0, 2 * np.pi, columns, endpoint=False)
     radius = profile[:, :1] * np.ones_like(around) * outline
@@ -86,14 +94,15 @@ def lathe(profile: np.ndarray, outline: np.ndarray | float = 1.0, columns: int =
 
 
 def spiral_mesh(taper: float = 0.92258) -> np.ndarray:
-    """Return one block of the log-spiral arm, along +x, of length and cable radius 1.
+    """Return one block of a log-spiral arm, along +x, of length and cable radius 1.
 
-    Three lobes carry a groove each for the cables, at :func:`cable_direction` of 0, 120 and 240
-    degrees. The ends are conical, so that blocks touch at the backbone only and the arm can curl.
+    Three lobes carry a groove each for the cables, at 0, 120 and 240 degrees from +z towards -y.
+    The ends are conical, so that blocks touch at the backbone only and the arm can curl.
 
     Parameters
     ----------
-    taper : radius at the far end relative to the near end
+    taper : float
+        Radius at the far end relative to the near end.
     """
     around = np.linspace(0.0, 2 * np.pi, 72, endpoint=False)
     to_cable = (around + np.pi / 3) % (2 * np.pi / 3) - np.pi / 3
