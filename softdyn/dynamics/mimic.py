@@ -197,6 +197,10 @@ class MimicModel(SoftModel):
         values = vector("coordinates", coordinates, self.nv)
         return self.tree.configuration(self.S @ values + self.offset)[self._slots]
 
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link, followers' included."""
+        return self.tree.link_poses(self.expand(q))
+
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""
         return self.tree.integrate(self.expand(q), self.S @ dv)[self._slots]

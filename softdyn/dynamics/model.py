@@ -153,6 +153,10 @@ class SoftModel(Protocol):
         """Configuration q (nq,) of joint coordinates (n,): the inverse of `coordinates`."""
         ...
 
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link."""
+        ...
+
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
         ...

@@ -259,6 +259,15 @@ class TreeModel(SoftModel):
         """Configuration q (nq,) of joint coordinates (n,): the inverse of `coordinates`."""
         return self.chart.configuration(vector("coordinates", coordinates, self.nv))
 
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link."""
+        model, data = self.pin_model, self.pin_data
+        pin.framesForwardKinematics(model, data, vector("q", q, self.nq))
+        return {
+            link.name: data.oMf[model.getFrameId(link.name, pin.FrameType.BODY)].homogeneous
+            for link in self.robot.links
+        }
+
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
         q, dv = vector("q", q, self.nq), vector("dv", dv, self.nv)

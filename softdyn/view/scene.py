@@ -17,7 +17,6 @@ import pinocchio as pin
 
 from softdyn.description.robot import Joint, Robot, levels, poses
 from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
-from softdyn.dynamics.mimic import MimicModel
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.tendon_paths import Path, fixed_path
 
@@ -83,16 +82,7 @@ class Figure:
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link at the configuration q (nq,)."""
-        tree, full = self.model, q
-        if isinstance(self.model, MimicModel):
-            tree, full = self.model.tree, self.model.expand(q)
-        engine = tree.pin_model
-        data = engine.createData()
-        pin.framesForwardKinematics(engine, data, np.asarray(full, float))
-        return {
-            link.name: data.oMf[engine.getFrameId(link.name, pin.BODY)].homogeneous
-            for link in tree.robot.links
-        }
+        return self.model.link_poses(q)
 
     @property
     def data(self) -> dict[str, Any]:
