@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation import Log
     from softdyn.validation.loop.closed_loop import ClosedLoop
-    from softdyn.validation.loop.experiment import Experiment
     from softdyn.validation.report.live import Shown
 
 EPILOG = """\
@@ -73,7 +72,13 @@ def command(arguments: cli.Arguments) -> int:
 
     cli.check_outputs(arguments.log, arguments.json, arguments.html)
     model = cli.load_robot(arguments)
-    experiment = make_experiment(model, arguments)
+    experiment = paper.experiment(
+        model,
+        theta=arguments.theta,
+        omega=arguments.omega,
+        target=arguments.target,
+        period=arguments.period,
+    )
     controller = make_controller(model, arguments.controller, arguments.gains)
     shown = None
     with blamed(arguments.controller, "a command"):
@@ -116,22 +121,6 @@ def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
             viewer.open()
         viewer.wait(view.WAIT)
         return view.watch(loop, viewer, arguments.speed)
-
-
-def make_experiment(model: SoftModel, arguments: cli.Arguments) -> Experiment:
-    """The paper's experiment for a bundled robot; one of its own size for any other."""
-    from dataclasses import replace
-
-    from softdyn.validation.studies import paper
-
-    setup = paper.setup_of(model)
-    if arguments.period is not None:
-        setup = replace(setup, period=arguments.period)
-    if arguments.target is not None:
-        return setup.target(arguments.target)
-    if arguments.omega is not None:
-        return setup.tracking(arguments.omega)
-    return setup.set_point(arguments.theta)
 
 
 def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:

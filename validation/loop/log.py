@@ -46,27 +46,48 @@ class Log:
 
     Attributes
     ----------
-    t : (N + 1,) time (s).
-    q, v : (N + 1, nq), (N + 1, nv) the plant's state in the model's convention.
-    y, y_ref, error : (N + 1, 3) tip, reference and ``y - y_ref`` (m).
-    u : (N, nu) the input the plant got, inside its bounds.
-    V, delta : (N,) Lyapunov function and relaxation; NaN from a controller that has none.
-    status : (N,) text, empty from a controller that has none.
-    step_us : (N,) time of the control step, (q, v) → State → u (µs).
-    u_min, u_max : (nu,) the bounds of u.
-    u_unit : what one of u is, e.g. ``0.1 N m``.
-    robot, controller : names.
-    kind, theta, omega : the experiment's, None for a plain reference.
-    duration, period, timestep : planned length of the run, control period, plant step (s).
-    length : the robot's length (m), None when unknown.
-    joint_names : the order of v.
-    contacts : whether links could touch.
-    complete : whether the run reached its end.
-    failed, reason : whether it counts as failed (see `closed_loop`), and why.
-    not_solved, fallbacks : the controller's counts over this run.
-    max_bound_violation : largest violation of the input bounds by an answer, before clipping.
-    gains : the controller's, None if it does not expose them.
-    versions : of the packages that made this run.
+    t : np.ndarray, (N + 1,)
+        Time (s).
+    q, v : np.ndarray, (N + 1, nq), (N + 1, nv)
+        The plant's state in the model's convention.
+    y, y_ref, error : np.ndarray, (N + 1, 3)
+        Tip, reference and ``y - y_ref`` (m).
+    u : np.ndarray, (N, nu)
+        The input the plant got, inside its bounds.
+    V, delta : np.ndarray, (N,)
+        Lyapunov function and relaxation; NaN from a controller that has none.
+    status : np.ndarray, (N,)
+        Text, empty from a controller that has none.
+    step_us : np.ndarray, (N,)
+        Time of the control step, (q, v) → State → u (µs).
+    u_min, u_max : np.ndarray, (nu,)
+        The bounds of u.
+    u_unit : str
+        What one of u is, e.g. ``0.1 N m``.
+    robot, controller : str
+        Their names.
+    kind, theta, omega : str, float, float or None
+        The experiment's, None for a plain reference.
+    duration, period, timestep : float
+        Planned length of the run, control period, plant step (s).
+    length : float or None
+        The robot's length (m), None when unknown.
+    joint_names : tuple[str, ...]
+        The order of v.
+    contacts : bool
+        Whether links could touch.
+    complete : bool
+        Whether the run reached its end.
+    failed, reason : bool, str or None
+        Whether it counts as failed (see `ClosedLoop`), and why.
+    not_solved, fallbacks : int
+        The controller's counts over this run.
+    max_bound_violation : float
+        Largest violation of the input bounds by an answer, before clipping.
+    gains : Any
+        The controller's, None if it does not expose them.
+    versions : dict[str, str]
+        Of the packages that made this run.
     """
 
     t: np.ndarray

@@ -27,7 +27,10 @@ def replay(log: Log, model: SoftModel) -> Page:
 
     Parameters
     ----------
-    model : the robot of the log.
+    log : Log
+        The run.
+    model : SoftModel
+        The robot of the log.
 
     Raises
     ------
@@ -59,10 +62,15 @@ def comparison(
 
     Parameters
     ----------
-    models : the robot of each log.
-    labels : names in the legend; by default the controllers', told apart by robot or experiment
-        where they are the same.
-    balls : obstacles, (x, y, z, radius) each (m), beside every robot or once for all in one place.
+    logs, models : Sequence[Log], Sequence[SoftModel]
+        The runs and the robot of each.
+    labels : Sequence[str], optional
+        Names in the legend; by default the controllers', told apart by robot or experiment where
+        they are the same.
+    side_by_side : bool
+        Whether every run has a place of its own.
+    balls : Sequence of (x, y, z, radius)
+        Obstacles (m), beside every robot or once for all in one place.
 
     Raises
     ------

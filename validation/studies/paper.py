@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -128,6 +128,44 @@ def ellipse_points(model: SoftModel, count: int = 97) -> np.ndarray | None:
     if found.length == 0:
         return None
     return np.array([found.ellipse().point(theta) for theta in np.linspace(0, 2, count)])
+
+
+def experiment(
+    model: SoftModel,
+    *,
+    theta: float | None = None,
+    omega: float | None = None,
+    target: Any = None,
+    period: float | None = None,
+) -> Experiment:
+    """The set point at `theta`, the trajectory at `omega` or the point `target`, for any robot.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot; one that is not the paper's has an ellipse of its own size.
+    theta, omega : float, optional
+        In multiples of π (rad, rad/s).
+    target : array, (3,), optional
+        A point of the world (m).
+    period : float, optional
+        Control period (s); that of `setup_of` by default.
+
+    Raises
+    ------
+    InputError
+        For none of the three, numbers that are not finite, a robot whose length is not known.
+    """
+    found = setup_of(model)
+    if period is not None:
+        found = replace(found, period=period)
+    if target is not None:
+        return found.target(target)
+    if theta is not None:
+        return found.set_point(theta)
+    if omega is None:
+        raise InputError("experiment", "theta, omega or target", "none of them")
+    return found.tracking(omega)
 
 
 def set_point(robot: str, theta: float) -> Experiment:

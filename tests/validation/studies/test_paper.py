@@ -151,3 +151,13 @@ def test_an_experiment_is_frozen():
     with pytest.raises(FrozenInstanceError):
         experiment.duration = 1.0
     assert replace(experiment, duration=1.0).duration == 1.0
+
+
+def test_an_experiment_is_one_of_three(tmp_path):
+    model = softdyn.load("finger")
+    assert paper.experiment(model, theta=0.5).theta == 0.5
+    assert paper.experiment(model, theta=0.5).length == 0.24
+    assert paper.experiment(model, omega=0.5, period=0.001).period == 0.001
+    assert paper.experiment(model, target=[0.1, 0, 0]).theta is None
+    with pytest.raises(InputError, match="theta, omega or target"):
+        paper.experiment(model)
