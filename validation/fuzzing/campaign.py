@@ -16,16 +16,9 @@ from typing import Any, NamedTuple
 from softdyn import InputError
 from softdyn.description.library import BUNDLED
 from softdyn.validation.files import atomic
+from softdyn.validation.fuzzing import verdict
 from softdyn.validation.fuzzing.inputs import Base, mutant
-from softdyn.validation.fuzzing.verdict import (
-    ACCEPTED,
-    CRASH,
-    FINDINGS,
-    HANG,
-    REFUSED,
-    Verdict,
-    judge,
-)
+from softdyn.validation.fuzzing.verdict import Verdict
 
 CPU_LIMIT, WALL_LIMIT = 5, 60.0  # s an input; the processor's time counts, whatever else it does
 MEMORY = 6 * 2**30  # bytes of address space a process may have
@@ -85,9 +78,9 @@ def campaign(
         kinds[kind] += 1
         deep += compared
         slowest = max(slowest, (seconds, index))
-        if kind == REFUSED:
+        if kind == verdict.REFUSED:
             refusals[detail] += 1
-        elif kind != ACCEPTED:
+        elif kind != verdict.ACCEPTED:
             findings.append({"index": index, "kind": kind, "detail": detail})
             if keep is not None:
                 base = mutant(bases, seed, index)
@@ -100,10 +93,10 @@ def campaign(
         "first": numbers.start,
         "count": len(numbers),
         "bases": len(bases),
-        "refused": kinds[REFUSED],
-        "accepted": kinds[ACCEPTED],
+        "refused": kinds[verdict.REFUSED],
+        "accepted": kinds[verdict.ACCEPTED],
         "compared_in_both_engines": deep,
-        "findings": {kind: kinds[kind] for kind in FINDINGS},
+        "findings": {kind: kinds[kind] for kind in verdict.FINDINGS},
         "inputs_with_findings": findings,
         "kinds_of_refusal": len(refusals),
         "refusals": dict(refusals.most_common()),
@@ -137,7 +130,7 @@ def work(pipe: Any, bases: Sequence[Base], seed: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
-        judge(bases[0].data, path, True)
+        verdict.judge(bases[0].data, path, True)
         pipe.send("ready")
         while True:
             try:
@@ -146,11 +139,11 @@ def work(pipe: Any, bases: Sequence[Base], seed: int) -> None:
                 return
             base, began = mutant(bases, seed, index), time.process_time()
             resource.setrlimit(resource.RLIMIT_CPU, (int(began) + CPU_LIMIT + 2, ceiling))
-            verdict = judge(base.data, path, index % DEEP == 0, base.of)
+            found = verdict.judge(base.data, path, index % DEEP == 0, base.of)
             seconds = time.process_time() - began
             if seconds > CPU_LIMIT:
-                verdict = Verdict(HANG, f"{seconds:.1f} s")
-            pipe.send((verdict, seconds))
+                found = Verdict(verdict.HANG, f"{seconds:.1f} s")
+            pipe.send((found, seconds))
 
 
 def in_a_process(
@@ -169,11 +162,11 @@ def in_a_process(
             while todo:
                 ours.send(todo[-1])
                 if not ours.poll(WALL_LIMIT):
-                    late = Verdict(HANG, f"no answer within {WALL_LIMIT:g} s")
+                    late = Verdict(verdict.HANG, f"no answer within {WALL_LIMIT:g} s")
                     yield Outcome(todo.pop(), late, 0.0)
                     break
-                verdict, seconds = ours.recv()
-                yield Outcome(todo.pop(), verdict, seconds)
+                found, seconds = ours.recv()
+                yield Outcome(todo.pop(), found, seconds)
         except EOFError:
             process.join()
             yield Outcome(todo.pop(), _dead(process.exitcode), 0.0)
@@ -186,5 +179,5 @@ def in_a_process(
 def _dead(code: int | None) -> Verdict:
     """The verdict on a process that ended by itself."""
     if code == -signal.SIGXCPU:
-        return Verdict(HANG, f"more than {CPU_LIMIT} s")
-    return Verdict(CRASH, f"exit code {code}")
+        return Verdict(verdict.HANG, f"more than {CPU_LIMIT} s")
+    return Verdict(verdict.CRASH, f"exit code {code}")

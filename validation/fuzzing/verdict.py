@@ -40,8 +40,13 @@ def judge(data: bytes, path: Path, deep: bool, of: bytes | None = None) -> Verdi
 
     Parameters
     ----------
-    data : a URDF, or the annotations of the URDF `of`.
-    deep : whether an accepted robot is also built in MuJoCo and compared term by term.
+    data : bytes
+        A URDF, or the annotations of the URDF `of`.
+    path : Path
+        Where it is written.
+    deep : bool
+        Whether an accepted robot is also built in MuJoCo and compared term by term.
+    of : bytes, optional
     """
     path.write_bytes(data)
     urdf = path

@@ -20,25 +20,9 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel, State
 from softdyn.controllers import Command, Controller, Gains, InputGuard, Status
-from softdyn.validation.oracles.programmes import (
-    PROGRAMMES,
-    Task,
-    clf_qp,
-    impedance,
-    inputs,
-    lyapunov,
-    tip,
-    underactuated,
-)
-from softdyn.validation.oracles.solvers import (
-    LeastNorm,
-    Programme,
-    Quadprog,
-    Scs,
-    Solver,
-    Term,
-    Unsolved,
-)
+from softdyn.validation.oracles import programmes, solvers
+from softdyn.validation.oracles.programmes import Task, tip
+from softdyn.validation.oracles.solvers import Programme, Quadprog, Solver, Term
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -61,10 +45,12 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
         return ClosedForm(model, gains, task, project=name == "uic")
     if name not in ("clf-qp", "soft-id-clf-qp", "ic-qp"):
         raise InputError("controller", "a law of the paper's table", repr(name))
-    write = reference_clf_qp if name == "clf-qp" and "clf" in options else PROGRAMMES[name]
+    write = (
+        reference_clf_qp if name == "clf-qp" and "clf" in options else programmes.PROGRAMMES[name]
+    )
     if options & {"scs", "clf"}:
-        return Qp(model, gains, task, write, Scs())
-    exact = LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
+        return Qp(model, gains, task, write, solvers.Scs())
+    exact = solvers.LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
     return Qp(model, gains, task, write, exact)
 
 
@@ -102,6 +88,9 @@ def reference_inertia(mobility: np.ndarray) -> np.ndarray:
     return np.linalg.inv(mobility)
 
 
+pseudo_inverse = partial(np.linalg.pinv, rcond=1e-8)  # UIC's inner one
+
+
 class ClosedForm:
     """IC, and with `project` UIC, with the reference implementation's thresholds."""
 
@@ -112,10 +101,12 @@ class ClosedForm:
     def __call__(self, state: State, reference: Reference) -> Command:
         """The input at this state."""
         task = self._task(state, reference)
-        torque = impedance(state, task, self.gains, reference_inertia)
+        torque = programmes.impedance(state, task, self.gains, reference_inertia)
         if self._project:
-            torque = underactuated(state, task, torque, partial(np.linalg.pinv, rcond=1e-8))
-        return self.guard.accept(inputs(state, torque), np.nan, np.nan, clamped=True)
+            torque = programmes.underactuated(
+                state, task, torque, partial(np.linalg.pinv, rcond=1e-8)
+            )
+        return self.guard.accept(programmes.inputs(state, torque), np.nan, np.nan, clamped=True)
 
 
 class Qp:
@@ -140,7 +131,7 @@ class Qp:
         below = {name: rows for name, rows in programme.below.items() if name != "slack"}
         try:
             found = self._solver.solve(replace(programme, below=below))
-        except Unsolved:
+        except solvers.Unsolved:
             self.guard.fallbacks += 1
             self.guard.not_solved += 1
             zero = np.clip(np.zeros_like(self.guard.u_min), self.guard.u_min, self.guard.u_max)
@@ -151,9 +142,9 @@ class Qp:
 
 def reference_clf_qp(variables: Any, state: State, task: Task, gains: Gains) -> Programme:
     """The reference's CLF-QP: V̇² and ‖u‖₁² in the cost, and a V̇ that leaves ÿ_ref out."""
-    programme = clf_qp(variables, state, task, gains)
+    programme = programmes.clf_qp(variables, state, task, gains)
     u, mu, delta = programme.variables.values()
-    V, drift, slope = lyapunov(task, gains.eps)
+    V, drift, slope = programmes.lyapunov(task, gains.eps)
     rate = slope[None] @ mu + (drift + slope @ task.yddot)
     return replace(
         programme,

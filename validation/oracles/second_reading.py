@@ -31,7 +31,12 @@ def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> 
 
     Parameters
     ----------
-    data, annotations : the URDF, and the block in a file of its own where it has one.
+    robot : Robot
+        What was read.
+    data : bytes
+        The URDF.
+    annotations : bytes, optional
+        The block, where it has a file of its own.
     """
     try:
         root = ElementTree.fromstring(data)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from softdyn.design.urdf_text import ORIGIN, Joint, Robot, inertial, over
+
 LENGTH, MASS = 0.5, 0.3  # m, kg of the whole chain
 RADIUS = 0.02  # m, the tendons' arms
 STIFFNESS, DAMPING = 0.04, 0.01  # N·m/rad and N·m·s/rad of a joint, each times their number
@@ -18,38 +20,26 @@ def chain_urdf(joints: int, tendons: int = 3) -> str:
     tendons are fixed ones with constant arms, `tendons` of them in directions a golden angle
     apart; tendon k of m ends (k + 1) m-ths of the way down, so that B has rank m where n ≥ 2 m.
     """
-    offset, mass = LENGTH / joints, MASS / joints
+    robot = Robot(f"chain{joints}", " A chain for measuring step times. ", {})
+    offset, mass, parent = LENGTH / joints, MASS / joints, "world"
     moment = mass * (offset**2 / 12 + RADIUS**2 / 4)
-    parts = [f'<robot name="chain{joints}"><link name="world"/>']
+    tensor = ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, mass * RADIUS**2 / 2))
+    robot.link(parent)
     for i in range(joints):
-        parent = "world" if i == 0 else f"link{i - 1}"
-        axis = "1 0 0" if i % 2 else "0 1 0"
-        parts.append(
-            f'<link name="link{i}"><inertial><origin xyz="0 0 {-offset / 2:.9g}"/>'
-            f'<mass value="{mass:.9g}"/><inertia ixx="{moment:.9g}" ixy="0" ixz="0" '
-            f'iyy="{moment:.9g}" iyz="0" izz="{mass * RADIUS**2 / 2:.9g}"/></inertial></link>'
-            f'<joint name="joint{i}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="link{i}"/><origin xyz="0 0 {-offset * (i > 0):.9g}"/>'
-            f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="100" velocity="100"/>'
-            f'<dynamics damping="{DAMPING * joints:.9g}"/></joint><gazebo reference="joint{i}">'
-            f"<springStiffness>{STIFFNESS * joints:.9g}</springStiffness></gazebo>"
-        )
-    parts.append(
-        f'<link name="tip"/><joint name="end" type="fixed"><parent link="link{joints - 1}"/>'
-        f'<child link="tip"/><origin xyz="0 0 {-offset:.9g}"/></joint><softdyn version="1">'
-    )
-    parts += [f'<joint name="joint{i}" armature="{ARMATURE / joints:.9g}"/>' for i in range(joints)]
+        child, axis = f"link{i}", (0, 1, 0) if i % 2 == 0 else (1, 0, 0)
+        joint = Joint(
+            f"joint{i}", axis, STIFFNESS * joints, DAMPING * joints,
+            limits=(-2, 2), armature=ARMATURE / joints,
+        )  # fmt: skip
+        robot.link(child, inertial(mass, (0, 0, -offset / 2), tensor))
+        robot.chain(parent, child, [joint], (0, 0, -offset if i else 0), ORIGIN)
+        parent = child
+    robot.link("tip")
+    robot.fixed(parent, "tip", (0, 0, -offset))
     for k in range(tendons):
-        last = max(2, math.ceil(joints * (k + 1) / tendons))
+        reach = min(max(2, math.ceil(joints * (k + 1) / tendons)), joints)
         arms = (RADIUS * math.cos(k * GOLDEN), RADIUS * math.sin(k * GOLDEN))
-        terms = "".join(
-            f'<joint name="joint{i}" coef="{arms[i % 2]:.9g}"/>'
-            for i in range(min(last, joints))
-            if arms[i % 2]
-        )
-        parts.append(f'<tendon name="tendon{k}">{terms}</tendon>')
-    parts += [
-        f'<actuator name="u{k}" tendon="tendon{k}" gear="-1" lower="-20" upper="20"/>'
-        for k in range(tendons)
-    ]
-    return "".join(parts) + '<task frame="tip"/></softdyn></robot>'
+        parts = [over(f"joint{i}", arms[i % 2]) for i in range(reach) if arms[i % 2]]
+        robot.tendon(f"tendon{k}", parts)
+        robot.actuator(f"u{k}", f"tendon{k}", -1.0, (-20, 20))
+    return robot.text()

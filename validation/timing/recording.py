@@ -30,11 +30,16 @@ class Recording:
 
     Attributes
     ----------
-    q, v : (states, nq), (states, nv).
-    y, ydot, yddot : (states, 3) the references.
-    t : (states,) when in its loop each was met (s).
-    loop : (states,) which loop: ``set_point THETA`` or ``tracking OMEGA``.
-    digest : SHA-256 of the robot's file.
+    q : array, (states, nq)
+    v : array, (states, nv)
+    y, ydot, yddot : array, (states, 3)
+        The references.
+    t : array, (states,)
+        When in its loop each was met (s).
+    loop : array of str, (states,)
+        Which loop: ``set_point THETA`` or ``tracking OMEGA``.
+    digest : str
+        SHA-256 of the robot's file.
     """
 
     q: np.ndarray
@@ -92,10 +97,15 @@ def record(
 
     Parameters
     ----------
-    make : builds the controller that drives the loops.
-    count : of states, at least one a loop; loops that end early may leave fewer.
-    experiments : by default the paper's four set points from rest and one trajectory.
-    duration : of each loop (s).
+    model : SoftModel
+    make : callable
+        Builds the controller that drives the loops.
+    count : int
+        How many states, at least one a loop; loops that end early may leave fewer.
+    experiments : sequence of Experiment, optional
+        By default the paper's four set points from rest and one trajectory.
+    duration : float
+        Of each loop (s).
     """
     setup = paper.setup_of(model)
     if experiments is None:
