@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from softdyn import InputError, SoftdynError
+from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers.clf_qp import ClfQp
+from softdyn.controllers.gains import Gains
 from softdyn.controllers.id_clf_qp import IdClfQp
 from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance_qp import ImpedanceQp
@@ -50,25 +51,58 @@ def find_controller(name: str) -> Callable[..., Any]:
     return cls
 
 
-def own_error(name: str, expected: str, error: Exception) -> InputError:
-    """What the code of FILE.py (or FILE.py:CLASS) raised, and in which line of it."""
-    file = name.partition(".py")[0] + ".py"
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(file)]
-    line = f" in line {frames[-1].lineno}" if frames else ""
-    return InputError(name, expected, f"{type(error).__name__}{line}: {error}")
+def make_controller(
+    name: str, model: SoftModel, parameters: Any = None, cls: Callable[..., Any] | None = None
+) -> Any:
+    """A controller for one run, by its name.
+
+    Parameters
+    ----------
+    name : str
+        As for `find_controller`.
+    model : SoftModel
+    parameters : Any
+        What it is built with besides the model, nothing where it is None: fields of `Gains` for a
+        law of the paper, a table for any other.
+    cls : Callable, optional
+        What the name stands for, where that is known already.
+
+    Raises
+    ------
+    InputError
+        No such controller, parameters that it does not take, what a user's own class raises.
+    """
+    make = find_controller(name) if cls is None else cls
+    with one_line_errors(name, "a controller"):
+        if parameters is None:
+            return make(model)
+        if name not in CONTROLLERS or not isinstance(parameters, Mapping):
+            return make(model, parameters)
+        try:
+            gains = Gains(**parameters)
+        except TypeError as error:  # a field missing or unknown
+            raise InputError("gains", "the fields of controllers.Gains", error) from None
+        return make(model, gains)
 
 
 @contextmanager
-def blamed(name: str, expected: str) -> Iterator[None]:
-    """What a user's own controller raises inside becomes one line, see `own_error`."""
+def one_line_errors(name: str, expected: str) -> Iterator[None]:
+    """What the code of FILE.py:CLASS, or of FILE.py, raises inside becomes an `InputError`.
+
+    It names the line of the file. Errors of softdyn, and of its own controllers, pass.
+    """
     try:
         yield
     except SoftdynError:
         raise
-    except Exception as error:  # a user's code may raise anything
-        if not is_own(name):
+    except (Exception, SystemExit) as error:  # a user's code may raise anything
+        file, own, _ = name.partition(".py")
+        if not own:
             raise
-        raise own_error(name, expected, error) from error
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if Path(frame.filename).stem == Path(file).name]
+        line = f" in line {lines[-1]}" if lines else ""
+        raise InputError(name, expected, f"{type(error).__name__}{line}: {error}") from error
 
 
 def is_own(name: str) -> bool:
@@ -86,8 +120,6 @@ def _load(path: str) -> Any:
         sys.path.insert(0, str(file.parent))
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(file.stem, module)  # dataclasses look their module up
-    try:
+    with one_line_errors(path, "a Python file that can be imported"):
         spec.loader.exec_module(module)
-    except Exception as error:  # a user's code may raise anything
-        raise own_error(path, "a Python file that can be imported", error) from error
     return module

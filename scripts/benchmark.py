@@ -5,12 +5,8 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
-
-if TYPE_CHECKING:
-    from softdyn.validation.studies.benchmark import Case
 
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
@@ -53,12 +49,11 @@ cli.add_json(parser)
 def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
-    from softdyn.validation.files import to_json, write_text
-    from softdyn.validation.report import tables
-    from softdyn.validation.studies import benchmark, paper
+    from softdyn.validation.studies import benchmark, benchmark_table, paper
+    from softdyn.validation.studies.engine import executors
 
     began = perf_counter()
-    out = Path(arguments.out)
+    out, jobs = Path(arguments.out), arguments.jobs or -1
     cli.check_outputs(arguments.json)
     cases = benchmark.grid(
         arguments.robots,
@@ -69,80 +64,25 @@ def command(arguments: cli.Arguments) -> int:
     if not cases:
         raise InputError("--thetas, --omegas", "at least one of one of them", "none")
     if arguments.plots:
-        return draw_again(cases, out, arguments.json, arguments.jobs or -1)
+        from softdyn.validation.report.index import draw_all
+
+        drawn = draw_all(cases, out, jobs)
+        files = [*drawn["figures"], *([drawn["report"]] if "report" in drawn else [])]
+        cli.write_report(drawn, arguments.json, "\n".join(files))
+        return cli.PASSED
     cli.make_folder(out)
-    run(cases, out, arguments.jobs or -1)
-    rows = benchmark.rows(cases, out)
-    write_text(out / "table.md", tables.markdown(rows))
-    write_text(out / "table.tex", tables.latex(rows))
-    write_text(out / "results.json", to_json({"rows": rows}) + "\n")
+    tasks = benchmark.tasks(cases)
+    executors.follow(benchmark.store(out).run(tasks, executors.strict(jobs)), tasks)
+    report = benchmark.report(cases, out)
+    benchmark_table.write(report["rows"], out)
+    where = f"Table, figures and logs: {out}/"
     if not arguments.no_plots:
-        from softdyn.validation.report import index as page
-        from softdyn.validation.report import plots
+        from softdyn.validation.report.index import draw_all
 
-        plots.make_all(cases, out)
-        index = page.make(cases, out, arguments.jobs or -1)
-    report: dict[str, Any] = {
-        "rows": rows,
-        "wall_s": perf_counter() - began,
-        "simulated_s": benchmark.simulated_seconds(cases, out),
-        "step_us": benchmark.step_times(cases, out),
-    }
-    where = f"\n\nTable, figures and logs: {out}/\n{report['wall_s']:.0f} s"
-    if not arguments.no_plots:
-        where = f"\n\nThe whole result: {index}{where}"
-    cli.write_report(report, arguments.json, tables.text(rows) + where)
-    return cli.PASSED
-
-
-def run(cases: list[Case], out: Path, jobs: int) -> None:
-    """Run what is missing below `out`, with a bar that counts work, not cases."""
-    from tqdm import tqdm
-
-    from softdyn.validation.studies import benchmark
-
-    def text() -> str:
-        reused = f", {done - ran} of them before" if done > ran else ""
-        return f"{done} of {len(cases)} runs{reused}"
-
-    ran = done = 0
-    costs = {case: benchmark.cost(case) for case in cases}
-    layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed} < {remaining}]"
-    with tqdm(
-        total=sum(costs.values()),
-        desc=text(),
-        disable=None,  # silent where stderr is no terminal
-        leave=False,
-        smoothing=0,
-        bar_format=layout,
-    ) as bar:
-        for case, was_run in benchmark.run_grid(cases, out, jobs):
-            done, ran = done + 1, ran + was_run
-            if not (was_run or bar.disable):
-                bar.initial += costs[case]  # took no time: not a measure of the speed
-            bar.set_description_str(text(), refresh=False)
-            bar.update(costs[case])
-
-
-def draw_again(cases: list[Case], out: Path, target: str | None, jobs: int) -> int:
-    """Figures and page alone, from the files below `out`."""
-    from softdyn import InputError
-    from softdyn.validation.report import index as page
-    from softdyn.validation.report import plots
-    from softdyn.validation.studies import benchmark
-
-    missing = [case.name for case in cases if not benchmark.log_path(out, case).is_file()]
-    if missing:
-        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        got = f"no log of {', '.join(missing[:3])}{more}"
-        raise InputError(str(out), f"the logs of all {len(cases)} runs", got)
-    files = [str(file) for file in plots.make_all(cases, out)]
-    report: dict[str, Any] = {"figures": files}
-    # the page shows the figures of merit too, which stand beside the logs
-    if all(benchmark.load_result(case, out) is not None for case in cases):
-        report["report"] = str(page.make(cases, out, jobs))
-        files = [*files, report["report"]]
-    cli.write_report(report, target, "\n".join(files))
+        where = f"The whole result: {draw_all(cases, out, jobs)['report']}\n\n{where}"
+    report["wall_s"] = perf_counter() - began
+    text = benchmark_table.text(report["rows"])
+    cli.write_report(report, arguments.json, f"{text}\n\n{where}\n{report['wall_s']:.0f} s")
     return cli.PASSED
 
 

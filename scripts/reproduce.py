@@ -4,14 +4,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from softdyn.commands import cli
 
-TITLES = (
-    "Experiment", "Robot", "Controller",
-    "SP (cm)", "SP, ours", "SP, paper", "TT (cm²)", "TT, ours", "TT, paper", "Failed runs",
-)  # fmt: skip
 EPILOG = """\
 An EXPERIMENT switches one thing on (see --list) around the controller or in the plant; names joined
 by + are switched on together, e.g. stale+plant-step. Without --robots and --controllers it runs on
@@ -41,17 +36,17 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then the table."""
-    from tqdm import tqdm
-
     from softdyn import InputError
     from softdyn.controllers import CONTROLLERS
     from softdyn.validation.files import write_text
     from softdyn.validation.studies import benchmark, paper, reproduction
+    from softdyn.validation.studies.engine import executors
+    from softdyn.validation.tables import columns
 
     if arguments.list:
         known = {name: change.what for name, change in reproduction.CHANGES.items()}
         known |= reproduction.ALIASES
-        cli.write_report({"experiments": known}, arguments.json, listing(known))
+        cli.write_report({"experiments": known}, arguments.json, columns(list(known.items())))
         return cli.PASSED
     for name in arguments.controllers or ():
         if name not in CONTROLLERS:
@@ -72,59 +67,13 @@ def command(arguments: cli.Arguments) -> int:
     for folder in (out, grid):
         cli.make_folder(folder)
     cli.check_outputs(arguments.json)
-    ours = list(dict.fromkeys(case for _, case in wanted))
-    with tqdm(total=len(ours) + len(wanted), disable=None, leave=False, unit="case") as bar:
-        for _ in benchmark.run_grid(ours, grid, jobs):
-            bar.update()
-        for _ in reproduction.run_all(wanted, out, jobs):
-            bar.update()
+    ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
+    executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
+    reproduction.run(wanted, out, jobs)
     rows = reproduction.rows(wanted, out, grid)
-    write_text(out / "table.md", markdown(rows))
-    cli.write_report({"rows": rows}, arguments.json, text(rows))
+    write_text(out / "table.md", reproduction.markdown(rows))
+    cli.write_report({"rows": rows}, arguments.json, reproduction.text(rows))
     return cli.PASSED
-
-
-def listing(known: dict[str, Any]) -> str:
-    """Names and what they mean, in columns."""
-    from softdyn.validation.tables import columns
-
-    return columns(list(known.items()))
-
-
-def cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """One row of the table as text."""
-    from softdyn.validation.report import tables
-
-    robot, controller, sp, sp_paper, tt, tt_paper, failed = tables.cells(row)
-    _, _, our_sp, _, our_tt, _, _ = tables.cells(row["ours"])
-    shown = (sp, our_sp, sp_paper, tt, our_tt, tt_paper)
-    # no run of a kind: nothing to show
-    sp, our_sp, sp_paper = shown[:3] if row["set_points_cm"] else ("-",) * 3
-    tt, our_tt, tt_paper = shown[3:] if row["trajectories_cm2"] else ("-",) * 3
-    return (
-        row["experiment"], robot, controller, sp, our_sp, sp_paper, tt, our_tt, tt_paper, failed
-    )  # fmt: skip
-
-
-def text(rows: list[dict[str, Any]]) -> str:
-    """Aligned columns for a terminal."""
-    from softdyn.validation.tables import columns
-
-    return columns([TITLES, *(cells(row) for row in rows)])
-
-
-def markdown(rows: list[dict[str, Any]]) -> str:
-    """The table, then every run's figure and the reasons of the failed ones."""
-    from softdyn.validation.tables import pipes
-
-    parts = ["# Reproduction", "", *pipes([TITLES, *(cells(row) for row in rows)]), ""]
-    for row in rows:
-        runs = {f"θ = {k}π": v for k, v in row["set_points_cm"].items()}
-        runs |= {f"ω = {k}π": v for k, v in row["trajectories_cm2"].items()}
-        shown = ", ".join(f"{k}: {'-' if v is None else f'{v:.3g}'}" for k, v in runs.items())
-        parts.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
-        parts += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
-    return "\n".join(parts) + "\n"
 
 
 main = cli.program(parser, command, __name__)

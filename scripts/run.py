@@ -66,7 +66,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Build, simulate, report."""
-    from softdyn.controllers.registry import blamed
+    from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
@@ -81,7 +81,7 @@ def command(arguments: cli.Arguments) -> int:
     )
     controller = make_controller(model, arguments.controller, arguments.gains)
     shown = None
-    with blamed(arguments.controller, "a command"):
+    with one_line_errors(arguments.controller, "a command"):
         loop = ClosedLoop(
             model,
             controller,
@@ -123,28 +123,21 @@ def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
         return view.watch(loop, viewer, arguments.speed)
 
 
-def make_controller(model: SoftModel, name: str, gains: str | None) -> Any:
-    """A controller by its command-line name, or a user's class as FILE.py:CLASS."""
-    from softdyn import InputError, SoftdynError
-    from softdyn.controllers import CONTROLLERS, Gains, find_controller
-    from softdyn.controllers.registry import own_error
+def make_controller(model: SoftModel, name: str, file: str | None) -> Any:
+    """A controller by its command-line name, with the parameters in a file where there is one."""
+    from softdyn import InputError
+    from softdyn.controllers import registry
 
-    table = None if gains is None else cli.read_toml(gains)
-    cls = find_controller(name)
+    if file is None:
+        return registry.make_controller(name, model)
+    table, cls = cli.read_toml(file), registry.find_controller(name)
     try:
-        if table is None:
-            return cls(model)
-        return cls(model, Gains(**table) if name in CONTROLLERS else table)
+        return registry.make_controller(name, model, table, cls)
     except InputError as error:
-        if gains is None:
+        if registry.is_own(error.name):  # it says which line of the user's code
             raise
-        raise InputError(f"{gains}: {error.name}", error.expected, error.got) from None
-    except SoftdynError:
-        raise
-    except Exception as error:
-        if name in CONTROLLERS and isinstance(error, TypeError):  # a field missing or unknown
-            raise InputError(gains or "", "the fields of controllers.Gains", error) from None
-        raise own_error(name, "a controller", error) from error
+        where = f"{file}: {error.name}"
+        raise InputError(where, error.expected, error.got) from None
 
 
 main = cli.program(parser, command, __name__)

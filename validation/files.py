@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import json
 import math
 import os
+import re
 import secrets
 import stat
 import tomllib
@@ -175,6 +177,14 @@ def _followed(path: Path) -> Path:
 def _write_all(stream: Any, content: memoryview) -> None:
     while content:
         content = content[stream.write(content) :]
+
+
+def safe(text: str) -> str:
+    """`text` as one path component; a path or a class keeps its last words and gains a hash."""
+    if re.fullmatch(r"[A-Za-z0-9_-]+", text):
+        return text
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(text).name)
+    return f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def _beside(path: Path) -> Path:

@@ -17,15 +17,15 @@ from typing import Any
 
 from tqdm import tqdm
 
-from softdyn import SoftModel
-from softdyn.validation.files import write_text
+from softdyn import InputError, SoftModel
+from softdyn.validation.files import safe, write_text
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
-from softdyn.validation.report import tables
-from softdyn.validation.report.names import controller_title, experiment_title, robot_title
 from softdyn.validation.studies import benchmark
-from softdyn.validation.studies.benchmark import Case, log_path, safe
-from softdyn.validation.studies.fingerprint import load_model
+from softdyn.validation.studies import benchmark_table as tables
+from softdyn.validation.studies.engine.case import Case, number_text
+from softdyn.validation.studies.engine.sources import load_model
+from softdyn.validation.studies.names import controller_title, experiment_title, robot_title
 from softdyn.view.page import library_file
 
 PAGE = "index.html"
@@ -110,6 +110,34 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
     return folder / PAGE
 
 
+def draw_all(cases: Sequence[Case], folder: Path, jobs: int = -1) -> dict[str, Any]:
+    """Figures and page, from the files below a benchmark's folder alone.
+
+    Returns
+    -------
+    dict
+        ``figures``, their files; ``report``, the page, where the figures of merit, which it shows
+        too, stand beside the logs.
+
+    Raises
+    ------
+    InputError
+        When logs are missing or damaged.
+    """
+    from softdyn.validation.report import plots
+
+    store = benchmark.store(folder)
+    missing = [case.name for case in cases if not store.log_path(case.name).is_file()]
+    if missing:
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        got = f"no log of {', '.join(missing[:3])}{more}"
+        raise InputError(str(folder), f"the logs of all {len(cases)} runs", got)
+    drawn: dict[str, Any] = {"figures": [str(file) for file in plots.make_all(cases, folder)]}
+    if all(store.result(case.name) is not None for case in cases):
+        drawn["report"] = str(make(cases, folder, jobs))
+    return drawn
+
+
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     """Replay and thumbnail of a robot with a controller; returns the runs' versions."""
     from softdyn.validation.report.replay import replays
@@ -117,7 +145,8 @@ def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     from softdyn.view.scene import Figure
 
     model: SoftModel = load_model(cases[0].robot)
-    logs = [Log.load(log_path(folder, case)) for case in cases]
+    store = benchmark.store(folder)
+    logs = [Log.load(store.log_path(case.name)) for case in cases]
     name = f"{robot_title(cases[0].robot)}, {controller_title(cases[0].controller)}"
     page = replays(logs, model, name, RATE).html(f"../{LIBRARY}")
     write_text(folder / replay_path(cases[0]), page)
@@ -151,7 +180,8 @@ def html(
     """The page itself."""
     total = sum(len(group) for group in groups.values())
     failed = sum(len(row["failed"]) for row in rows)
-    simulated = benchmark.simulated_seconds([c for g in groups.values() for c in g], folder)
+    cases = [case for group in groups.values() for case in group]
+    simulated = benchmark.report(cases, folder)["simulated_s"]
     parts = [
         "<h1>softdyn benchmark</h1>",
         f"<p>{total} closed loops, {simulated:.0f} s of simulated time, "
@@ -270,7 +300,7 @@ def _runs(rows: Sequence[dict[str, Any]]) -> str:
         found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
         cells = [*tables.cells(row)[:2], *("-" if x is None else f"{x:.3g}" for x in found),
                  f"{row['not_solved']:g}", f"{row['fallbacks']:g}"]  # fmt: skip
-        bad = {(f["kind"], benchmark.number_text(f["value"])) for f in row["failed"]}
+        bad = {(f["kind"], number_text(f["value"])) for f in row["failed"]}
         keys = [("set_point", x) for x in points] + [("tracking", x) for x in rates]
         marks = ["", "", *("bad" if key in bad else "" for key in keys), "", ""]
         lines.append(_row(cells, "td", marks, "first" if row["robot"] != robot else ""))

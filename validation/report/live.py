@@ -11,8 +11,8 @@ import numpy as np
 from softdyn import State
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.names import controller_title
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.names import controller_title
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer

@@ -12,7 +12,7 @@ import numpy as np
 
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import CM
-from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies.engine.case import Case
 
 OURS = "soft-id-clf-qp"  # the paper's controller
 EXAMPLE = {"set_point": 0.5, "tracking": 0.2}  # what single examples show, in multiples of π

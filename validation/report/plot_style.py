@@ -16,7 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from softdyn.validation.files import atomic
-from softdyn.validation.report import names
+from softdyn.validation.studies import names
 
 Look = tuple[str, Any]  # colour and dashes
 COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)

@@ -9,11 +9,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
+from softdyn.validation.files import safe
 from softdyn.validation.report import figures
 from softdyn.validation.report.plot_data import Run, distinct
 from softdyn.validation.report.plot_style import save, style
 from softdyn.validation.report.time_figures import inputs
-from softdyn.validation.studies.benchmark import Case, log_path, safe
+from softdyn.validation.studies import benchmark
+from softdyn.validation.studies.engine.case import Case
 
 CONVERGENCE = "convergence_"  # and a robot
 
@@ -37,7 +39,8 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
     target = folder / "figures"
     target.mkdir(parents=True, exist_ok=True)
     with tqdm(cases, disable=None, leave=False, unit="log", desc="logs") as bar:
-        runs = [Run.load(case, log_path(folder, case)) for case in bar]
+        store = benchmark.store(folder)
+        runs = [Run.load(case, store.log_path(case.name)) for case in bar]
     robots = distinct(runs, "robot")
     drawings: dict[str, Callable[[], Figure | None]] = {
         "lyapunov_set_points": partial(figures.lyapunov, runs, "set_point"),

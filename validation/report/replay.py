@@ -9,8 +9,8 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.validation.loop.log import Log
-from softdyn.validation.report.names import controller_title, goal, labels_of
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.names import controller_title, goal, labels_of
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 

@@ -14,7 +14,6 @@ from softdyn.validation.files import atomic
 from softdyn.validation.loop.log import Log
 from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.figures import FINEST
-from softdyn.validation.report.names import experiment_title, labels_of
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     Run,
@@ -25,6 +24,7 @@ from softdyn.validation.report.plot_data import (
     preferred,
     thin,
 )
+from softdyn.validation.studies.names import experiment_title, labels_of
 
 
 def inputs(runs: Sequence[Run]) -> Figure | None:

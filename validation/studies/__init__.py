@@ -1,1 +1,14 @@
-"""Many closed loops: the paper's experiments and what goes beyond them."""
+"""Many closed loops: each study is a list of cases and a table, run by one engine.
+
+- `engine`: `Case` → run → `Store`; see there for the plants, delays and noise a case can have.
+- `paper`: the paper's experiments, control periods and published results.
+- `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
+- `sweep`, `sweep_file`, `sweep_report`: a grid or random samples from a TOML file.
+- `robustness`: other plants, targets, a delay of 5 ms, noise of 1 mm on the tip.
+- `beyond`: every cell of the paper at several control periods.
+- `hold`: the soft law over several horizons.
+- `tuning`: CMA-ES on the gains of `best`.
+- `reproduction`: what the paper's reference implementation does otherwise.
+- `obstacle`: the tip meets a ball, with and without barriers.
+- `names`: what robots, controllers and experiments are called in tables and figures.
+"""

@@ -34,16 +34,18 @@ class Setup:
     length : L (m); the ellipse's semi-axes are L/3 and L/8. 0 leaves only `target`.
     period : control period (s).
     reach : the ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
+    shrink : factor on both semi-axes, about that centre.
     """
 
     robot: str
     length: float
     period: float
     reach: float = 1.0
+    shrink: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "length", number("length", self.length, lower=0.0))
-        for name in ("period", "reach"):
+        for name in ("period", "reach", "shrink"):
             object.__setattr__(self, name, number(name, getattr(self, name), above=0.0))
 
     def ellipse(self, omega: float = 0.0) -> Ellipse:
@@ -56,8 +58,9 @@ class Setup:
         """
         if self.length == 0:
             raise InputError("length", "a robot with a length, or a target", f"{self.length:g} m")
-        b = self.length / 8
-        return Ellipse(a=self.length / 3, b=b, c=self.reach * self.length - b, omega=omega)
+        a, b = self.length / 3, self.length / 8
+        c = self.reach * self.length - b
+        return Ellipse(self.shrink * a, self.shrink * b, c, omega=omega)
 
     def set_point(self, theta: float) -> Experiment:
         """Reach the ellipse's point at `theta`, in multiples of π, within 10 s."""

@@ -1,44 +1,36 @@
 """What the paper's reference implementation does otherwise, one change at a time.
 
-A change stands around our code, never in it: a controller that is shown another `State`, another
-plant for `simulate`, an edited copy of the robot's file, another period, or the paper's programme
-solved as the reference solves it (`reference_laws`). Changes combine with ``+``.
+A change stands around our code, never in it: it changes a `Case`. A controller is shown another
+`State`, the plant is another, the period, or the paper's programme is solved as the reference
+solves it (`reference_laws`). Changes combine with ``+``.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
-import softdyn
 from softdyn import Ellipse, InputError, Reference, SoftModel, State
-from softdyn.controllers import Command, find_controller
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation import simulate
-from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.loop.log import Log
 from softdyn.validation.oracles import reference_laws
-from softdyn.validation.processes import in_processes
-from softdyn.validation.studies import benchmark, paper
-from softdyn.validation.studies.benchmark import Case
-from softdyn.validation.twin.twin import Twin
+from softdyn.validation.studies import benchmark, benchmark_table, paper
+from softdyn.validation.studies.benchmark_table import TITLES
+from softdyn.validation.studies.engine import executors
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.deviations import View
+from softdyn.validation.studies.names import cell_title
+from softdyn.validation.tables import columns, pipes
 
-View = Callable[[State], State]
 QP = ("clf-qp", "soft-id-clf-qp", "ic-qp")
 CLOSED = ("ic", "uic")
 PAPER = ("clf-qp", "soft-id-clf-qp", "ic", "uic", "ic-qp")
 ROBOTS = ("finger", "helix", "spirob")
-# MuJoCo's own defaults of solref and solimp
-SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 # -- what a controller is shown --------------------------------------------------------------------
@@ -82,49 +74,9 @@ class Stale:
         )  # fmt: skip
 
 
-class Shown:
-    """A controller that sees each state through views; its gains and counts are the inner one's.
-
-    A `late` one answers its first state with zero input.
-    """
-
-    def __init__(self, controller: Any, views: Iterable[View] = (), *, late: bool = False) -> None:
-        self._controller, self._views, self._late = controller, tuple(views), late
-        self.gains, self.guard = controller.gains, controller.guard
-
-    def __call__(self, state: State, reference: Any) -> Any:
-        """The inner controller's answer to the state it is shown."""
-        for view in self._views:
-            state = view(state)
-        if self._late:
-            self._late = False
-            return Command(np.clip(np.zeros(state.model.nu), state.model.u_min, state.model.u_max))
-        return self._controller(state, reference)
-
-
-# -- another plant ---------------------------------------------------------------------------------
-
-
-class SoftTwin(Twin):
-    """The twin with MuJoCo's default softness of joint limits and dry friction."""
-
-    def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.model.jnt_solref[:], self.model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
-        self.model.dof_solref[:], self.model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
-
-
-def with_friction(source: Path, target: Path, friction: float) -> None:
-    """Copy a robot's file, every moving joint with dry friction (N m or N)."""
-    tree = ElementTree.parse(source)
-    for joint in tree.getroot().findall("joint"):
-        if joint.get("type") == "fixed":
-            continue
-        dynamics = joint.find("dynamics")
-        if dynamics is None:
-            dynamics = ElementTree.SubElement(joint, "dynamics")
-        dynamics.set("friction", repr(friction))
-    tree.write(target, encoding="utf-8", xml_declaration=True)
+def always(view: View) -> View:
+    """What makes a view that remembers nothing."""
+    return view
 
 
 # -- another reference -----------------------------------------------------------------------------
@@ -156,6 +108,11 @@ def reference_ellipse(robot: str, omega: float) -> Lowered:
     return Lowered(Ellipse(a=a, b=b, c=reach * length - b, omega=omega), drop)
 
 
+def another_law(name: str, model: SoftModel, options: tuple[str, ...]) -> Any:
+    """A law of `reference_laws` with the published gains."""
+    return reference_laws.make_law(name, model, PUBLISHED[model.bundled or ""][name], options)
+
+
 # -- the experiments -------------------------------------------------------------------------------
 
 
@@ -165,56 +122,64 @@ class Change:
 
     Attributes
     ----------
-    what : a line for people.
-    robots, controllers : where it is run unless asked otherwise.
-    views : makes the views of one run.
-    plant_step : plant step (s); ``inf`` for one step a control period.
-    late : whether the first input is zero.
-    sampled : whether TT is the plain mean over every fifth control step, t = 0 included.
-    nudge : added to every initial velocity (rad/s, m/s).
-    ellipse : whether trajectories run on the reference's ellipse.
-    law : asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
+    what : str
+        A line for people.
+    robots, controllers : tuple of str
+        Where it is run unless asked otherwise.
+    case, plant, link : mapping
+        What is otherwise in the `Case`, in its `Plant`, in its `Link`.
+    views : tuple
+        Makers of views that join those of the link.
+    law : str
+        What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
         rows), "angular" (the same with the tip's angular velocity as three more), "scs", "clf".
     """
 
     what: str
     robots: tuple[str, ...] = ROBOTS
     controllers: tuple[str, ...] = PAPER
+    case: Mapping[str, Any] = field(default_factory=dict)
+    plant: Mapping[str, Any] = field(default_factory=dict)
+    link: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[Callable[[], View], ...] = ()
-    plant_step: float | None = None
-    period: float | None = None
-    soft_stops: bool = False
-    contacts: bool = False
-    friction: float = 0.0
-    robot: str | None = None
-    ellipse: bool = False
-    late: bool = False
-    sampled: bool = False
-    nudge: float = 0.0
-    law: str | None = None
+    law: str = ""
 
 
 CHANGES = {
     "passive-sign": Change(
-        "passive forces with the wrong sign in h", ("helix",), views=(lambda: wrong_sign,)
+        "passive forces with the wrong sign in h", ("helix",), views=(partial(always, wrong_sign),)
     ),
     "no-coriolis": Change(
-        "C = 0 and the whole bias for g", controllers=CLOSED, views=(lambda: no_coriolis,)
+        "C = 0 and the whole bias for g", controllers=CLOSED,
+        views=(partial(always, no_coriolis),),
     ),
     "stale": Change("M, bias and passive forces one control step old", views=(Stale,)),
-    "plant-step": Change("the plant takes one step a control period", plant_step=math.inf),
-    "plant-fine": Change("plant steps of 0.1 ms", ("finger",), plant_step=1e-4),
-    "soft-stops": Change("MuJoCo's default joint limits", ("helix", "spirob"), soft_stops=True),
-    "contacts": Change("links touch", ("helix", "spirob"), contacts=True),
-    "friction": Change("0.1 N m of dry friction in the plant alone", ("spirob",), friction=0.1),
-    "dof48": Change("SpiRob of 48 DOF, the reference's file", ("spirob",), robot="spirob48"),
-    "ellipse": Change("trajectories on the ellipse of the reference's logs", ellipse=True),
-    "late": Change("the first control step gives zero input", late=True),
-    "sampled": Change("TT as the plain mean of every fifth sample, t = 0 included", sampled=True),
-    "period-1ms": Change("control period 1 ms", ("finger",), period=0.001),
-    "period-2ms": Change("control period 2 ms", ("finger", "helix"), period=0.002),
-    "period-5ms": Change("control period 5 ms", ("helix", "spirob"), period=0.005),
-    "nudge": Change("initial velocities of 1e-9", ("finger",), nudge=1e-9),
+    "plant-step": Change(
+        "the plant takes one step a control period", case={"timestep": math.inf}
+    ),
+    "plant-fine": Change("plant steps of 0.1 ms", ("finger",), case={"timestep": 1e-4}),
+    "soft-stops": Change(
+        "MuJoCo's default joint limits", ("helix", "spirob"), plant={"soft_stops": True}
+    ),
+    "contacts": Change("links touch", ("helix", "spirob"), plant={"contacts": True}),
+    "friction": Change(
+        "0.1 N m of dry friction in the plant alone", ("spirob",), plant={"dry_friction": 0.1}
+    ),
+    "dof48": Change(
+        "SpiRob of 48 DOF, the reference's file", ("spirob",), case={"robot": "spirob48"}
+    ),
+    "ellipse": Change(
+        "trajectories on the ellipse of the reference's logs",
+        case={"trajectory": reference_ellipse},
+    ),
+    "late": Change("the first control step gives zero input", link={"late": True}),
+    "sampled": Change(
+        "TT as the plain mean of every fifth sample, t = 0 included", case={"sampled": True}
+    ),
+    "period-1ms": Change("control period 1 ms", ("finger",), case={"period": 0.001}),
+    "period-2ms": Change("control period 2 ms", ("finger", "helix"), case={"period": 0.002}),
+    "period-5ms": Change("control period 5 ms", ("helix", "spirob"), case={"period": 0.005}),
+    "nudge": Change("initial velocities of 1e-9", ("finger",), case={"nudge": 1e-9}),
     "exact": Change("the textbook programme on another exact solver", controllers=QP, law="exact"),
     "angular": Change(
         "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
@@ -267,7 +232,7 @@ def cases(
     found: list[Case] = []
     thetas, omegas = tuple(thetas), tuple(omegas)
     wanted = tuple(controllers) if controllers is not None else None
-    for robot in robots if robots is not None else ROBOTS:
+    for robot in ROBOTS if robots is None else robots:
         if robot not in ROBOTS:
             raise InputError("robot", f"one of {', '.join(ROBOTS)}", repr(robot))
         changes = parse(name, robot)
@@ -279,110 +244,73 @@ def cases(
     return found
 
 
+def changed(cell: Case, name: str) -> Case:
+    """A cell of the grid with an experiment's changes."""
+    case = cell
+    changes = parse(name, cell.robot)
+    for change in changes:
+        link = replace(case.link, **change.link, views=(*case.link.views, *change.views))
+        case = replace(case, **change.case, plant=replace(case.plant, **change.plant), link=link)
+    laws = tuple(change.law for change in changes if change.law)
+    return replace(case, law=partial(another_law, options=laws)) if laws else case
+
+
 # -- running ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What one run takes: the arguments of `simulate`."""
-
-    model: SoftModel
-    controller: Shown
-    experiment: Experiment
-    options: dict[str, Any]
+def run(wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1) -> None:
+    """Run what is missing or out of date below `folder`; a bar on a terminal."""
+    for name, cells in _by_name(wanted).items():
+        tasks = benchmark.tasks([changed(cell, name) for cell in cells], cells)
+        executors.follow(benchmark.store(folder / name).run(tasks, executors.strict(jobs)), tasks)
 
 
-def prepare(case: Case, name: str, folder: Path) -> Setting:
-    """The setting of a case with an experiment's changes; an edited robot lies in `folder`."""
-    changes = parse(name, case.robot)
-    robot = next((c.robot for c in changes if c.robot), case.robot)
-    friction = max(c.friction for c in changes)
-    model = softdyn.load(robot)
-    gains = PUBLISHED[robot][case.controller]
-    if friction:
-        copy = folder / f"{robot}.urdf"
-        with_friction(model.robot.path, copy, friction)
-        model = softdyn.load(copy)
-    setup = paper.setup(robot)
-    setup = replace(setup, period=next((c.period for c in changes if c.period), setup.period))
-    experiment = (setup.set_point if case.kind == "set_point" else setup.tracking)(case.value)
-    if case.kind == "tracking" and any(c.ellipse for c in changes):
-        experiment = replace(experiment, reference=reference_ellipse(robot, case.value))
-    step = next((c.plant_step for c in changes if c.plant_step), None)
-    laws = {c.law for c in changes if c.law}
-    if laws:
-        controller = reference_laws.make_law(case.controller, model, gains, laws)
-    else:
-        controller = find_controller(case.controller)(model, gains)
-    return Setting(
-        model,
-        Shown(
-            controller,
-            [view() for c in changes for view in c.views],
-            late=any(c.late for c in changes),
-        ),
-        experiment,
-        {
-            "timestep": None if step is None else min(step, setup.period),
-            "v0": np.full(model.nv, sum(c.nudge for c in changes)),
-            "contacts": any(c.contacts for c in changes),
-            "friction": friction > 0,
-            "twin": SoftTwin if any(c.soft_stops for c in changes) else Twin,
-        },
-    )
+def _by_name(wanted: Iterable[tuple[str, Case]]) -> dict[str, list[Case]]:
+    found: dict[str, list[Case]] = {}
+    for name, cell in wanted:
+        found.setdefault(name, []).append(cell)
+    return found
 
 
-def run(case: Case, name: str) -> Log:
-    """One case with an experiment's changes."""
-    with TemporaryDirectory() as folder:
-        s = prepare(case, name, Path(folder))
-        return simulate(s.model, s.controller, s.experiment, name=case.controller, **s.options)
-
-
-def run_all(
-    wanted: list[tuple[str, Case]], folder: Path, jobs: int = -1
-) -> Iterator[tuple[str, Case]]:
-    """Run what is missing or out of date below `folder`; yields as they finish."""
-    prints = {pair: fingerprint(*pair) for pair in wanted}
-    missing = []
-    for name, case in wanted:
-        if benchmark.is_fresh(case, folder / name, prints[name, case]):
-            yield name, case
-        else:
-            missing.append((name, case, folder, prints[name, case]))
-    yield from in_processes(run_case, missing, jobs)
-
-
-def run_case(name: str, case: Case, folder: Path, print_: str) -> tuple[str, Case]:
-    """Run one case and write its files where `benchmark.rows` finds them."""
-    log = run(case, name)
-    tt = mse_cm2(log, sampled=any(c.sampled for c in parse(name, case.robot)))
-    benchmark.save_case(case, log, folder / name, print_, mse_cm2=tt)
-    return name, case
-
-
-def mse_cm2(log: Log, *, sampled: bool) -> float:
-    """TT of a run (cm²): ours, or the reference's, which logs every fifth step and averages."""
-    if not sampled or not log.complete:
-        return log.mse_cm2
-    return 1e4 * float(np.mean(np.sum(log.error[::5] ** 2, axis=1)))
-
-
-def fingerprint(name: str, case: Case) -> str:
-    """A hash of all that a run depends on."""
-    oracles = sorted(Path(reference_laws.__file__).parent.glob("*.py"))
-    code = [file.read_bytes().hex() for file in (Path(__file__), *oracles)]
-    text = json.dumps([name, benchmark.fingerprint(case), *code])
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def rows(wanted: list[tuple[str, Case]], folder: Path, grid: Path) -> list[dict[str, Any]]:
+def rows(wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path) -> list[dict[str, Any]]:
     """The table: one row an experiment, robot and controller, ours and the paper's beside it."""
     found = []
-    for name in dict.fromkeys(name for name, _ in wanted):
-        mine = [case for other, case in wanted if other == name]
+    for name, mine in _by_name(wanted).items():
         ours = {(r["robot"], r["controller"]): r for r in benchmark.rows(mine, grid)}
         for row in benchmark.rows(mine, folder / name):
             key = row["robot"], row["controller"]
             found.append({"experiment": name, **row, "ours": ours[key]})
     return found
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    """One row of the table as text: ours between the experiment's and the paper's figures."""
+    robot, controller, sp, sp_paper, tt, tt_paper, failed = benchmark_table.cells(row)
+    _, _, our_sp, _, our_tt, _, _ = benchmark_table.cells(row["ours"])
+    # no run of a kind: nothing to show
+    points = (sp, our_sp, sp_paper) if row["set_points_cm"] else ("-",) * 3
+    rates = (tt, our_tt, tt_paper) if row["trajectories_cm2"] else ("-",) * 3
+    return [row["experiment"], robot, controller, *points, *rates, failed]
+
+
+def _lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    robot, controller, sp, sp_paper, tt, tt_paper, failed = TITLES
+    titles = [robot, controller, sp, "SP, ours", sp_paper, tt, "TT, ours", tt_paper, failed]
+    return [["Experiment", *titles], *map(_cells, rows)]
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """The table in aligned columns for a terminal."""
+    return columns(_lines(rows))
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """The table, then every run's figure and the reasons of the failed ones."""
+    parts = ["# Reproduction", "", *pipes(_lines(rows)), ""]
+    for row in rows:
+        runs = {cell_title("set_point", float(k)): v for k, v in row["set_points_cm"].items()}
+        runs |= {cell_title("tracking", float(k)): v for k, v in row["trajectories_cm2"].items()}
+        shown = ", ".join(f"{k}: {'-' if v is None else f'{v:.3g}'}" for k, v in runs.items())
+        parts.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
+        parts += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
+    return "\n".join(parts) + "\n"

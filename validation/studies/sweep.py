@@ -6,10 +6,7 @@ alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -19,11 +16,12 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.time_grid import TimeGrid
-from softdyn.validation.studies import paper
-from softdyn.validation.studies.benchmark import safe
-from softdyn.validation.studies.fingerprint import digest
+from softdyn.validation.studies.engine import worker
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.deviations import Plant
+from softdyn.validation.studies.engine.store import Store
+from softdyn.validation.studies.engine.worker import Task
 
 FIGURES = {
     "final_error_cm": "final error (cm)",
@@ -31,83 +29,41 @@ FIGURES = {
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
 PLANT = ("period", "duration", "timestep", "contacts", "friction")
+TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}  # in a file → of a case
+NAMES = {kind: name for name, kind in TARGETS.items()}
 
 
-@dataclass(frozen=True)
-class Source:
-    """The files of a robot or a controller, so that a worker can tell whether it has the same.
-
-    Attributes
-    ----------
-    text : what the sweep file calls it; a bundled robot's own name.
-    path : the main file on the machine that reads the sweep file.
-    files : (path relative to the main file's folder, SHA-256) of each, in order.
-    own : the user's own; any other is part of a package that every worker has.
-    """
-
-    text: str
-    path: str
-    files: tuple[tuple[str, str], ...]
-    own: bool
-
-    @classmethod
-    def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
-        """The files at `paths`, the main one first."""
-        main = paths[0].resolve()
-        found = [(path.resolve().relative_to(main.parent).as_posix(), path) for path in paths]
-        return cls(text, str(main), tuple((name, digest(path)) for name, path in found), own)
+def inputs(case: Case) -> dict[str, Any]:
+    """A case in the words of a sweep file."""
+    return {
+        "robot": case.robot,
+        "controller": case.controller,
+        "kind": NAMES[case.kind],
+        "target": case.value,
+        "gains": case.parameters,
+        "period": case.period,
+        "duration": case.duration,
+        "timestep": case.timestep,
+        "contacts": case.plant.contacts,
+        "friction": case.plant.friction,
+        "sample": case.sample,
+    }
 
 
-@dataclass(frozen=True)
-class Case:
-    """One closed loop, everything resolved.
+def parameter(case: Case, name: str) -> Any:
+    """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case; None without."""
+    group, _, key = name.rpartition(".")
+    found = inputs(case)
+    if group == "gains":
+        return (found["gains"] or {}).get(key)
+    if group == "plant":
+        return found[key]
+    return found["target"] if found["kind"] == name else None
 
-    Attributes
-    ----------
-    robot, controller : as the sweep file calls them.
-    kind, target : ``"theta"`` or ``"omega"`` and its multiple of π, or ``"point"`` and (x, y, z) m.
-    gains : every gain of a controller of the paper; what the file gives to a user's own, else None.
-    period, duration, timestep : control period, length of the run, plant step (s).
-    contacts, friction : of the plant.
-    sample : number of the random sample, None in a sweep without any.
-    """
 
-    robot: str
-    controller: str
-    kind: str
-    target: float | tuple[float, float, float]
-    gains: dict[str, Any] | None
-    period: float
-    duration: float
-    timestep: float
-    contacts: bool
-    friction: bool
-    sample: int | None
-
-    @cached_property
-    def name(self) -> str:
-        """A relative path that is safe as a file's and unique to the inputs."""
-        text = json.dumps(asdict(self), sort_keys=True)
-        goal = self.kind if self.kind == "point" else f"{self.kind}_{self.target:g}"
-        mark = hashlib.sha256(text.encode()).hexdigest()[:16]
-        return f"{safe(self.robot)}/{safe(self.controller)}/{goal}-{mark}"
-
-    def parameter(self, name: str) -> Any:
-        """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in this case; None without."""
-        group, _, key = name.rpartition(".")
-        if group == "gains":
-            return (self.gains or {}).get(key)
-        if group == "plant":
-            return getattr(self, key)
-        return self.target if self.kind == name else None
-
-    def experiment(self, model: SoftModel) -> Experiment:
-        """What to run."""
-        setup = replace(paper.setup_of(model), period=self.period)
-        if self.kind == "point":
-            return setup.target(self.target)
-        make = setup.set_point if self.kind == "theta" else setup.tracking
-        return make(self.target)  # type: ignore[arg-type]
+def store(folder: Path) -> Store:
+    """Where a sweep keeps what came of its cases."""
+    return Store(folder, runs="cases")
 
 
 @dataclass(frozen=True)
@@ -138,8 +94,7 @@ class Sweep:
     Attributes
     ----------
     path : the file.
-    robots : name in the file → where it comes from.
-    controllers : likewise; None for those of the paper.
+    robots, controllers : their names in the file.
     targets : one axis per kind of target in the file.
     axes : of gains and plant, in the file's order.
     samples, seed : number of random samples (None without) and their seed.
@@ -149,8 +104,8 @@ class Sweep:
     """
 
     path: Path
-    robots: dict[str, Source]
-    controllers: dict[str, Source | None]
+    robots: tuple[str, ...]
+    controllers: tuple[str, ...]
     targets: tuple[Axis, ...]
     axes: tuple[Axis, ...]
     samples: int | None
@@ -158,6 +113,11 @@ class Sweep:
     logs: bool
     figure: str
     models: dict[str, SoftModel]
+
+    def tasks(self) -> list[Task]:
+        """Every case with what it depends on."""
+        heads = [{"inputs": inputs(case)} for case in self.cases]
+        return worker.tasks(self.cases, heads=heads, folder=self.path.parent, log=self.logs)
 
     def varying(self) -> list[Axis]:
         """Gains and plant parameters with more than one value."""
@@ -202,28 +162,33 @@ class Sweep:
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
         sample: int | None,
     ) -> Case:  # fmt: skip
-        model = self.models[robot]
-        given = {n.removeprefix("gains."): v for n, v in values.items() if n.startswith("gains.")}
-        plant = {n.removeprefix("plant."): v for n, v in values.items() if n.startswith("plant.")}
-        gains = resolve_gains(model, controller, given)
-        period = plant.get("period", paper.setup_of(model).period)
+        groups: dict[str, dict[str, Any]] = {"gains": {}, "plant": {}}
+        for name, value in values.items():
+            group, _, key = name.partition(".")
+            groups[group][key] = value
+        plant, model = groups["plant"], self.models[robot]
         case = Case(
-            robot, controller, kind, target, gains, period, math.nan, math.nan,
-            plant.get("contacts", False), plant.get("friction", False), sample,
+            robot, controller, TARGETS[kind], target,
+            parameters=resolve_gains(model, controller, groups["gains"]),
+            period=plant.get("period"),
+            plant=Plant(plant.get("contacts", False), plant.get("friction", False)),
+            sample=sample,
         )  # fmt: skip
         try:
-            duration = plant.get("duration", case.experiment(model).duration)
-            schedule = TimeGrid.plan(duration, period, plant.get("timestep"))
+            experiment = case.experiment(model)
+            duration = plant.get("duration", experiment.duration)
+            grid = TimeGrid.plan(duration, experiment.period, plant.get("timestep"))
         except InputError as error:
             where = f"{self.path}: {robot}, {error.name}"
             raise InputError(where, error.expected, error.got) from None
-        return replace(case, duration=schedule.duration, timestep=schedule.timestep)
+        times = {name: getattr(grid, name) for name in ("period", "duration", "timestep")}
+        return replace(case, **times)
 
 
 def resolve_gains(model: SoftModel, controller: str, given: dict[str, Any]) -> Any:
     """All gains of a controller of the paper, the published ones where `given` has none.
 
-    A user's own controller gets what is given, and None without any.
+    Any other controller gets what is given, and None without any.
     """
     if controller not in CONTROLLERS:
         return given or None

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable
-from contextlib import redirect_stdout
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import softdyn
-from softdyn import InputError, SoftModel
+from softdyn import InputError, SoftModel, UrdfError
 from softdyn.checks import number
-from softdyn.controllers import CONTROLLERS, Gains, find_controller
+from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.description import library as catalogue
 from softdyn.validation.files import read_toml
-from softdyn.validation.studies.fingerprint import sources as own_sources
-from softdyn.validation.studies.sweep import FIGURES, PLANT, Axis, Source, Sweep
+from softdyn.validation.studies.engine import sources
+from softdyn.validation.studies.sweep import FIGURES, PLANT, TARGETS, Axis, Sweep
 
 MAX_CASES = 100_000
-TARGETS = ("theta", "omega", "point")
 GAINS = tuple(field.name for field in fields(Gains))
 KEYS = ("robots", "controllers", "targets", "gains", "plant", "samples", "logs", "figure")
 RANGE = ("from", "to", "count", "spacing")
-DRAWN = {"uniform": "linear", "log_uniform": "log"}
+DRAWN = {"uniform": False, "log_uniform": True}  # distribution → whether of the logarithm
+
+Check = Callable[[str, Any], Any]
 
 
 def read(path: str | Path) -> Sweep:
@@ -53,229 +50,178 @@ class _Reader:
         self.count: int | None = None
         self.seed = 0
 
-    def fail(self, key: str, expected: str, got: Any) -> InputError:
-        where = f"{self.path}: {key}" if key else str(self.path)
-        return InputError(where, expected, got if isinstance(got, str) else repr(got))
+    def check(self, fits: Any, key: str, expected: str, got: Any) -> None:
+        """Refuse what does not fit."""
+        if not fits:
+            where = f"{self.path}: {key}" if key else str(self.path)
+            raise InputError(where, expected, got if isinstance(got, str) else repr(got))
 
     def sweep(self) -> Sweep:
         self.known("", self.table, KEYS)
-        self.read_samples()
-        robots, models = self.read_robots()
+        if "samples" in self.table:
+            table = self.section("samples", ("count", "seed"))
+            self.count = self.whole("samples.count", table.get("count"), 1, MAX_CASES)
+            self.seed = self.whole("samples.seed", table.get("seed", 0), 0, 2**63 - 1)
+        models = self.read_robots()
         controllers = self.read_controllers()
         targets = self.read_targets()
-        axes = self.read_gains(controllers) + self.read_plant()
+        axes = [*self.read_gains(controllers), *self.read_plant()]
         drawn = any(axis.drawn for axis in (*targets, *axes))
-        if self.count is None and drawn:  # never: `axis` asks for it
-            raise self.fail("samples", "a table with a count", "none")
-        if self.count is not None and not drawn:
-            raise self.fail("samples", "a parameter with uniform or log_uniform", "none")
-        self.check_gains(robots, controllers, models, axes)
-        self.check_size(robots, controllers, targets, axes)
+        expected = "a parameter with uniform or log_uniform"
+        self.check(self.count is None or drawn, "samples", expected, "none")
+        self.check_gains(controllers, models, axes)
+        self.check_size(models, controllers, targets, axes)
         logs = self.table.get("logs", False)
-        if not isinstance(logs, bool):
-            raise self.fail("logs", "true or false", logs)
+        self.check(isinstance(logs, bool), "logs", "true or false", logs)
         sweep = Sweep(
-            self.path, robots, controllers, tuple(targets), tuple(axes), self.count, self.seed,
-            logs, self.read_figure(targets, axes), models,
+            self.path, tuple(models), tuple(controllers), tuple(targets), tuple(axes), self.count,
+            self.seed, logs, self.read_figure(targets, axes), models,
         )  # fmt: skip
         _ = sweep.cases  # finds what no single key tells
         return sweep
 
     # -- what runs ---------------------------------------------------------------------------------
 
-    def read_robots(self) -> tuple[dict[str, Source], dict[str, SoftModel]]:
-        sources, models = {}, {}
+    def read_robots(self) -> dict[str, SoftModel]:
+        models = {}
         for text in self.names("robots"):
-            beside = self.path.parent / text
-            own = text not in catalogue.bundled_names() and beside.is_file()
             try:
-                model = softdyn.load(beside if own else text)
-            except softdyn.SoftdynError as error:
-                expected = getattr(error, "expected", "a robot")
-                raise self.fail("robots", expected, self.reason(error, text)) from None
-            if model.nu == 0:
-                raise self.fail("robots", "robots with actuators", f"{text!r} without any")
-            own = own and model.bundled is None
-            sources[text] = Source.of(model.bundled or text, [model.robot.path], own)
+                _, model = sources.of_robot(text, self.path.parent)
+            except (InputError, UrdfError) as error:
+                # of a defect in a robot's file, also where
+                where = f" in {text}: {error.element}" if isinstance(error, UrdfError) else ""
+                raise self.told("robots", error, where) from None
+            self.check(model.nu > 0, "robots", "robots with actuators", f"{text!r} without any")
             models[text] = model
-        return sources, models
+        return models
 
-    @staticmethod
-    def reason(error: Exception, text: str) -> str:
-        """What was got; of a defect in a robot's file, also where."""
-        if isinstance(error, softdyn.UrdfError):
-            return f"{error.got} in {text}: {error.element}"
-        return str(getattr(error, "got", error))
-
-    def read_controllers(self) -> dict[str, Source | None]:
-        found: dict[str, Source | None] = {}
-        for text in self.names("controllers"):
-            if text in CONTROLLERS:
-                found[text] = None
-                continue
-            file, _, kind = text.rpartition(":")
-            path = self.path.parent / file
+    def read_controllers(self) -> list[str]:
+        found = self.names("controllers")
+        for text in found:
             try:
-                with redirect_stdout(sys.stderr):  # what a user's module prints
-                    find_controller(f"{path}:{kind}" if file else text)
+                sources.of_controller(text, self.path.parent)
             except InputError as error:
-                raise self.fail("controllers", error.expected, error.got) from None
-            beside = [p for p in own_sources(path) if p != path.resolve()]
-            found[text] = Source.of(text, [path, *beside], own=True)
+                raise self.told("controllers", error) from None
         return found
+
+    def told(self, key: str, error: InputError | UrdfError, where: str = "") -> InputError:
+        """An error as one of this file."""
+        return InputError(f"{self.path}: {key}", error.expected, error.got + where)
 
     def names(self, key: str) -> list[str]:
-        value = self.table.get(key)
+        value = self.table.get(key, [])
         found = [value] if isinstance(value, str) else value
+        fits = isinstance(found, list) and found and all(isinstance(n, str) and n for n in found)
+        got = found if key in self.table else "nothing"
         expected = "a list of distinct names"
-        if not isinstance(found, list) or not found:
-            raise self.fail(key, expected, "nothing" if value is None else value)
-        if not all(isinstance(name, str) and name for name in found):
-            raise self.fail(key, expected, found)
-        if len(set(found)) < len(found):
-            raise self.fail(key, expected, found)
-        return found
+        self.check(fits and len(set(found)) == len(found), key, expected, got)
+        return list(found)
 
     def read_targets(self) -> list[Axis]:
-        table = self.section("targets")
-        self.known("targets", table, TARGETS)
-        if not table:
-            raise self.fail("targets", f"at least one of {', '.join(TARGETS)}", "none")
+        table = self.section("targets", tuple(TARGETS))
+        self.check(bool(table), "targets", f"at least one of {', '.join(TARGETS)}", "none")
         axes = []
-        for kind in TARGETS:
+        for kind, check in (("theta", number), ("omega", positive), ("point", point)):
             if kind not in table:
                 continue
             value = table[kind]
             if kind == "point":
-                single = isinstance(value, list) and not any(isinstance(v, list) for v in value)
-                if not isinstance(value, list):
-                    raise self.fail("targets.point", "[x, y, z] in m, or a list of such", value)
-                axes.append(self.axis("targets.point", [value] if single else value, self.point))
-            else:
-                above = 0.0 if kind == "omega" else -math.inf
-                axes.append(self.axis(f"targets.{kind}", value, number_above(above)))
-        return [replace(axis, name=axis.name.removeprefix("targets.")) for axis in axes]
-
-    @staticmethod
-    def point(key: str, value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or len(value) != 3:
-            raise InputError(key, "[x, y, z] in m, or a list of such", repr(value))
-        return tuple(number(key, x) for x in value)
+                self.check(isinstance(value, list), "targets.point", POINTS, value)
+                single = not any(isinstance(v, list) for v in value)
+                value = [value] if single else value
+            axes.append(self.axis(f"targets.{kind}", kind, value, check))
+        return axes
 
     # -- what varies -------------------------------------------------------------------------------
 
-    def read_gains(self, controllers: dict[str, Source | None]) -> list[Axis]:
-        table = self.section("gains")
-        if any(source is None for source in controllers.values()):
-            self.known("gains", table, GAINS)
-            check: Callable[[str, Any], Any] = gain
-        else:
-            check = plain
-        return [self.axis(f"gains.{name}", value, check) for name, value in table.items()]
+    def read_gains(self, controllers: Sequence[str]) -> list[Axis]:
+        papers = any(name in CONTROLLERS for name in controllers)
+        table = self.section("gains", GAINS if papers else None)
+        check = gain if papers else anything
+        return [self.axis(f"gains.{k}", f"gains.{k}", v, check) for k, v in table.items()]
 
     def read_plant(self) -> list[Axis]:
-        table = self.section("plant")
-        self.known("plant", table, PLANT)
-        return [
-            self.axis(
-                f"plant.{name}", value, flag if name in PLANT[3:] else number_above(0.0)
-            )
-            for name, value in table.items()
-        ]  # fmt: skip
-
-    def read_samples(self) -> None:
-        if "samples" not in self.table:
-            return
-        table = self.section("samples")
-        self.known("samples", table, ("count", "seed"))
-        self.count = self.whole("samples.count", table.get("count"), 1, MAX_CASES)
-        self.seed = self.whole("samples.seed", table.get("seed", 0), 0, 2**63 - 1)
+        checks: dict[str, Check] = dict.fromkeys(PLANT[:3], positive)
+        checks |= dict.fromkeys(PLANT[3:], flag)
+        table = self.section("plant", PLANT)
+        return [self.axis(f"plant.{k}", f"plant.{k}", v, checks[k]) for k, v in table.items()]
 
     def read_figure(self, targets: list[Axis], axes: list[Axis]) -> str:
         tracks = [axis.name == "omega" for axis in targets]
         figure = self.table.get("figure", "mse_cm2" if any(tracks) else "final_error_cm")
-        if not isinstance(figure, str) or figure not in FIGURES:
-            raise self.fail("figure", f"one of {', '.join(FIGURES)}", figure)
-        shortened = any(axis.name == "plant.duration" for axis in axes)
-        if figure == "second_cycle_mse_cm2" and (not all(tracks) or shortened):
-            expected = "final_error_cm or mse_cm2 unless every case tracks two whole cycles"
-            raise self.fail("figure", expected, figure)
-        return figure
+        known = isinstance(figure, str) and figure in FIGURES
+        self.check(known, "figure", f"one of {', '.join(FIGURES)}", figure)
+        whole = all(tracks) and all(axis.name != "plant.duration" for axis in axes)
+        expected = "final_error_cm or mse_cm2 unless every case tracks two whole cycles"
+        self.check(figure != "second_cycle_mse_cm2" or whole, "figure", expected, figure)
+        return str(figure)
 
-    def axis(self, key: str, value: Any, check: Callable[[str, Any], Any]) -> Axis:
+    def axis(self, key: str, name: str, value: Any, check: Check) -> Axis:
         """The values of one parameter: a number, a list, a range, or a distribution."""
+        drawn = None
         try:
-            if isinstance(value, dict):
-                return self.spread(key, value, check)
-            values = tuple(check(key, v) for v in (value if isinstance(value, list) else [value]))
+            if isinstance(value, dict) and check not in (flag, point):
+                drawn = next((kind for kind in DRAWN if kind in value), None)
+                values = self.draw(key, value, check, drawn) if drawn else (
+                    self.spread(key, value, check))  # fmt: skip
+            else:
+                values = tuple(
+                    check(key, v) for v in (value if isinstance(value, list) else [value])
+                )
         except InputError as error:
-            if error.name.startswith(f"{self.path}: "):
-                raise
-            raise self.fail(key, error.expected, error.got) from None
-        if not values:
-            raise self.fail(key, "at least one value", value)
-        if len({(isinstance(v, bool), v) for v in values}) < len(values):
-            raise self.fail(key, "distinct values", value)
-        return Axis(key, values)
+            raise (
+                error if error.name.startswith(f"{self.path}: ") else self.told(key, error)
+            ) from None
+        self.check(bool(values), key, "at least one value", value)
+        distinct = len({(isinstance(v, bool), v) for v in values}) == len(values)
+        many = f"{len(values)} " if isinstance(value, dict) else ""
+        self.check(distinct or drawn is not None, key, f"{many}distinct values", value)
+        return Axis(name, values, drawn)
 
-    def spread(self, key: str, table: dict[str, Any], check: Callable[[str, Any], Any]) -> Axis:
-        """A range of a grid, or a distribution."""
-        if check is flag or check is self.point:
-            check(key, table)  # refuses it
-        drawn = [name for name in DRAWN if name in table]
-        if drawn:
-            (name, ends) = drawn[0], table[drawn[0]]
-            self.known(key, table, (name,))
-            if not isinstance(ends, list) or len(ends) != 2:
-                raise self.fail(f"{key}.{name}", "[lower, upper]", ends)
-            if self.count is None:
-                raise self.fail("samples", f"a table with the count of samples of {key}", "none")
-            lower, upper = self.ends(key, ends[0], ends[1], check, DRAWN[name] == "log")
-            values = draw(key, self.seed, self.count, lower, upper, DRAWN[name] == "log")
-            return Axis(key, values, drawn=name)
+    def draw(self, key: str, table: dict[str, Any], check: Check, kind: str) -> tuple[float, ...]:
+        """Random values between both ends of a distribution."""
+        self.known(key, table, (kind,))
+        ends = table[kind]
+        pair = isinstance(ends, list) and len(ends) == 2
+        self.check(pair, f"{key}.{kind}", "[lower, upper]", ends)
+        if self.count is None:
+            expected = f"a table with the count of samples of {key}"
+            raise InputError(f"{self.path}: samples", expected, "none")
+        lower, upper = self.ends(key, ends, check, DRAWN[kind])
+        return draw(key, self.seed, self.count, lower, upper, DRAWN[kind])
+
+    def spread(self, key: str, table: dict[str, Any], check: Check) -> tuple[float, ...]:
+        """The values of a range."""
         self.known(key, table, RANGE)
-        for name in RANGE[:3]:
-            if name not in table:
-                raise self.fail(
-                    key, "a range {from, to, count}, {uniform} or {log_uniform}", table
-                )  # fmt: skip
+        expected = "a range {from, to, count}, {uniform} or {log_uniform}"
+        self.check(all(name in table for name in RANGE[:3]), key, expected, table)
         spacing = table.get("spacing", "linear")
-        if spacing not in ("linear", "log"):
-            raise self.fail(f"{key}.spacing", "linear or log", spacing)
+        self.check(spacing in ("linear", "log"), f"{key}.spacing", "linear or log", spacing)
         count = self.whole(f"{key}.count", table["count"], 2, MAX_CASES)
-        log = spacing == "log"
-        lower, upper = self.ends(key, table["from"], table["to"], check, log)
-        values = tuple((np.geomspace if log else np.linspace)(lower, upper, count).tolist())
-        if len(set(values)) < count:
-            raise self.fail(key, f"{count} distinct values", table)
-        return Axis(key, values)
+        lower, upper = self.ends(key, [table["from"], table["to"]], check, spacing == "log")
+        make = np.geomspace if spacing == "log" else np.linspace
+        return tuple(make(lower, upper, count).tolist())
 
-    def ends(
-        self, key: str, lower: Any, upper: Any, check: Callable[[str, Any], Any], log: bool
-    ) -> tuple[float, float]:
+    def ends(self, key: str, ends: list[Any], check: Check, log: bool) -> tuple[float, float]:
         """Both ends of a range, each a value that the parameter may have."""
-        for end in (lower, upper):
+        for end in ends:
             number(key, end, above=0.0 if log else -math.inf)
             check(key, end)
-        if not lower < upper or not math.isfinite(upper - lower):
-            raise self.fail(key, "a lower end below the upper", [lower, upper])
-        return float(lower), float(upper)
+        fits = ends[0] < ends[1] and math.isfinite(ends[1] - ends[0])
+        self.check(fits, key, "a lower end below the upper", ends)
+        return float(ends[0]), float(ends[1])
 
     # -- what only the whole tells -----------------------------------------------------------------
 
     def check_gains(
-        self,
-        robots: dict[str, Source],
-        controllers: dict[str, Source | None],
-        models: dict[str, SoftModel],
-        axes: list[Axis],
+        self, controllers: Sequence[str], models: dict[str, SoftModel], axes: list[Axis]
     ) -> None:
         given = any(axis.name == "gains.Kp" for axis in axes)
-        for robot, controller in product(robots, controllers):
+        for robot, controller in product(models, controllers):
             published = controller in PUBLISHED.get(models[robot].bundled or "", {})
-            if controllers[controller] is None and not published and not given:
-                expected = f"a value for {robot}, which has no published gains"
-                raise self.fail("gains.Kp", expected, "none")
+            expected = f"a value for {robot}, which has no published gains"
+            has = given or published or controller not in CONTROLLERS
+            self.check(has, "gains.Kp", expected, "none")
 
     def check_size(self, robots: Any, controllers: Any, targets: list[Axis], axes: Any) -> None:
         sizes = {"robots": len(robots), "controllers": len(controllers)}
@@ -283,29 +229,29 @@ class _Reader:
         sizes |= {a.name: len(a.values) for a in axes if a.varies and not a.drawn}
         sizes |= {} if self.count is None else {"samples": self.count}
         total = math.prod(sizes.values())
-        if total > MAX_CASES:
-            parts = " × ".join(f"{size} {name}" for name, size in sizes.items())
-            raise self.fail("", f"at most {MAX_CASES} cases", f"{total} = {parts}")
+        parts = " × ".join(f"{size} {name}" for name, size in sizes.items())
+        expected = f"at most {MAX_CASES} cases"
+        self.check(total <= MAX_CASES, "", expected, f"{total} = {parts}")
 
     # -- small things ------------------------------------------------------------------------------
 
-    def section(self, key: str) -> dict[str, Any]:
+    def section(self, key: str, names: tuple[str, ...] | None) -> dict[str, Any]:
         value = self.table.get(key, {})
-        if not isinstance(value, dict):
-            raise self.fail(key, f"a table [{key}]", value)
-        return value
+        self.check(isinstance(value, dict), key, f"a table [{key}]", value)
+        if names is not None:
+            self.known(key, value, names)
+        return dict(value)
 
     def known(self, key: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
         for name in table:
-            if name not in names:
-                raise self.fail(f"{key}.{name}" if key else name, f"one of {', '.join(names)}",
-                                "an unknown key")  # fmt: skip
+            where = f"{key}.{name}" if key else name
+            self.check(name in names, where, f"one of {', '.join(names)}", "an unknown key")
 
     def whole(self, key: str, value: Any, lower: int, upper: int) -> int:
-        if not isinstance(value, int) or isinstance(value, bool) or not lower <= value <= upper:
-            got = "none" if value is None else value
-            raise self.fail(key, f"a whole number from {lower} to {upper}", got)
-        return value
+        fits = isinstance(value, int) and not isinstance(value, bool) and lower <= value <= upper
+        expected = f"a whole number from {lower} to {upper}"
+        self.check(fits, key, expected, "none" if value is None else value)
+        return int(value)
 
 
 def draw(
@@ -325,26 +271,36 @@ def draw(
     return tuple(np.clip(values, lower, upper).tolist())
 
 
-def number_above(limit: float) -> Callable[[str, Any], float]:
-    """A check: a finite number above `limit`."""
-    return lambda key, value: number(key, value, above=limit)
+# -- checks of single values -----------------------------------------------------------------------
+
+POINTS = "[x, y, z] in m, or a list of such"
+
+
+def positive(key: str, value: Any) -> float:
+    """A finite number above 0."""
+    return number(key, value, above=0.0)
+
+
+def point(key: str, value: Any) -> tuple[float, ...]:
+    """Three finite numbers."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise InputError(key, POINTS, repr(value))
+    return tuple(number(key, x) for x in value)
 
 
 def gain(key: str, value: Any) -> float:
-    """A check: a value that this field of `Gains` may have."""
+    """A value that this field of `Gains` may have."""
     Gains(**{"Kp": 1.0, key.removeprefix("gains."): value})
     return float(value)
 
 
-def plain(key: str, value: Any) -> Any:
-    """A check: a number, true or false, or a text, for a user's own controller."""
-    if isinstance(value, bool | str):
-        return value
-    return number(key, value)
+def anything(key: str, value: Any) -> Any:
+    """A number, true or false, or a text, for a user's own controller."""
+    return value if isinstance(value, bool | str) else number(key, value)
 
 
 def flag(key: str, value: Any) -> bool:
-    """A check: true or false."""
+    """True or false."""
     if not isinstance(value, bool):
         raise InputError(key, "true or false", repr(value))
     return value

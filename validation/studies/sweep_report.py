@@ -6,13 +6,17 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softdyn.validation.studies.sweep import FIGURES, PLANT, Case, Sweep
-from softdyn.validation.studies.sweep_run import load, load_any
+from softdyn.validation.files import write_text
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.store import OUTCOMES, Store
+from softdyn.validation.studies.engine.worker import Task
+from softdyn.validation.studies.names import cell_title
+from softdyn.validation.studies.sweep import FIGURES, PLANT, Sweep, inputs, parameter
 from softdyn.validation.tables import inline, pipes
 
 BEST = 10
@@ -56,14 +60,10 @@ class Setting:
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
-def rows(tasks: Iterable[Any], folder: Path) -> list[Row]:
+def rows(tasks: Iterable[Task], store: Store) -> list[Row]:
     """Cases with their results, in the sweep's order; what never ran has none and is left out."""
-    found = []
-    for task in tasks:
-        result = load(task, folder) or load_any(task.case, folder)
-        if result is not None:
-            found.append((task.case, result))
-    return found
+    found = ((task.case, store.result(task.name)) for task in tasks)
+    return [(case, result) for case, result in found if result is not None]
 
 
 def settings(found: Iterable[Row], figure: str) -> list[Setting]:
@@ -71,7 +71,7 @@ def settings(found: Iterable[Row], figure: str) -> list[Setting]:
 
     Fewest failed cases come before the smallest mean: a figure of a failed run says little.
     """
-    groups: dict[tuple[Any, ...], list[Row]] = {}
+    groups: dict[str, list[Row]] = {}
     for case, result in found:
         groups.setdefault(_setting(case), []).append((case, result))
     made = []
@@ -84,16 +84,75 @@ def settings(found: Iterable[Row], figure: str) -> list[Setting]:
     return sorted(made, key=lambda s: (s.failed, math.inf if s.mean is None else s.mean))
 
 
-def _setting(case: Case) -> tuple[Any, ...]:
+def _setting(case: Case) -> str:
     """All of a case but its target, and what a trajectory's rate decides."""
-    gains = None if case.gains is None else tuple(case.gains.items())
-    plant = (case.period, case.timestep, case.contacts, case.friction)
-    return case.robot, case.controller, gains, plant, case.sample
+    found = inputs(case)
+    for name in ("kind", "target", "duration"):
+        del found[name]
+    return repr(found)
 
 
-def outcomes(found: Iterable[Row]) -> dict[str, int]:
-    """How many cases ended how."""
-    return dict(Counter(result["outcome"] for _, result in found))
+def plan(sweep: Sweep, tasks: Sequence[Task], missing: Sequence[Task]) -> dict[str, Any]:
+    """What there is to do, for JSON."""
+    return {
+        "sweep": str(sweep.path),
+        "cases": len(tasks),
+        "missing": len(missing),
+        "simulated_s": sum(task.case.duration or 0.0 for task in missing),
+        "names": [task.name for task in tasks],
+    }
+
+
+def plan_text(plan: Mapping[str, Any]) -> str:
+    """The same for people."""
+    run = f"{plan['missing']} of them to be run: {plan['simulated_s']:g} s of simulated time"
+    return f"{plan['cases']} cases, {run}"
+
+
+def write(sweep: Sweep, found: list[Row], folder: Path) -> list[str]:
+    """Every case as CSV, the best ones as Markdown; returns their files."""
+    texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found)}
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [str(folder / name) for name in texts]
+
+
+def report(sweep: Sweep, found: list[Row], ran: int) -> dict[str, Any]:
+    """The figures of a sweep for JSON, `ran` of its cases run now."""
+    ended = Counter(result["outcome"] for _, result in found)
+    total = len(sweep.cases)
+    return {
+        "sweep": str(sweep.path),
+        "cases": total,
+        "ran": ran,
+        "kept": total - ran,
+        "outcomes": {name: ended[name] for name in OUTCOMES},
+        "figure": sweep.figure,
+        "best": [
+            {
+                "file": _file(case),
+                "outcome": result["outcome"],
+                sweep.figure: result.get(sweep.figure),
+                "inputs": result["inputs"],
+            }
+            for case, result in ranked(found, sweep.figure)
+        ],
+    }
+
+
+def summary(report: Mapping[str, Any]) -> str:
+    """The same for people."""
+    ended = ", ".join(f"{n} {_words(name)}" for name, n in report["outcomes"].items() if n)
+    figure = report["figure"]
+    return "\n".join([
+        f"{report['cases']} cases: {ended} ({report['ran']} run now, {report['wall_s']:.0f} s)",
+        *(f"best   {row['file']}: {figure} {row[figure]:.4g}"
+          for row in report["best"][:3] if row[figure] is not None),
+    ])  # fmt: skip
+
+
+def _words(outcome: str) -> str:
+    return outcome.replace("_", " ")
 
 
 # -- CSV -------------------------------------------------------------------------------------------
@@ -101,23 +160,24 @@ def outcomes(found: Iterable[Row]) -> dict[str, int]:
 
 def to_csv(found: list[Row]) -> str:
     """One line a case, in the sweep's order: inputs, outcome, figures, reason, file."""
-    gains = list(dict.fromkeys(name for case, _ in found for name in case.gains or {}))
+    gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
+    plant = [f"plant.{name}" for name in PLANT]
+    titles = ["robot", "controller", "theta", "omega", *"xyz", *gains, *PLANT, "sample", *RESULTS]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["robot", "controller", "theta", "omega", "x", "y", "z", *(f"gains.{g}" for g in gains),
-         *PLANT, "sample", *RESULTS, "file"]
-    )  # fmt: skip
+    writer.writerow([*titles, "file"])
     for case, result in found:
-        point = case.target if isinstance(case.target, tuple) else ("", "", "")
-        writer.writerow(
-            [case.robot, case.controller, _cell(case.parameter("theta")),
-             _cell(case.parameter("omega")), *map(_cell, point),
-             *(_cell(case.parameter(f"gains.{g}")) for g in gains),
-             *(_cell(getattr(case, name)) for name in PLANT), _cell(case.sample),
-             *(_cell(result.get(name)) for name in RESULTS), f"cases/{case.name}.json"]
-        )  # fmt: skip
+        point = parameter(case, "point") or (None, None, None)
+        named = (parameter(case, name) for name in ("theta", "omega"))
+        varied = (parameter(case, name) for name in (*gains, *plant))
+        figures = (result.get(name) for name in RESULTS)
+        cells = (case.robot, case.controller, *named, *point, *varied, case.sample, *figures)
+        writer.writerow([*map(_cell, cells), _file(case)])
     return text.getvalue()
+
+
+def _file(case: Case) -> str:
+    return f"cases/{case.name}.json"
 
 
 def _cell(value: Any) -> str:
@@ -144,9 +204,9 @@ def to_markdown(sweep: Sweep, found: list[Row]) -> str:
 
 
 def _counts(found: list[Row], total: int) -> str:
-    ended = outcomes(found)
+    ended = Counter(result["outcome"] for _, result in found)
     left = total - len(found)
-    words = [f"{ended[name]} {name.replace('_', ' ')}" for name in sorted(ended)]
+    words = [f"{ended[name]} {_words(name)}" for name in sorted(ended)]
     return f"{total} cases: " + ", ".join(words + ([f"{left} without a result"] if left else []))
 
 
@@ -179,9 +239,8 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
         parts += ["", f"Best settings by the mean {figure} over their targets.", "", *pipes(lines)]
     lines = [["", *names, "target", figure, "outcome", "file"]]
     for i, (case, result) in enumerate(ranked(found, sweep.figure), 1):
-        ended = (_value(result.get(sweep.figure)), result["outcome"].replace("_", " "))
-        file = f"cases/{case.name}.json"
-        lines.append([str(i), *_inputs(case, names), _target(case), *ended, file])
+        ended = (_value(result.get(sweep.figure)), _words(result["outcome"]))
+        lines.append([str(i), *_inputs(case, names), _target(case), *ended, _file(case)])
     return [*parts, "", f"Best cases by {figure}.", "", *pipes(lines)]
 
 
@@ -203,16 +262,14 @@ def _columns(sweep: Sweep) -> dict[str, str]:
 
 def _inputs(case: Case, names: dict[str, str]) -> list[str]:
     return [
-        case.controller if name == "controller" else _value(case.parameter(name))
+        case.controller if name == "controller" else _value(parameter(case, name))
         for name in names.values()
     ]
 
 
 def _target(case: Case) -> str:
-    if isinstance(case.target, tuple):
-        return "(" + ", ".join(f"{x:g}" for x in case.target) + ") m"
-    unit = " rad/s" if case.kind == "omega" else ""
-    return f"{SYMBOLS[case.kind]} = {case.target:g}π{unit}"
+    unit = " rad/s" if case.kind == "tracking" else ""
+    return cell_title(case.kind, case.value) + unit
 
 
 def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
@@ -225,7 +282,7 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     for case, result in failures[:SHOWN_REASONS]:
         inputs = [f"{n} = {v}" for n, v in zip(names, _inputs(case, names), strict=True)]
         words = ", ".join([case.robot, *inputs, _target(case)])
-        parts.append(f"- {inline(words)}: {result['outcome'].replace('_', ' ')}, "
+        parts.append(f"- {inline(words)}: {_words(result['outcome'])}, "
                      f"{inline(result['reason'])}")  # fmt: skip
     more = len(failures) - SHOWN_REASONS
     return [*parts, *([f"- and {more} more: see sweep.csv"] if more > 0 else [])]

@@ -22,7 +22,8 @@ from softdyn.controllers import Schedule, SoftIdClfQp, Stage
 from softdyn.controllers.programmes.horizon import default_horizon
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation.studies import paper
-from softdyn.validation.studies.trials import Trial, run_all
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.executors import run_all
 
 THETAS, OMEGAS = (0.25, 0.75, 1.25, 1.75), (0.12, 0.17, 0.25, 0.45)
 # of the finals, at the published period and at 1 ms
@@ -34,14 +35,14 @@ SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squa
 TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "horizon", "u_ref")
 
 Tables = Mapping[str, Any]
-Cost = Callable[[Trial, Mapping[str, Any]], float]
+Cost = Callable[[Case, Mapping[str, Any]], float]
 Candidate = Callable[[Mapping[str, float]], Tables]
 
 
-def approach_cases(robot: str) -> list[Trial]:
+def approach_cases(robot: str) -> list[Case]:
     """The first second of set points at the published period and 1 ms, and of trajectories."""
     return [
-        Trial(robot, "best", kind, value, period, duration=APPROACH)
+        Case(robot, "best", kind, value, period=period, duration=APPROACH)
         for kind, values, periods in (
             ("set_point", THETAS, (None, 0.001)),
             ("tracking", OMEGAS[2:], (None,)),
@@ -51,26 +52,26 @@ def approach_cases(robot: str) -> list[Trial]:
     ]
 
 
-def stay_cases(robot: str) -> list[Trial]:
+def stay_cases(robot: str) -> list[Case]:
     """Whole set points, two of them at 1 ms, and two cycles of each rate."""
     points = [
-        Trial(robot, "best", "set_point", theta, None if i < 2 else 0.001)
+        Case(robot, "best", "set_point", theta, period=None if i < 2 else 0.001)
         for i, theta in enumerate(THETAS)
     ]
-    return points + [Trial(robot, "best", "tracking", omega) for omega in OMEGAS]
+    return points + [Case(robot, "best", "tracking", omega) for omega in OMEGAS]
 
 
-def final_cases(robot: str) -> list[Trial]:
+def final_cases(robot: str) -> list[Case]:
     """Whole set points at the published period and 1 ms, and two cycles of each rate."""
     points = [
-        Trial(robot, "best", "set_point", theta, period)
+        Case(robot, "best", "set_point", theta, period=period)
         for theta in MANY_THETAS
         for period in (None, 0.001)
     ]
-    return points + [Trial(robot, "best", "tracking", omega) for omega in MANY_OMEGAS]
+    return points + [Case(robot, "best", "tracking", omega) for omega in MANY_OMEGAS]
 
 
-def approach_cost(trial: Trial, result: Mapping[str, Any]) -> float:
+def approach_cost(case: Case, result: Mapping[str, Any]) -> float:
     """Seconds in which the first error would cost what the run does, in tenths, and what is left.
 
     10 ∫ ‖e‖² dt / ‖e(0)‖² + ‖e(T)‖ / ‖e(0)‖, e against a moving target where it moves.
@@ -82,12 +83,12 @@ def approach_cost(trial: Trial, result: Mapping[str, Any]) -> float:
     return float(min(WORST, lost + result["final_error_cm"] / first))
 
 
-def stay_cost(trial: Trial, result: Mapping[str, Any]) -> float:
+def stay_cost(case: Case, result: Mapping[str, Any]) -> float:
     """The paper's figure of the run, in `SETTLED` lengths or `TRACKED` lengths squared."""
     if result["failed"]:
         return WORST
-    length = 100 * paper.setup(trial.robot).length
-    if trial.kind == "set_point":
+    length = 100 * paper.setup(case.robot).length
+    if case.kind == "set_point":
         return float(min(WORST, result["final_error_cm"] / length / SETTLED))
     return float(min(WORST, result["mse_cm2"] / length**2 / TRACKED))
 
@@ -260,28 +261,28 @@ def text(found: Mapping[str, Any]) -> str:
 
 
 def judge(
-    trials: Sequence[Trial], cost: Cost, schedules: Sequence[Tables], jobs: int = -1
+    cases: Sequence[Case], cost: Cost, schedules: Sequence[Tables], jobs: int = -1
 ) -> list[dict[str, Any]]:
-    """For each schedule the cost of every trial, and the mean for each kind of experiment, halved.
+    """For each schedule the cost of every case, and the mean for each kind of experiment, halved.
 
     Set points and trajectories weigh the same, however many there are of each.
     """
-    runs = [replace(trial, gains=schedule) for schedule in schedules for trial in trials]
+    runs = [replace(case, parameters=schedule) for schedule in schedules for case in cases]
     results = run_all(runs, jobs)
     found = []
     for i in range(len(schedules)):
-        part = results[i * len(trials) : (i + 1) * len(trials)]
-        scores = [cost(trial, result) for trial, result in zip(trials, part, strict=True)]
+        part = results[i * len(cases) : (i + 1) * len(cases)]
+        scores = [cost(case, result) for case, result in zip(cases, part, strict=True)]
         kinds: dict[str, list[float]] = {}
-        for trial, score in zip(trials, scores, strict=True):
-            kinds.setdefault(trial.kind, []).append(score)
+        for case, score in zip(cases, scores, strict=True):
+            kinds.setdefault(case.kind, []).append(score)
         means = [sum(some) / len(some) for some in kinds.values()]
         found.append({"scores": scores, "cost": sum(means) / len(means)})
     return found
 
 
 def tune(
-    trials: Sequence[Trial],
+    cases: Sequence[Case],
     cost: Cost,
     candidate: Candidate,
     start: Mapping[str, float],
@@ -293,7 +294,7 @@ def tune(
     jobs: int = -1,
     each: Callable[[dict[str, Any]], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Minimise the cost over `trials`, see `judge`, in the logarithms of `start`'s values.
+    """Minimise the cost over `cases`, see `judge`, in the logarithms of `start`'s values.
 
     Parameters
     ----------
@@ -324,7 +325,7 @@ def tune(
 
     def costs(points: Sequence[Sequence[float]], generation: int) -> list[float]:
         found = [{name: 10.0**x for name, x in zip(names, point, strict=True)} for point in points]
-        judged = judge(trials, cost, [candidate(values) for values in found], jobs)
+        judged = judge(cases, cost, [candidate(values) for values in found], jobs)
         for values, entry in zip(found, judged, strict=True):
             trace.append({"generation": generation, "values": values, **entry})
             if each is not None:

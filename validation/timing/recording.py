@@ -13,11 +13,10 @@ from zipfile import BadZipFile
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
-from softdyn.validation.files import atomic
+from softdyn.validation.files import atomic, safe
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import paper
-from softdyn.validation.studies.benchmark import safe
 
 DURATION = 3.0  # s of every loop: the transient, and what follows it
 TRANSIENT = 0.5  # s; half of a loop's states are taken from it

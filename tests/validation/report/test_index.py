@@ -11,7 +11,7 @@ import pytest
 
 from softdyn.validation.report import index as report
 from softdyn.validation.studies import benchmark
-from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies.engine.case import Case
 from tests.support.browser import Browser, required
 
 OWN = """

@@ -13,7 +13,8 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.report import figures, plot_data, plot_style, plots, time_figures
 from softdyn.validation.report.plot_data import Run, lyapunov_band, thin, thin_path
 from softdyn.validation.studies import benchmark
-from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.sources import load_model
 from tests.support import SCRIPTS
 
 SCRIPT = SCRIPTS / "benchmark.py"
@@ -54,7 +55,7 @@ def make_log(case, *, end=1.0, steps=120, failed=False, V=True):
 
 def write(folder, cases, **options):
     for case in cases:
-        path = benchmark.log_path(folder, case)
+        path = benchmark.store(folder).log_path(case.name)
         path.parent.mkdir(parents=True, exist_ok=True)
         make_log(case, **options).save(path)
 
@@ -117,7 +118,7 @@ def test_the_same_bytes_every_time(full, tmp_path):
     folder, cases, files = full
     first = {file.name: file.read_bytes() for file in files}
     with plot_style.style():
-        runs = [Run.load(case, benchmark.log_path(folder, case)) for case in cases]
+        runs = [Run.load(case, benchmark.store(folder).log_path(case.name)) for case in cases]
         again = plot_style.save(
             figures.lyapunov(runs, "set_point"), tmp_path / "lyapunov_set_points"
         )
@@ -128,7 +129,7 @@ def test_the_users_own_settings_do_not_matter(full, tmp_path):
     import matplotlib
 
     folder, cases, files = full
-    runs = [Run.load(case, benchmark.log_path(folder, case)) for case in cases]
+    runs = [Run.load(case, benchmark.store(folder).log_path(case.name)) for case in cases]
     with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "savefig.dpi": 30}):
         before = dict(matplotlib.rcParams)
         with plot_style.style():
@@ -165,9 +166,7 @@ def test_partial_grids_have_fewer_figures(tmp_path, controllers, thetas, omegas,
 
 
 def test_names_that_would_be_mathematics(tmp_path):
-    (tmp_path / "_arm$x$.urdf").write_text(
-        Path(benchmark.load_model("finger").robot.path).read_text()
-    )
+    (tmp_path / "_arm$x$.urdf").write_text(Path(load_model("finger").robot.path).read_text())
     robot = str(tmp_path / "_arm$x$.urdf")
     cases = benchmark.grid((robot,), ("_a$b_c.py:^{D", "ic"), (), (0.2,))
     write(tmp_path, cases)
@@ -228,7 +227,7 @@ def test_plots_name_the_logs_that_are_missing(call):
 
 
 def test_plots_of_a_damaged_log(call):
-    path = benchmark.log_path(Path("out"), Case("finger", "ic", "tracking", 0.2))
+    path = benchmark.store(Path("out")).log_path(Case("finger", "ic", "tracking", 0.2).name)
     path.parent.mkdir(parents=True)
     path.write_bytes(b"PK nothing")
     code, text, errors = call()
@@ -273,7 +272,7 @@ def test_a_thinned_path_stays_within_its_tolerance():
 def make_run(tmp_path, **options):
     case = Case("finger", "soft-id-clf-qp", "set_point", 0.5)
     write(tmp_path, [case], **options)
-    return Run.load(case, benchmark.log_path(tmp_path, case))
+    return Run.load(case, benchmark.store(tmp_path).log_path(case.name))
 
 
 def test_a_band_holds_every_sample(tmp_path):

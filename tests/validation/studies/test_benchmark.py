@@ -16,8 +16,9 @@ import pytest
 
 from softdyn import InputError
 from softdyn.validation.processes import WorkerKilled, in_processes
-from softdyn.validation.studies import benchmark, fingerprint, paper
-from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies import benchmark, paper
+from softdyn.validation.studies.engine import sources
+from softdyn.validation.studies.engine.case import Case, number_text
 from tests.support import ROOT, SCRIPTS
 
 SCRIPT = SCRIPTS / "benchmark.py"
@@ -258,7 +259,8 @@ def test_workers_end_with_their_parent():
 
 
 def prints(*controllers, robot="finger"):
-    return [fingerprint.fingerprint(Case(robot, name, "tracking", 20.0)) for name in controllers]
+    tasks = benchmark.tasks([Case(robot, name, "tracking", 20.0) for name in controllers])
+    return [task.fingerprint for task in tasks]
 
 
 def test_fingerprints_are_stable_and_distinct(folder):
@@ -317,7 +319,7 @@ def test_what_belongs_to_a_controller(tmp_path):
         "pack/part.py": "",
     }.items():
         (tmp_path / name).write_text(text)
-    found = fingerprint.sources(tmp_path / "mine.py")
+    found = sources.imported(tmp_path / "mine.py")
     assert [str(p.relative_to(tmp_path.resolve())) for p in found] == [
         "a.py", "b.py", "mine.py", "pack/__init__.py", "pack/part.py",
     ]  # fmt: skip
@@ -440,7 +442,7 @@ def test_names_of_cases_never_collide():
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 20.0, 1 / 3, 1e-7, 123456789.0])
 def test_numbers_as_text(value):
-    assert float(benchmark.number_text(value)) == value
+    assert float(number_text(value)) == value
 
 
 def test_rows_need_results(tmp_path):

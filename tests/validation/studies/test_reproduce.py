@@ -14,25 +14,24 @@ from softdyn import InputError, Reference, State
 from softdyn.commands import cli, reproduce
 from softdyn.controllers import Command, Impedance, find_controller
 from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.oracles.programmes import clf_qp
 from softdyn.validation.oracles.reference_laws import AngularTask, make_law
 from softdyn.validation.oracles.solvers import optional
 from softdyn.validation.studies import paper, reproduction
-from softdyn.validation.studies.benchmark import Case
+from softdyn.validation.studies.engine import case as engine
+from softdyn.validation.studies.engine.case import Case, figures
+from softdyn.validation.studies.engine.deviations import Linked, Plant
 from softdyn.validation.studies.reproduction import (
     CHANGES,
     REFERENCE,
-    Shown,
-    SoftTwin,
     Stale,
-    mse_cm2,
+    changed,
     no_coriolis,
     parse,
-    prepare,
     reference_ellipse,
-    with_friction,
     wrong_sign,
 )
 from tests.support.printed import printed, solve_quadprog, with_input
@@ -69,10 +68,35 @@ class Spy:
 
 def shown(model, views, states, **options):
     spy = Spy(model)
-    controller = Shown(spy, views, **options)
+    controller = Linked(spy, views, **options)
     for q, v in states:
         controller(model.state(q, v), None)
     return spy.states
+
+
+def run(cell, name):
+    """A cell with an experiment's changes."""
+    case = changed(cell, name)
+    model = softdyn.load(case.robot)
+    return engine.run(case, model, lambda: make_controller(case.controller, model))
+
+
+@pytest.fixture
+def prepare(monkeypatch):
+    """What `simulate` is asked for by a cell with an experiment's changes."""
+
+    def prepare(cell, name):
+        asked = {}
+
+        def simulate(model, controller, experiment, **options):
+            asked.update(model=model, experiment=experiment, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(engine, "simulate", simulate)
+            run(cell, name)
+        return asked
+
+    return prepare
 
 
 def read_only(state):
@@ -147,7 +171,7 @@ def test_views_apply_in_their_order_and_leave_the_state_alone(models):
 def test_late_gives_zero_once_and_the_rest_passes_through(models):
     model = models["spirob"]
     spy = Spy(model)
-    controller = Shown(spy, late=True)
+    controller = Linked(spy, [], late=True)
     state = model.state(*random_state(model, 8))
     first, second = controller(state, None), controller(state, None)
     assert not first.u.any()
@@ -161,7 +185,7 @@ def test_ic_without_coriolis_is_the_formula(models):
     q, v = random_state(model, 9)
     state = model.state(q, v)
     target = Reference([0.1, 0.0, -0.1], [0.01, 0.0, 0.02], [0.1, 0.0, 0.0])
-    u = Shown(Impedance(model), [no_coriolis])(state, target).u
+    u = Linked(Impedance(model), [no_coriolis])(state, target).u
     Kp = 500.0
     J, e, edot = state.J, state.y - target.y, state.ydot - target.ydot
     inertia = np.linalg.pinv(J @ np.linalg.inv(state.M) @ J.T, rcond=1e-2)
@@ -174,16 +198,17 @@ def test_ic_without_coriolis_is_the_formula(models):
 # -- the plant and the reference -------------------------------------------------------------------
 
 
-def test_friction_is_in_the_copy_s_plant_only(models, tmp_path):
+def test_friction_is_in_the_plant_only(models, prepare):
     source = models["spirob"].robot.path
-    copy = tmp_path / "spirob.urdf"
     before = source.read_bytes()
-    with_friction(source, copy, 0.1)
+    asked = prepare(Case("spirob", "ic", "set_point", 1.0), "friction")
+    model = asked["model"]
     assert source.read_bytes() == before
-    model = softdyn.load(copy)
-    assert [joint.friction for joint in model.robot.moving_joints] == [0.1] * 27
+    assert all(joint.friction == 0 for joint in model.robot.moving_joints)
     assert all(joint.friction == 0 for joint in models["spirob"].robot.moving_joints)
-    np.testing.assert_array_equal(Twin(copy, friction=True).model.dof_frictionloss, 0.1)
+    plant = asked["twin"](model.robot, friction=asked["friction"])
+    np.testing.assert_array_equal(plant.model.dof_frictionloss, [0.1] * 27)
+    assert not plant.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     q, v = random_state(model, 10)
     ours, theirs = models["spirob"].state(q, v), model.state(q, v)
     for name in ("M", "h", "B", "J"):  # the controller's model does not know it
@@ -191,15 +216,15 @@ def test_friction_is_in_the_copy_s_plant_only(models, tmp_path):
 
 
 def test_soft_stops_let_the_hanging_helix_sink(models):
-    def sunk(kind):
-        twin = kind(models["helix"].robot, timestep=1e-3)
+    def sunk(plant):
+        twin = plant.twin(models["helix"].robot, timestep=1e-3)
         twin.advance(np.zeros(9), 400)
         low, high = twin.model.jnt_range.T
         slides = twin.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
         return np.maximum(low - twin.qpos, twin.qpos - high)[slides].max()
 
-    assert sunk(Twin) < 1e-4
-    assert sunk(SoftTwin) > 2e-3
+    assert sunk(Plant()) < 1e-4
+    assert sunk(Plant(soft_stops=True)) > 2e-3
 
 
 @pytest.mark.parametrize(
@@ -214,20 +239,24 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
         ("finger", "stale", {"timestep": None, "contacts": False, "friction": False}),
     ],
 )
-def test_options_of_the_plant(robot, name, expected, tmp_path):
-    setting = prepare(Case(robot, "ic", "set_point", 1.0), name, tmp_path)
-    assert {key: setting.options[key] for key in expected} == expected
-    assert setting.options["twin"] is Twin
-    assert not setting.options["v0"].any()
+def test_options_of_the_plant(robot, name, expected, prepare):
+    asked = prepare(Case(robot, "ic", "set_point", 1.0), name)
+    assert {key: asked[key] for key in expected} == expected
+    plain = Twin(robot, friction=asked["friction"]).model
+    plant = asked["twin"](robot, friction=asked["friction"]).model
+    np.testing.assert_array_equal(plant.jnt_solref, plain.jnt_solref)
+    np.testing.assert_array_equal(plant.body_mass, plain.body_mass)
+    assert not asked["v0"].any()
 
 
-def test_options_of_robot_period_and_nudge(tmp_path):
+def test_options_of_robot_period_and_nudge(prepare):
     case = Case("spirob", "ic", "tracking", 0.5)
-    assert prepare(case, "dof48", tmp_path).model.nv == 48
-    assert prepare(case, "soft-stops", tmp_path).options["twin"] is SoftTwin
+    assert prepare(case, "dof48")["model"].nv == 48
+    soft = prepare(case, "soft-stops")["twin"]("spirob").model
+    assert (soft.jnt_solref == (0.02, 1.0)).all()
     case = Case("finger", "ic", "set_point", 1.5)
-    assert prepare(case, "period-1ms", tmp_path).experiment.period == 0.001
-    np.testing.assert_array_equal(prepare(case, "nudge", tmp_path).options["v0"], 1e-9)
+    assert prepare(case, "period-1ms")["experiment"].period == 0.001
+    np.testing.assert_array_equal(prepare(case, "nudge")["v0"], 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -238,7 +267,7 @@ def test_options_of_robot_period_and_nudge(tmp_path):
         ("spirob48", 0.5, (0.29168154723945083, 0.0, 0.3704504871165134)),
     ],
 )
-def test_ellipse_is_that_of_the_published_logs(robot, above_ground, start, tmp_path):
+def test_ellipse_is_that_of_the_published_logs(robot, above_ground, start, prepare):
     at = reference_ellipse(robot, 0.5)
     np.testing.assert_allclose(at(0.0).y + np.array([0, 0, above_ground]), start, rtol=1e-12)
     step = 1e-4
@@ -246,20 +275,21 @@ def test_ellipse_is_that_of_the_published_logs(robot, above_ground, start, tmp_p
     np.testing.assert_allclose(at(0.3).ydot, velocity, atol=1e-8)
     plain = robot.removesuffix("48")
     case = Case(plain, "ic", "tracking", 0.5)
-    used = prepare(case, "ellipse", tmp_path).experiment
+    used = prepare(case, "ellipse")["experiment"]
     assert np.abs(used.reference(0.0).y - paper.tracking(plain, 0.5).reference(0.0).y).max() > 1e-3
-    still = prepare(replace(case, kind="set_point"), "ellipse", tmp_path).experiment
+    still = prepare(replace(case, kind="set_point"), "ellipse")["experiment"]
     np.testing.assert_array_equal(
         still.reference(0.0).y, paper.set_point(plain, 0.5).reference(0.0).y
     )
 
 
 def test_sampled_is_the_plain_mean_of_every_fifth_error():
-    log = reproduction.run(Case("finger", "ic", "set_point", 0.5), "stale+plant-step")
+    case = Case("finger", "ic", "set_point", 0.5)
+    log = run(case, "stale+plant-step")
     errors = 100 * np.linalg.norm(log.y - log.y_ref, axis=1)
     expected = sum(errors[k] ** 2 for k in range(0, len(errors), 5)) / len(range(0, 2001, 5))
-    assert mse_cm2(log, sampled=True) == pytest.approx(expected)
-    assert mse_cm2(log, sampled=False) == log.mse_cm2
+    assert figures(changed(case, "sampled"), log)["mse_cm2"] == pytest.approx(expected)
+    assert figures(case, log)["mse_cm2"] == log.mse_cm2
     assert log.timestep == log.period == 0.005
     assert not log.failed
 
@@ -421,7 +451,7 @@ def test_list_names_every_experiment(call, tmp_path):
 
 
 def test_a_shown_controller_runs_in_the_loop():
-    log = reproduction.run(Case("finger", "soft-id-clf-qp", "set_point", 1.0), "late")
+    log = run(Case("finger", "soft-id-clf-qp", "set_point", 1.0), "late")
     assert not log.u[0].any()
     assert log.u[1].any()
     assert (log.gains["Kp"], log.not_solved) == (500, 0)

@@ -21,7 +21,9 @@ from softdyn import InputError
 from softdyn.controllers import Gains
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import Log, simulate
-from softdyn.validation.studies import paper, sweep_case, sweep_report, sweep_run
+from softdyn.validation.studies import paper, sweep, sweep_report
+from softdyn.validation.studies.engine import cluster as dask
+from softdyn.validation.studies.engine import executors, fingerprint, sources, worker
 from softdyn.validation.studies.sweep_file import MAX_CASES, draw, read
 from tests.support import ROOT
 
@@ -148,18 +150,21 @@ def test_a_grid_is_every_combination_the_last_fastest(written):
         for robot in ("finger", "pendulum.urdf")
         for controller in ("ic", "uic")
         for target in (
-            ("theta", 0.0), ("theta", 1.5), ("omega", 0.5),
+            ("set_point", 0.0), ("set_point", 1.5), ("tracking", 0.5),
             ("point", (0.1, 0.0, 0.0)), ("point", (0.0, 0.0, -0.1)),
         )
         for eps in (0.02, 0.1)
         for contacts in (False, True)
     ]  # fmt: skip
-    found = [(c.robot, c.controller, c.kind, c.target, c.gains["eps"], c.contacts) for c in cases]
+    found = [
+        (c.robot, c.controller, c.kind, c.value, c.parameters["eps"], c.plant.contacts)
+        for c in cases
+    ]
     assert found == expected
-    assert {c.gains["Kp"] for c in cases} == {70.0}
+    assert {c.parameters["Kp"] for c in cases} == {70.0}
     assert {(c.period, c.timestep, c.sample) for c in cases} == {(0.01, 5e-4, None)}
-    assert {c.duration for c in cases if c.kind == "omega"} == {8.0}
-    assert {c.duration for c in cases if c.kind != "omega"} == {10.0}
+    assert {c.duration for c in cases if c.kind == "tracking"} == {8.0}
+    assert {c.duration for c in cases if c.kind != "tracking"} == {10.0}
     assert len({c.name for c in cases}) == len(cases)
 
 
@@ -174,7 +179,7 @@ def test_ranges_and_defaults(written):
     assert (values["gains.eps"][0], values["gains.eps"][-1]) == (0.01, 1.0)
     case = sweep.cases[0]
     published = PUBLISHED["finger"]["ic"]
-    assert Gains(**case.gains) == replace(published, Kp=100.0, eps=0.01)
+    assert Gains(**case.parameters) == replace(published, Kp=100.0, eps=0.01)
     assert case.period == paper.setup("finger").period
     assert (case.duration, sweep.figure, sweep.logs) == (0.2, "final_error_cm", False)
 
@@ -189,7 +194,7 @@ def test_samples_are_seeded_paired_and_stable(written):
     def drawn(count, more=""):
         cases = written(SAMPLED.format(count=count, more=more)).cases
         return {
-            name: [(c.sample, c.target, c.gains["Kp"]) for c in cases if c.controller == name]
+            name: [(c.sample, c.value, c.parameters["Kp"]) for c in cases if c.controller == name]
             for name in ("ic", "uic")
         }
 
@@ -310,7 +315,7 @@ def test_what_is_wrong_is_told_in_one_line(folder, call, change, message):
 )
 def test_wrong_arguments(folder, call, monkeypatch, arguments, message):
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(sweep_run, "CONNECT", 0.3)
+    monkeypatch.setattr(dask, "CONNECT", 0.3)
     (folder / "good.toml").write_text(FINGER)
     code, out, err = call(*arguments)
     assert (code, out) == (2, "")
@@ -373,7 +378,7 @@ def test_a_failing_case_is_recorded_and_stops_nothing(folder, call):
         f"own.py:Spring: expected a command, got ZeroDivisionError in line {line}: thirteen"
         in (found[13.0]["reason"])
     )
-    assert (found[66.0]["outcome"], found[66.0]["reason"]) == ("not_run", sweep_run.DIED)
+    assert (found[66.0]["outcome"], found[66.0]["reason"]) == ("not_run", executors.DIED)
     assert {found[k]["outcome"] for k in (1.0, 2.0, 3.0)} == {"done"}
     assert found[-2.0]["outcome"] == "failed"
     assert "no convergence" in found[-2.0]["reason"]
@@ -435,16 +440,18 @@ def test_a_sweep_goes_on_where_it_stopped(folder, call):
 
 
 def test_another_softdyn_makes_a_case_run_again(folder, written, monkeypatch):
-    sweep = written(OWN_SWEEP.format(stiffness="[1, 2]"))
-    before = [task.fingerprint for task in sweep_run.tasks(sweep)]
-    monkeypatch.setattr(sweep_case, "code", lambda: "other")
-    after = sweep_run.tasks(sweep)
+    wanted = written(OWN_SWEEP.format(stiffness="[1, 2]"))
+    before = [task.fingerprint for task in wanted.tasks()]
+    monkeypatch.setattr(fingerprint, "code", lambda: "other")
+    after = wanted.tasks()
     assert not set(before) & {task.fingerprint for task in after}
     monkeypatch.undo()
-    answer = sweep_case.run(after[0])  # here is this softdyn, not the other
+    answer = worker.attempt(after[0])  # here is this softdyn, not the other
     assert answer.result["outcome"] == "not_run"
     assert "another softdyn" in answer.result["reason"]
-    assert answer.result["fingerprint"] is None
+    store = sweep.store(folder / "out")
+    store.save(after[0], answer)
+    assert store.result(after[0].name)["fingerprint"] is None
 
 
 def test_the_number_of_workers_changes_no_byte(folder, call):
@@ -505,9 +512,9 @@ def made_up(sweep, figure):
 def test_settings_are_ranked_over_their_targets(written):
     sweep = written(FINGER + "Kp = [1, 2, 3]\n")
     values = {(1, 0.5): 1.0, (1, 1): 9.0, (2, 0.5): 4.0, (2, 1): 4.0, (3, 0.5): 0.5, (3, 1): None}
-    rows = made_up(sweep, lambda case: values[case.gains["Kp"], case.target])
+    rows = made_up(sweep, lambda case: values[case.parameters["Kp"], case.value])
     found = sweep_report.settings(rows, sweep.figure)
-    assert [(s.case.gains["Kp"], s.mean, s.worst, s.failed) for s in found] == [
+    assert [(s.case.parameters["Kp"], s.mean, s.worst, s.failed) for s in found] == [
         (2, 4.0, 4.0, 0), (1, 5.0, 9.0, 0), (3, None, None, 1)
     ]  # fmt: skip
     text = sweep_report.to_markdown(sweep, rows)
@@ -521,8 +528,8 @@ def test_settings_are_ranked_over_their_targets(written):
 
 
 def test_a_worker_without_the_user_s_files_gets_them(folder, written):
-    sweep = written(OWN_SWEEP.format(stiffness="[2]"))
-    (here,) = sweep_run.tasks(sweep)
+    wanted = written(OWN_SWEEP.format(stiffness="[2]"))
+    (here,) = wanted.tasks()
     files = {
         sha: (folder / name).read_bytes()
         for source in (here.robot, here.controller)
@@ -534,11 +541,11 @@ def test_a_worker_without_the_user_s_files_gets_them(folder, written):
         robot=replace(here.robot, path="/nowhere/pendulum.urdf"),
         controller=replace(here.controller, path="/nowhere/own.py"),
     )
-    expected = sweep_case.run(here)
-    sweep_case._kept.__dict__.clear()  # as a new worker
-    lost = sweep_case.run(there)
-    assert (lost.result["outcome"], lost.result["fingerprint"]) == ("not_run", None)
-    assert sweep_case.run(there, files) == expected
+    expected = worker.attempt(here)
+    sources._kept.__dict__.clear()  # as a new worker
+    lost = worker.attempt(there)
+    assert lost.result["outcome"] == "not_run"
+    assert worker.attempt(there, files) == expected
     assert expected.result["outcome"] == "done"
 
 
@@ -639,9 +646,9 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2)
     with monkeypatch.context() as patched:
-        patched.setattr(sweep_case, "code", lambda: "other")
+        patched.setattr(fingerprint, "code", lambda: "other")
         with pytest.raises(InputError, match="workers with this softdyn"):
-            sweep_run.cluster(address)
+            dask.cluster(address)
     if sys.platform == "linux":
         assert set().union(*(listening(w.pid) for w in workers)) == {"0100007F"}
 
@@ -676,19 +683,19 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
     assert {r["inputs"]["gains"]["stiffness"]: r["outcome"] for r in results(Path("own"))} == {
         1.0: "done", 66.0: "not_run",
     }  # fmt: skip
-    assert {r["reason"] for r in results(Path("own"))} == {None, sweep_run.DIED}
+    assert {r["reason"] for r in results(Path("own"))} == {None, executors.DIED}
     assert workers[1].wait() == -signal.SIGKILL
 
     # the scheduler goes away
     path.write_text(CLUSTER)
-    tasks = sweep_run.tasks(read(path))
-    answers = sweep_run.run(read(path), tasks, folder / "cut", sweep_run.cluster(address))
+    tasks, store = read(path).tasks(), sweep.store(folder / "cut")
+    answers = store.run(tasks, dask.cluster(address))
     with respawning(address, folder):
         next(answers)
         scheduler.kill()
-        with pytest.raises(sweep_run.ClusterError, match="call again"):
+        with pytest.raises(dask.ClusterError, match="call again"):
             list(answers)
-    assert 0 < len(sweep_run.missing(tasks, folder / "cut")) < len(tasks)
+    assert 0 < len(store.missing(tasks)) < len(tasks)
 
     # with nothing left to do no cluster is asked
     assert call(path, "--out", "far", "--scheduler", "tcp://127.0.0.1:1")[0] == 0
@@ -697,4 +704,4 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
 def test_without_distributed_the_command_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"softdyn\[cluster\]"):
-        sweep_run.cluster("tcp://127.0.0.1:1")
+        dask.cluster("tcp://127.0.0.1:1")

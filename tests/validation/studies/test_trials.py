@@ -18,7 +18,9 @@ from softdyn.controllers import Command
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation import Twin
 from softdyn.validation.studies import beyond, paper, tuning
-from softdyn.validation.studies.trials import Degraded, Plant, Trial, run
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.deviations import Link, Plant
+from softdyn.validation.studies.engine.executors import run_all
 from tests.support import ROOT
 from tests.support.control_cases import robot
 
@@ -53,7 +55,7 @@ class Counting:
 def test_delay_and_noise() -> None:
     model, inner = robot("finger"), Counting()
     state = model.state(model.q0, np.zeros(model.nv))
-    late = Degraded(inner, Plant(delay=0.01, noise=0.001), 0.005, seed=1)
+    late = Link(delay=0.01, noise=0.001, seed=1).around(inner, 0.005)
     late.reset(0.005)
     assert inner.period == 0.005
     answers = [late(state, SetPoint(state.y)).u[0] for _ in range(200)]
@@ -63,10 +65,11 @@ def test_delay_and_noise() -> None:
 
 
 def test_a_trial_is_what_simulate_says() -> None:
-    result = run(Trial("finger", "best", "set_point", 0.25, duration=0.5, shrink=0.7))
+    case = Case("finger", "best", "set_point", 0.25, duration=0.5, shrink=0.7)
+    (result,) = run_all([case], 1)
     assert not result["failed"]
     assert 0 <= result["final_error_cm"] < 3
-    assert result["second_cycle_cm2"] is None
+    assert result["second_cycle_mse_cm2"] is None
 
 
 def test_cells_cover_the_grid() -> None:
@@ -83,8 +86,8 @@ def test_cells_cover_the_grid() -> None:
 
 def test_the_costs_of_a_run() -> None:
     at, along = (
-        Trial("finger", "best", "set_point", 0.25),
-        Trial("finger", "best", "tracking", 0.25),
+        Case("finger", "best", "set_point", 0.25),
+        Case("finger", "best", "tracking", 0.25),
     )
     length = 100 * paper.setup("finger").length
     # an error that falls to 1/e in 0.05 s: its square's integral is 0.025 s of the first one's
@@ -113,12 +116,12 @@ def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> 
     pytest.importorskip("cma")
 
     def bowl(trials: Any, jobs: int) -> list[dict[str, Any]]:  # best at a = 0.1, b = 10
-        far = [math.log10(t.gains["a"]) + 1 for t in trials]
-        wide = [math.log10(t.gains["b"]) - 1 for t in trials]
+        far = [math.log10(t.parameters["a"]) + 1 for t in trials]
+        wide = [math.log10(t.parameters["b"]) - 1 for t in trials]
         return [{"distance": x * x + y * y} for x, y in zip(far, wide, strict=True)]
 
     monkeypatch.setattr(tuning, "run_all", bowl)
-    trial = Trial("finger", "best", "set_point", 0.25)
+    trial = Case("finger", "best", "set_point", 0.25)
     kept: list[dict[str, Any]] = []
     traces = [
         tuning.tune(
@@ -137,14 +140,14 @@ def test_the_same_seed_gives_the_same_trace(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("cma")
-    seen: list[Trial] = []
+    seen: list[Case] = []
 
-    def wants_soft(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+    def wants_soft(trials: list[Case], jobs: int) -> list[dict[str, Any]]:
         seen.extend(trials)
         return [
             {
                 "failed": False, "first_error_cm": 1.0, "mse_cm2": 0.0,
-                "final_error_cm": abs(math.log(t.gains["stay"]["eps"] / 0.05)),
+                "final_error_cm": abs(math.log(t.parameters["stay"]["eps"] / 0.05)),
             }
             for t in trials
         ]  # fmt: skip
@@ -164,7 +167,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
     assert trace["settings"]["start"] == tuning.tables(start)
     # the approach is judged alone; the finals are of whole schedules on other cases
-    first, last = seen[0].gains, seen[-1].gains
+    first, last = seen[0].parameters, seen[-1].parameters
     assert first is not None
     assert first["stay"] == first["approach"]
     assert last is not None
@@ -209,10 +212,10 @@ def test_the_kept_summaries_can_be_made_again() -> None:
 
 
 def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    def made_up(trials: list[Trial], jobs: int) -> list[dict[str, Any]]:
+    def made_up(trials: list[Case], jobs: int) -> list[dict[str, Any]]:
         return [
             {
-                "final_error_cm": t.value, "mse_cm2": 10 * t.value, "second_cycle_cm2": t.value,
+                "final_error_cm": t.value, "mse_cm2": 10 * t.value, "second_cycle_mse_cm2": t.value,
                 "failed": t.value == 1.5, "step_us": {"median": 100.0},
             }
             for t in trials

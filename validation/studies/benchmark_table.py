@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from softdyn.validation.report.names import CONTROLLERS, SYMBOLS
+from softdyn.validation.files import write_json, write_text
+from softdyn.validation.studies.names import CONTROLLERS, cell_title
 from softdyn.validation.tables import columns, pipes
 
 TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
@@ -36,8 +38,15 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
         paper("sp", "cm"),
         ours("tt", "cm2", "trajectories_cm2"),
         paper("tt", "cm2"),
-        ", ".join(f"{SYMBOLS[f['kind']]} = {f['value']:g}π" for f in row["failed"]) or "-",
+        ", ".join(cell_title(f["kind"], f["value"]) for f in row["failed"]) or "-",
     )
+
+
+def write(rows: list[dict[str, Any]], folder: Path) -> None:
+    """The table below a folder, as Markdown, LaTeX and JSON."""
+    write_text(folder / "table.md", markdown(rows))
+    write_text(folder / "table.tex", latex(rows))
+    write_json(folder / "results.json", {"rows": rows})
 
 
 def text(rows: list[dict[str, Any]]) -> str:
@@ -74,7 +83,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         every.append([*cells(row)[:2], *shown])
     parts += ["## Every run", "", *pipes(every)]
     failures = [
-        f"- {row['robot']}, {cells(row)[1]}, {SYMBOLS[f['kind']]} = {f['value']:g}π: {f['reason']}"
+        f"- {row['robot']}, {cells(row)[1]}, {cell_title(f['kind'], f['value'])}: {f['reason']}"
         for row in rows
         for f in row["failed"]
     ]

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from softdyn.validation.report import tables
+from softdyn.validation.studies import benchmark_table as tables
 
 PAPER = {"sp_mean_cm": 0.08, "sp_std_cm": 0.09, "tt_mean_cm2": None, "tt_std_cm2": None}
 

@@ -40,6 +40,13 @@ def experiment_title(kind: str, value: float) -> str:
     return f"{SYMBOLS[kind]} = {multiple}{' rad/s' if kind == 'tracking' else ''}"
 
 
+def cell_title(kind: str, value: Any) -> str:
+    """The target of a table's cell: θ or ω as a plain multiple of π, or a point (x, y, z) (m)."""
+    if kind in SYMBOLS:
+        return f"{SYMBOLS[kind]} = {value:g}π"
+    return "(" + ", ".join(f"{x:g}" for x in value) + ") m"
+
+
 def goal(log: Log) -> str:
     """A run's experiment in words."""
     if log.theta is not None:

@@ -1,0 +1,159 @@
+"""One closed loop of a study: all that defines it, its run, its figures of merit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SoftModel
+from softdyn.controllers.registry import one_line_errors
+from softdyn.validation.files import safe
+from softdyn.validation.loop.closed_loop import simulate
+from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.loop.log import Log
+from softdyn.validation.plain import plain
+from softdyn.validation.studies import paper
+from softdyn.validation.studies.engine.deviations import Link, Plant
+
+# kind of a case → what its value makes of a robot's setup
+KINDS: dict[str, Callable[[paper.Setup, Any], Experiment]] = {
+    "set_point": paper.Setup.set_point,
+    "tracking": paper.Setup.tracking,
+    "point": paper.Setup.target,
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One closed loop. What is None is the robot's, the experiment's or the controller's own.
+
+    Attributes
+    ----------
+    robot, controller : str
+        As on the command line.
+    kind : str
+        ``"set_point"``, ``"tracking"`` or ``"point"``.
+    value : float or tuple of float
+        θ or ω in multiples of π (rad, rad/s), or the point (3,) in the world (m).
+    parameters : Any
+        What the controller is built with besides the model.
+    period, duration, timestep : float, optional
+        Control period, length of the run, plant step (s); a step of ``inf`` is one a period.
+    plant : Plant
+        How the plant differs from the model.
+    link : Link
+        What stands between plant and controller.
+    shrink : float
+        Factor on both semi-axes of the paper's ellipse, about its centre.
+    nudge : float
+        Every initial velocity (rad/s, m/s).
+    trajectory : Callable[[str, float], Callable[[float], Reference]], optional
+        (robot, ω) → what a trajectory follows instead of the paper's ellipse.
+    law : Callable[[str, SoftModel], Any], optional
+        (controller, model) → what runs instead of the controller of that name.
+    sampled : bool
+        Whether the mean squared error is the plain mean over every fifth control step, t = 0
+        included, as in the reference implementation.
+    sample : int, optional
+        Number of the random sample that its parameters are.
+    """
+
+    robot: str
+    controller: str
+    kind: str
+    value: Any
+    parameters: Any = None
+    period: float | None = None
+    duration: float | None = None
+    timestep: float | None = None
+    plant: Plant = field(default_factory=Plant)
+    link: Link = field(default_factory=Link)
+    shrink: float = 1.0
+    nudge: float = 0.0
+    trajectory: Callable[[str, float], Callable[[float], Reference]] | None = None
+    law: Callable[[str, SoftModel], Any] | None = None
+    sampled: bool = False
+    sample: int | None = None
+
+    @cached_property
+    def name(self) -> str:
+        """A relative path, safe as a file's and unique: a hash tells what is not the default."""
+        value = "" if self.kind == "point" else f"_{number_text(self.value)}"
+        path = f"{safe(self.robot)}/{safe(self.controller)}/{self.kind}{value}"
+        usual = Case(self.robot, self.controller, self.kind, self.value)
+        if self == usual and self.kind != "point":
+            return path
+        text = json.dumps(plain(self), sort_keys=True)
+        return f"{path}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+    def experiment(self, model: SoftModel) -> Experiment:
+        """What to run; the paper's ellipse in the robot's own size unless it is the paper's."""
+        setup = replace(paper.setup_of(model), shrink=self.shrink)
+        setup = setup if self.period is None else replace(setup, period=self.period)
+        experiment = KINDS[self.kind](setup, self.value)
+        if self.trajectory is not None and experiment.omega is not None:
+            reference = self.trajectory(self.robot, experiment.omega)
+            experiment = replace(experiment, reference=reference)
+        return experiment
+
+    def cost(self, model: SoftModel) -> float:
+        """Rough work: control steps, weighed by the robot's size."""
+        experiment = self.experiment(model)
+        return (self.duration or experiment.duration) / experiment.period * (10 + model.nv)
+
+
+def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
+    """Run a case with the controller that `make` builds.
+
+    Raises
+    ------
+    InputError
+        What cannot be run; what a user's own controller raises, in one line.
+    """
+    experiment = case.experiment(model)
+    controller = case.law(case.controller, model) if case.law else make()
+    step = case.timestep
+    with one_line_errors(case.controller, "a command"):
+        return simulate(
+            model,
+            case.link.around(controller, experiment.period),
+            experiment,
+            duration=case.duration,
+            timestep=None if step is None else min(step, experiment.period),
+            v0=np.full(model.nv, case.nudge),
+            name=case.controller,
+            **case.plant.options(),
+        )
+
+
+def figures(case: Case, log: Log) -> dict[str, Any]:
+    """Every figure of merit of a run, by its one name; NaN or None where the run ended early."""
+    found = log.report()
+    for name in ("robot", "controller", "kind"):
+        del found[name]
+    error = 100 * np.linalg.norm(log.error, axis=1)
+    if case.sampled and log.complete:
+        found["mse_cm2"] = 1e4 * float(np.mean(np.sum(log.error[::5] ** 2, axis=1)))
+    try:
+        second = paper.second_cycle_mse_cm2(log)
+    except InputError:  # no two whole cycles
+        second = None
+    last = float(error[log.t >= log.t[-1] - 1].max()) if log.complete else None
+    return found | {
+        "second_cycle_mse_cm2": second,
+        "first_error_cm": float(error[0]),
+        "last_second_cm": last,
+        "simulated_s": float(log.t[-1]),
+    }
+
+
+def number_text(value: float) -> str:
+    """A number as short as it can be without being another one."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)

@@ -1,0 +1,156 @@
+"""Tasks on the workers of a dask.distributed cluster, whoever comes and goes.
+
+Tasks go to `distributed` itself: joblib's backend for it never returns when a task is given up
+because its worker died (joblib 1.6).
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+from softdyn import InputError, SoftdynError
+from softdyn.exceptions import one_line
+from softdyn.validation.studies.engine import fingerprint, worker
+from softdyn.validation.studies.engine.executors import DIED
+from softdyn.validation.studies.engine.store import Executor
+from softdyn.validation.studies.engine.worker import Answer, Task
+
+GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
+CONNECT = 10.0  # s
+IN_FLIGHT = 1000  # tasks at a scheduler at a time; more only makes it slow
+PATIENCE = 5.0  # s without any worker before saying so
+
+
+class ClusterError(SoftdynError):
+    """The scheduler went away; what was done is kept."""
+
+
+def cluster(address: str) -> Executor:
+    """The workers of the dask.distributed scheduler at tcp://HOST:PORT, whoever comes and goes.
+
+    Raises
+    ------
+    InputError
+        Without `distributed`, without a scheduler there, and with workers of other code.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        expected = "softdyn's extra: pip install 'softdyn[cluster]'"
+        raise InputError("--scheduler", expected, "no dask.distributed") from None
+    try:
+        client = Client(address, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        expected = f"a dask scheduler that answers within {CONNECT:g} s"
+        raise InputError("--scheduler", expected, f"{address}: {error}") from None
+    try:
+        _check_workers(client)
+    except BaseException:
+        client.close()
+        raise
+
+    def execute(order: list[Task]) -> Iterator[tuple[int, Answer]]:
+        with client:
+            contents = _contents(client, order)
+            suspects: list[int] = []
+            for index, answer in _submit(client, dict(enumerate(order)), contents, IN_FLIGHT):
+                if isinstance(answer, Answer):
+                    yield index, answer
+                else:
+                    suspects.append(index)
+            # a task whose workers died may only have waited behind the one that killed them
+            for index in suspects:
+                ((_, answer),) = _submit(client, {index: order[index]}, contents, 1)
+                if not isinstance(answer, Answer):
+                    answer = worker.not_run(answer)
+                yield index, answer
+
+    return execute
+
+
+def _check_workers(client: Any) -> None:
+    """Refuse workers that would compute something else; a later one refuses by itself."""
+    for where, found in client.run(_worker_code, on_error="return").items():
+        if isinstance(found, OSError):  # it left
+            continue
+        if found != fingerprint.code():
+            expected = "workers with this softdyn and these versions of its engines"
+            got = one_line(found) if isinstance(found, BaseException) else "others"
+            raise InputError("--scheduler", expected, f"{got} on {where}")
+
+
+def _worker_code() -> str:
+    return fingerprint.code()
+
+
+def _contents(client: Any, order: list[Task]) -> Any:
+    """The user's own files as a task of the cluster: sent once, made again where it got lost."""
+    found = {s for task in order for s in (task.robot, task.controller) if s is not None}
+    contents = {sha: data for s in found if s.own for sha, data in s.contents().items()}
+    return client.submit(dict, contents, key=f"files-{uuid.uuid4()}") if contents else None
+
+
+def _submit(
+    client: Any, order: dict[int, Task], contents: Any, in_flight: int
+) -> Iterator[tuple[int, Answer | str]]:
+    """Answers as they come; a text is why a task has none."""
+    from distributed import as_completed
+
+    run = f"softdyn-{uuid.uuid4()}"
+    waiting = iter(order.items())
+    position: dict[str, int] = {}
+    done = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
+
+    def submit_next() -> None:
+        for index, task in waiting:
+            key = f"{run}-{index}"
+            position[key] = index
+            done.add(client.submit(worker.attempt, task, contents, key=key, pure=False))
+            return
+
+    for _ in range(in_flight):
+        submit_next()
+    while position:
+        _wait(client, done)
+        future, answer = next(done)
+        index = position.pop(future.key)
+        if future.status in ("cancelled", "lost"):
+            raise ClusterError(GONE)
+        submit_next()
+        yield index, answer if future.status == "finished" else _why(answer)
+
+
+def _wait(client: Any, done: Any) -> None:
+    """Wait for an answer; say so when nobody is there to give one."""
+    asked = busy = time.monotonic()
+    told = False
+    while not done.has_ready():
+        if client.status != "running":
+            raise ClusterError(GONE)
+        now = time.monotonic()
+        if now - asked > 1.0:
+            asked = now
+            try:
+                workers = client.nthreads()
+            except OSError:
+                raise ClusterError(GONE) from None
+            if workers:
+                busy = now
+            elif not told and now - busy > PATIENCE:
+                told = True
+                warnings.warn("the cluster has no workers; waiting for one", stacklevel=2)
+        time.sleep(0.005)
+
+
+def _why(failure: Any) -> str:
+    """Why a task has no answer, from (type, exception, traceback)."""
+    from distributed import KilledWorker
+
+    error = failure[1] if isinstance(failure, tuple) else failure
+    if isinstance(error, KilledWorker):
+        return DIED
+    return one_line(f"{type(error).__name__}: {error}", 500)

@@ -1,0 +1,148 @@
+"""How a closed loop differs from an ideal one: in the plant, and between plant and controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softdyn import Reference, State
+from softdyn.controllers import Command
+from softdyn.validation.twin.twin import Twin
+
+View = Callable[[State], State]
+# MuJoCo's own defaults of solref and solimp
+SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Plant:
+    """How the plant differs from the model that the controller has.
+
+    Attributes
+    ----------
+    contacts, friction : bool
+        Whether links touch, whether the file's dry friction acts.
+    dry_friction : float
+        Dry friction of every joint (N m or N) instead of the file's, where it is not 0.
+    soft_stops : bool
+        Joint limits and dry friction as soft as MuJoCo has them by default.
+    mass, stiffness, damping : float
+        Factors on all masses and moments of inertia (armature apart), on all springs, on all
+        damping.
+    """
+
+    contacts: bool = False
+    friction: bool = False
+    dry_friction: float = 0.0
+    soft_stops: bool = False
+    mass: float = 1.0
+    stiffness: float = 1.0
+    damping: float = 1.0
+
+    def twin(self, *arguments: Any, **options: Any) -> Twin:
+        """`Twin` with these differences; contacts and friction are among its own options."""
+        twin = Twin(*arguments, **options)
+        model = twin.model
+        if self.dry_friction:
+            model.dof_frictionloss[:] = self.dry_friction
+        if self.soft_stops:
+            model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
+            model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
+        if (self.mass, self.stiffness, self.damping) != (1.0, 1.0, 1.0):
+            model.body_mass[:] *= self.mass
+            model.body_inertia[:] *= self.mass
+            model.jnt_stiffness[:] *= self.stiffness
+            model.tendon_stiffness[:] *= self.stiffness
+            model.dof_damping[:] *= self.damping
+            model.tendon_damping[:] *= self.damping
+            mujoco.mj_setConst(model, twin.data)
+            twin.reset()
+        return twin
+
+    def options(self) -> dict[str, Any]:
+        """The arguments of `simulate` that are the plant's."""
+        friction = self.friction or self.dry_friction > 0
+        return {"twin": self.twin, "contacts": self.contacts, "friction": friction}
+
+
+@dataclass(frozen=True)
+class Link:
+    """What stands between the plant and the controller.
+
+    Attributes
+    ----------
+    delay : float
+        Time (s) from a state to the input that answers it, in whole control periods.
+    noise : float
+        Standard deviation (m) of each coordinate of the tip that the controller sees.
+    seed : int
+        Of the noise.
+    views : tuple of Callable[[], View]
+        Each makes, for one run, what a state becomes before the controller sees it.
+    late : bool
+        Whether the first input is zero, whatever the controller would answer.
+    """
+
+    delay: float = 0.0
+    noise: float = 0.0
+    seed: int = 0
+    views: tuple[Callable[[], View], ...] = ()
+    late: bool = False
+
+    def around(self, controller: Any, period: float) -> Any:
+        """`controller` behind this link; itself where there is nothing between."""
+        if self == Link(seed=self.seed):
+            return controller
+        views = [view() for view in self.views]
+        if self.noise > 0:
+            views.insert(0, Noise(self.noise, self.seed))
+        return Linked(controller, views, lag=round(self.delay / period), late=self.late)
+
+
+class Noise:
+    """A view of the tip with normal noise of a standard deviation (m)."""
+
+    def __init__(self, deviation: float, seed: int) -> None:
+        self._deviation, self._random = deviation, np.random.default_rng(seed)
+
+    def __call__(self, state: State) -> State:
+        """What the controller sees instead of `state`."""
+        return replace(state, y=state.y + self._deviation * self._random.normal(size=3))
+
+
+class Linked:
+    """A controller that sees states through views and answers `lag` periods later.
+
+    Until there is an answer to give, it gives its first one; a `late` one answers its first state
+    with zero input. Everything else, its gains and counts, is the inner controller's.
+    """
+
+    def __init__(
+        self, controller: Any, views: list[View], *, lag: int = 0, late: bool = False
+    ) -> None:
+        self._controller, self._views = controller, views
+        self._lag, self._late = lag, late
+        self._waiting: list[Any] = []
+
+    def reset(self, period: float) -> None:
+        """Begin a run: nothing waits, and the controller begins one too, where it can."""
+        self._waiting.clear()
+        if hasattr(self._controller, "reset"):
+            self._controller.reset(period)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["_controller"], name)
+
+    def __call__(self, state: State, reference: Reference) -> Any:
+        """The input that reaches the plant when it is in `state`."""
+        for view in self._views:
+            state = view(state)
+        if self._late:
+            self._late = False
+            return Command(np.clip(np.zeros(state.model.nu), state.model.u_min, state.model.u_max))
+        self._waiting.append(self._controller(state, reference))
+        return self._waiting[0] if len(self._waiting) <= self._lag else self._waiting.pop(0)

@@ -1,0 +1,64 @@
+"""What a run depends on, as one hash: when it changes, the case is run again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from softdyn.compiled import COMPILES
+from softdyn.validation.plain import plain
+from softdyn.validation.studies.engine.case import Case
+
+# what in softdyn decides a run's numbers; statics, view, tables and plots do not
+RUN_BY = (
+    "description", "dynamics", "controllers", "validation/twin", "validation/loop",
+    "validation/studies/engine", "validation/studies/paper.py",
+)  # fmt: skip
+# and those of a case that brings functions of its own
+CALLED = ("validation/oracles", "validation/studies/reproduction.py", "validation/studies/hold.py")
+ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
+
+
+def fingerprint(case: Case, *parts: Any) -> str:
+    """A hash of a case, of `parts` that it depends on, of softdyn and of the engines.
+
+    softdyn counts as it is on disk when this process first asks.
+    """
+    calls = case.law or case.trajectory or case.link.views
+    everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
+    return hashlib.sha256(json.dumps(plain(everything)).encode()).hexdigest()
+
+
+@cache
+def code() -> str:
+    """A hash of what every run depends on: the packages that make it, the engines' versions."""
+    engines = [(name, _version(name)) for name in ENGINES]
+    return hashlib.sha256(repr([engines, COMPILES, _hash_of(RUN_BY)]).encode()).hexdigest()
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@cache
+def _hash_of(names: tuple[str, ...]) -> str:
+    """Of files of softdyn, of whole folders, and of those that lie at its top."""
+    package = Path(str(files("softdyn")))
+    found = [*package.glob("*.py")]
+    for name in names:
+        path = package / name
+        found += [path] if path.is_file() else [*path.rglob("*.py"), *path.rglob("*.toml")]
+    return hashlib.sha256(repr([(p.name, digest(p)) for p in sorted(found)]).encode()).hexdigest()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,204 @@
+"""The files of a robot or a controller: found here, sent along, found again by a worker."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import softdyn
+from softdyn import InputError, SoftdynError, SoftModel
+from softdyn.controllers import find_controller
+from softdyn.controllers.registry import is_own
+from softdyn.description.library import bundled_names, find
+from softdyn.validation.studies.engine.fingerprint import digest
+
+# Models and classes are built once a thread: a SoftModel's scratch memory is not for two.
+_kept = threading.local()
+
+
+class NotHere(SoftdynError):
+    """This worker cannot run the case, and another one might."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The files of a robot or a controller, so that a worker can tell whether it has the same.
+
+    Attributes
+    ----------
+    text : str
+        What the user calls it.
+    path : str
+        The main file on the machine where it was found.
+    files : tuple of (str, str)
+        (path relative to the main file's folder, SHA-256) of each, in order.
+    own : bool
+        The user's own; any other is part of a package that every worker has.
+    """
+
+    text: str
+    path: str
+    files: tuple[tuple[str, str], ...]
+    own: bool
+
+    @classmethod
+    def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
+        """The files at `paths`, the main one first."""
+        main = paths[0].resolve()
+        found = [(path.resolve().relative_to(main.parent).as_posix(), path) for path in paths]
+        return cls(text, str(main), tuple((name, digest(path)) for name, path in found), own)
+
+    def contents(self) -> dict[str, bytes]:
+        """SHA-256 → content of the user's own files.
+
+        Raises
+        ------
+        InputError
+            A file that cannot be read.
+        """
+        folder = Path(self.path).parent
+        try:
+            return {sha256: (folder / name).read_bytes() for name, sha256 in self.files}
+        except OSError as error:
+            raise InputError(self.text, "a readable file", error.strerror) from None
+
+
+# -- where they are found --------------------------------------------------------------------------
+
+
+def of_robot(text: str, folder: Path = Path()) -> tuple[Source, SoftModel]:
+    """A robot's file, a path being relative to `folder`, and its model.
+
+    Raises
+    ------
+    UrdfError, InputError
+        No such robot, or one that cannot be used.
+    """
+    beside = folder / text
+    own = text not in bundled_names() and os.path.isfile(beside)
+    model = load_model(beside if own else text)
+    own = own and model.bundled is None
+    return Source.of(model.bundled or text, [model.robot.path], own), model
+
+
+def of_controller(text: str, folder: Path = Path()) -> Source | None:
+    """A user's FILE.py:CLASS, the file relative to `folder`; None for a name of the package.
+
+    Raises
+    ------
+    InputError
+        No such name, file or class, or a file that cannot be imported.
+    """
+    file, _, kind = text.rpartition(":")
+    path = folder / file
+    with redirect_stdout(sys.stderr):  # what a user's module prints
+        find_controller(f"{path}:{kind}" if is_own(text) else text)
+    if not is_own(text):
+        return None
+    beside = [p for p in imported(path) if p != path.resolve()]
+    return Source.of(text, [path, *beside], own=True)
+
+
+def imported(file: Path) -> list[Path]:
+    """A Python file and the modules beside it that it imports, and those that these import."""
+    root = file.resolve().parent
+    found: list[Path] = []
+    todo = [file.resolve()]
+    while todo:
+        path = todo.pop()
+        if path in found:
+            continue
+        found.append(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            for module in _modules(node):
+                base = root.joinpath(*module.split("."))
+                todo += [p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file()]
+    return sorted(found)
+
+
+def _modules(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        module = [node.module] if node.module else []
+        return [*module, *(".".join((*module, alias.name)) for alias in node.names)]
+    return []
+
+
+def load_model(robot: str | Path) -> SoftModel:
+    """The model of a robot as its file is now; read once as long as that does not change."""
+    path = find(robot)
+    key = (str(robot), digest(path) if os.access(path, os.R_OK) else "")
+    models = _kept.__dict__.setdefault("models", {})
+    if key not in models:
+        models[key] = softdyn.load(robot)
+    found: SoftModel = models[key]
+    return found
+
+
+# -- where they are used ---------------------------------------------------------------------------
+
+
+def model_of(source: Source, contents: Mapping[str, bytes]) -> SoftModel:
+    """The model of a robot, from the user's own file or from the package of this machine."""
+    if source.own:
+        return load_model(_own_file(source, contents))
+    if digest(find(source.text)) != source.files[0][1]:
+        raise NotHere(f"this worker has another {source.text}")
+    return load_model(source.text)
+
+
+def class_of(source: Source, contents: Mapping[str, bytes]) -> Callable[..., Any]:
+    """The user's own class."""
+    kind = source.text.rpartition(":")[2]
+    classes = _kept.__dict__.setdefault("classes", {})
+    if (source.files, kind) not in classes:
+        path = _own_file(source, contents)
+        _forget_modules(source, path.parent)
+        classes[source.files, kind] = find_controller(f"{path}:{kind}")
+    found: Callable[..., Any] = classes[source.files, kind]
+    return found
+
+
+def _forget_modules(source: Source, folder: Path) -> None:
+    """Import a user's files anew: a worker may have met other versions of them."""
+    for name, _ in source.files:
+        parts = Path(name).with_suffix("").parts
+        sys.modules.pop(".".join(parts[:-1] if parts[-1] == "__init__" else parts), None)
+    while str(folder) in sys.path:  # it is put first when the class is imported
+        sys.path.remove(str(folder))
+    importlib.invalidate_caches()
+
+
+def _own_file(source: Source, contents: Mapping[str, bytes]) -> Path:
+    """The user's main file: where it lies, or a copy of what was sent along."""
+    path = Path(source.path)
+    if all(_is(path.parent / name, sha256) for name, sha256 in source.files):
+        return path
+    if not all(sha256 in contents for _, sha256 in source.files):
+        raise NotHere(f"{source.text} changed after the study began")
+    if not hasattr(_kept, "folder"):
+        _kept.folder = tempfile.TemporaryDirectory(prefix="softdyn-")
+    mark = hashlib.sha256(repr(source.files).encode()).hexdigest()[:16]
+    for name, sha256 in source.files:
+        copy = Path(_kept.folder.name) / mark / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes(contents[sha256])
+    return Path(_kept.folder.name) / mark / source.files[0][0]
+
+
+def _is(path: Path, sha256: str) -> bool:
+    try:
+        return digest(path) == sha256
+    except OSError:
+        return False

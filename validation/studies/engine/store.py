@@ -1,0 +1,147 @@
+"""What is kept of a study: files below a folder, each whole or not at all.
+
+A case has ``runs/NAME.json``, its result, with a fingerprint of all that it depends on and the hash
+of its log; where logs are kept ``runs/NAME.npz``; and where step times are ``times/NAME.json``,
+the only part of a run that is not the same twice. The result is written last: a run that is killed
+leaves nothing that is taken for one. This process alone writes, so that workers on other machines
+need no folder in common; two runs of one case write the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from softdyn import InputError
+from softdyn.validation.files import atomic, write_json
+from softdyn.validation.studies.engine.fingerprint import digest
+from softdyn.validation.studies.engine.worker import Answer, Task
+
+# Yields (position in the list, answer) as tasks end, in any order.
+Executor = Callable[[list[Task]], Iterator[tuple[int, Answer]]]
+OUTCOMES = ("done", "failed", "raised", "not_run")
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder with a file a case.
+
+    Attributes
+    ----------
+    folder : Path
+    runs : str
+        The folder below it with results and logs.
+    times : str, optional
+        The one with step times, None where they are not kept.
+    """
+
+    folder: Path
+    runs: str = "runs"
+    times: str | None = None
+
+    def result_path(self, name: str) -> Path:
+        """Where the result of a case lies."""
+        return self.folder / self.runs / f"{name}.json"
+
+    def log_path(self, name: str) -> Path:
+        """Where the log of a case lies."""
+        return self.folder / self.runs / f"{name}.npz"
+
+    def result(self, name: str) -> dict[str, Any] | None:
+        """The result of a case, up to date or not; None without a whole one."""
+        found = _read(self.result_path(name))
+        whole = found is not None and found.get("outcome") in OUTCOMES and "fingerprint" in found
+        return found if whole else None
+
+    def step_times(self, name: str) -> dict[str, Any] | None:
+        """Step times of a case (µs): median, p99, p999, max; None when they are not there."""
+        return _read(self.folder / (self.times or "") / f"{name}.json")
+
+    def load(self, task: Task) -> dict[str, Any] | None:
+        """The result of a case; None without one of this fingerprint and all files whole."""
+        found = self.result(task.name)
+        if found is None or found["fingerprint"] != task.fingerprint:
+            return None
+        if self.times and self.step_times(task.name) is None:
+            return None
+        ran = found["outcome"] in ("done", "failed")
+        if task.log and ran and _digest(self.log_path(task.name)) != found.get("log_sha256"):
+            return None
+        return found
+
+    def missing(self, tasks: Iterable[Task]) -> list[Task]:
+        """Tasks without an up-to-date result."""
+        return [task for task in tasks if self.load(task) is None]
+
+    def save(self, task: Task, answer: Answer) -> None:
+        """Write the files of a case.
+
+        Raises
+        ------
+        InputError
+            When they cannot be written.
+        """
+        path = self.result_path(task.name)
+        ran = answer.result["outcome"] != "not_run"  # else it is tried again the next time
+        result = {"fingerprint": task.fingerprint if ran else None, **task.head, **answer.result}
+        _make_folder(path.parent)
+        if answer.log is not None:
+            with atomic(self.log_path(task.name)) as file:
+                file.write(answer.log)
+            result["log_sha256"] = sha256(answer.log).hexdigest()
+        if self.times:
+            times = self.folder / self.times / f"{task.name}.json"
+            _make_folder(times.parent)
+            write_json(times, answer.step_us)
+        write_json(path, result)
+
+    def run(
+        self, tasks: Sequence[Task], executor: Executor
+    ) -> Iterator[tuple[Task, Answer | None]]:
+        """Run what is missing and keep what comes; no answer for what is up to date.
+
+        Those come first, then the longest task, so that no core idles at the end. With nothing
+        missing the executor is not asked.
+
+        Raises
+        ------
+        InputError
+            When a file cannot be written, and what the executor raises.
+        """
+        missing = self.missing(tasks)
+        names = {task.name for task in missing}
+        yield from ((task, None) for task in tasks if task.name not in names)
+        if not missing:
+            return
+        order = sorted(missing, key=lambda task: task.cost, reverse=True)
+        with closing(executor(order)) as answers:  # type: ignore[type-var]
+            for index, answer in answers:
+                self.save(order[index], answer)
+                yield order[index], answer
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def _digest(path: Path) -> str | None:
+    try:
+        return digest(path)
+    except OSError:
+        return None
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(str(path), "a folder to write to", error.strerror) from None

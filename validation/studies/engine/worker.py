@@ -1,0 +1,199 @@
+"""One case, run by whichever process and machine has a hand free.
+
+What comes in and goes out is plain data, so that a worker needs softdyn and nothing else: no folder
+in common, and of the user's own files only what is sent along.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn import SoftdynError
+from softdyn.controllers.registry import find_controller, make_controller
+from softdyn.exceptions import one_line
+from softdyn.validation.loop.log import Log
+from softdyn.validation.studies import paper
+from softdyn.validation.studies.engine import case as cases_
+from softdyn.validation.studies.engine import fingerprint, sources
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.sources import NotHere, Source
+
+
+@dataclass(frozen=True)
+class Task:
+    """A case with all that a worker needs to run it, and a store to keep it.
+
+    Attributes
+    ----------
+    case : Case
+    name : str
+        Of its files, without a suffix, below a store's folder.
+    head : dict
+        What stands first in its result file.
+    robot, controller : Source
+        Their files; None for a controller of the package.
+    cost : float
+        Rough work, for an order.
+    fingerprint, code : str
+        Of all that the run depends on, and of softdyn and the engines alone.
+    log : bool
+        Whether the whole run is kept.
+    """
+
+    case: Case
+    name: str
+    head: Mapping[str, Any]
+    robot: Source
+    controller: Source | None
+    cost: float
+    fingerprint: str
+    code: str
+    log: bool
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a task.
+
+    Attributes
+    ----------
+    result : dict
+        How it ended (``outcome``: done, failed, raised, not_run; ``reason``), and its figures.
+    log : bytes, optional
+        Content of the log's file, without step times: they are not the same twice.
+    step_us : dict
+        The step times (µs).
+    """
+
+    result: dict[str, Any]
+    log: bytes | None = None
+    step_us: Mapping[str, float | None] = field(default_factory=dict, compare=False)
+
+
+def tasks(
+    cases: Sequence[Case],
+    *,
+    names: Sequence[str] | None = None,
+    heads: Sequence[Mapping[str, Any]] | None = None,
+    also: Sequence[Any] | None = None,
+    folder: Path = Path(),
+    log: bool = False,
+) -> list[Task]:
+    """Every case with what it depends on.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+    names, heads : sequences, optional
+        Of each its `Task.name` and `Task.head`; the case's own name and nothing by default.
+    also : sequence, optional
+        What else each depends on.
+    folder : Path
+        What relative paths of robots and controllers are relative to.
+    log : bool
+        Whether the whole runs are kept.
+
+    Raises
+    ------
+    InputError, UrdfError
+        A robot, a controller or an experiment that cannot be run.
+    """
+    robots = {r: sources.of_robot(r, folder) for r in dict.fromkeys(c.robot for c in cases)}
+    controllers = dict.fromkeys(case.controller for case in cases)
+    own = {name: sources.of_controller(name, folder) for name in controllers}
+    code = fingerprint.code()
+    found = []
+    for i, case in enumerate(cases):
+        (robot, model), controller = robots[case.robot], own[case.controller]
+        parts = (robot.files, controller and controller.files, paper.setup_of(model))
+        mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
+        name, head = names[i] if names else case.name, heads[i] if heads else {}
+        cost = case.cost(model)
+        found.append(Task(case, name, head, robot, controller, cost, mark, code, log))
+    return found
+
+
+def run(task: Task, contents: Mapping[str, bytes] | None = None) -> Answer:
+    """Run one case.
+
+    Parameters
+    ----------
+    task : Task
+    contents : mapping, optional
+        SHA-256 → content of the user's own files, for a machine that does not have them.
+
+    Raises
+    ------
+    NotHere
+        This worker cannot run it.
+    SoftdynError
+        What is wrong with the case, a user's own controller in one line.
+    """
+    with redirect_stdout(sys.stderr):  # what a user's code prints is no part of our output
+        return _answer(task, _prepare(task, contents or {})())
+
+
+def attempt(task: Task, contents: Mapping[str, bytes] | None = None) -> Answer:
+    """`run`, with whatever goes wrong in the answer."""
+    with redirect_stdout(sys.stderr):
+        try:
+            loop = _prepare(task, contents or {})
+        except Exception as error:
+            return not_run(_reason(error))
+        try:
+            return _answer(task, loop())
+        except (MemoryError, OSError) as error:  # of this machine, not of the case
+            return not_run(_reason(error))
+        except Exception as error:  # a user's code may raise anything
+            return _without_figures("raised", _reason(error))
+
+
+def not_run(reason: str) -> Answer:
+    """The answer for a case that no worker could run; it is tried again the next time."""
+    return _without_figures("not_run", reason)
+
+
+def _prepare(task: Task, contents: Mapping[str, bytes]) -> Callable[[], Log]:
+    """The closed loop of a task, on this machine."""
+    if task.code != fingerprint.code():
+        raise NotHere("this worker has another softdyn, or another version of an engine")
+    case, source = task.case, task.controller
+    model = sources.model_of(task.robot, contents)
+    cls = sources.class_of(source, contents) if source else find_controller(case.controller)
+    make = partial(make_controller, case.controller, model, case.parameters, cls)
+    return lambda: cases_.run(case, model, make)
+
+
+def _answer(task: Task, log: Log) -> Answer:
+    figures = cases_.figures(task.case, log)
+    step_us = figures.pop("step_us")
+    outcome = {"outcome": "failed" if log.failed else "done"}
+    return Answer(outcome | figures, _npz(log) if task.log else None, step_us)
+
+
+def _without_figures(outcome: str, reason: str) -> Answer:
+    figures = ("final_error_cm", "mse_cm2", "second_cycle_mse_cm2")
+    return Answer({"outcome": outcome, "reason": reason} | dict.fromkeys(figures))
+
+
+def _npz(log: Log) -> bytes:
+    timeless = replace(log, step_us=np.full_like(log.step_us, np.nan))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.npz"
+        timeless.save(path)
+        return path.read_bytes()
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, SoftdynError):
+        return one_line(error, 500)
+    return one_line(f"{type(error).__name__}: {error}", 500)
