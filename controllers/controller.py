@@ -12,6 +12,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.compiled import COMPILES, compiled
+from softdyn.description.robot import Robot
 
 SILENT = np.errstate(all="ignore")  # as a decorator: overflow is no warning
 
@@ -77,10 +78,10 @@ def guarded(law: Law[Self]) -> Law[Self]:
     def call(self: Self, state: State, reference: Any) -> Command:
         if not (
             isinstance(state, State)
-            and state.model.nu == self.guard.nu
+            and self.guard.knows(state)
             and isinstance(reference, Reference)
         ):
-            raise no_arguments(state, reference, self.guard.nu)
+            raise no_arguments(state, reference, self.guard)
         try:
             return law(self, state, reference)
         except np.linalg.LinAlgError:
@@ -89,20 +90,23 @@ def guarded(law: Law[Self]) -> Law[Self]:
     return call if COMPILES else SILENT(call)
 
 
-def no_arguments(state: Any, reference: Any, nu: int) -> InputError:
-    """What makes these no arguments for a controller of a robot with `nu` inputs."""
+def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
+    """What makes these no arguments for the controller of a guard."""
     if not isinstance(state, State):
         return InputError("state", "a State, from model.state(q, v)", repr(state))
-    if state.model.nu != nu:
-        got = f"one of {state.model.name!r} with {state.model.nu}"
-        return InputError("state", f"a State of the controller's own robot, with {nu} inputs", got)
+    if not guard.knows(state):
+        own = f"a State of the controller's own robot, with {guard.nu} inputs"
+        robot = state.model.robot
+        got = f"one of {robot.name!r} with {state.model.nu}"
+        return InputError("state", own, f"{got}, of {robot.path}")
     return InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
 
 
 class InputGuard:
     """Stands between a law's answer and the robot: always finite, always within bounds, counted.
 
-    The one fallback is to hold the last good input; before there is one, the input nearest to 0.
+    `robot` is the law's own: States of another one are refused. The one fallback is to hold the
+    last good input; before there is one, the input nearest to 0.
 
     Attributes
     ----------
@@ -111,9 +115,19 @@ class InputGuard:
     max_bound_violation : largest violation of the bounds by an accepted answer, before clipping.
     """
 
-    def __init__(self, u_min: np.ndarray, u_max: np.ndarray) -> None:
+    def __init__(self, u_min: np.ndarray, u_max: np.ndarray, robot: Robot | None = None) -> None:
         self.u_min, self.u_max, self.nu = u_min, u_max, len(u_min)
+        self._robot = robot
         self.reset()
+
+    def knows(self, state: State) -> bool:
+        """Whether a State is of this robot; of a copy of its description too."""
+        robot = state.model.robot
+        if robot is self._robot:
+            return True
+        if self._robot is not None and robot.digest != self._robot.digest:
+            return False
+        return state.model.nu == self.nu
 
     def reset(self) -> None:
         """Forget everything that was counted and held."""

@@ -53,7 +53,7 @@ class TaskLaw:
     name = ""
 
     def __init__(self, model: SoftModel, gains: Gains, programme: Programme) -> None:
-        self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max)
+        self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)
         self.solvers = programme.solvers
         self._programme, self._task = programme, Task(gains)
         warm_up(self, model)

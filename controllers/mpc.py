@@ -104,7 +104,7 @@ class Mpc:
         if model.nu == 0:
             raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
         self.parameters = resolve_parameters(parameters)
-        self.guard = InputGuard(model.u_min, model.u_max)
+        self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self._model = model
         self._step = self.parameters.horizon / KNOTS[-1]
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]

@@ -7,8 +7,10 @@ the cases and where else they are tested. Times are measured by scripts/worst_st
 
 from __future__ import annotations
 
+import copy
 import warnings
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,6 +115,27 @@ def test_what_is_no_state_or_reference_is_refused(name: str) -> None:
         with pytest.raises(InputError, match=r"^reference: expected a Reference"):
             controller(state, wrong)
     assert ask(controller, state, goal).status is Status.OK
+
+
+@every_controller
+def test_another_robot_s_state_is_refused_and_a_copy_s_is_not(name: str, tmp_path: Path) -> None:
+    controller, goal = controller_of(name, "spirob"), drawn("spirob")[0][1]
+    other = drawn("spirob48")[0][0]  # of as many inputs
+    with pytest.raises(InputError, match=r"own robot, with 3 inputs, got one of 'spirob48' with 3"):
+        controller(other, goal)
+    path = robot("spirob").robot.path
+    stiffer = tmp_path / "stiffer.urdf"
+    stiffer.write_text(path.read_text().replace("springStiffness>0.1<", "springStiffness>0.2<", 1))
+    assert stiffer.read_text() != path.read_text()
+    changed = softdyn.load(stiffer)
+    with pytest.raises(InputError, match=r"stiffer\.urdf"):
+        controller(changed.state(changed.q0, np.zeros(changed.nv)), goal)
+    with pytest.raises(InputError, match="own robot"):
+        simulate(changed, controller, goal, duration=0.01)
+    (tmp_path / "same.urdf").write_text(path.read_text())
+    for model in (copy.deepcopy(robot("spirob")), softdyn.load(tmp_path / "same.urdf")):
+        state = model.state(model.q0, np.zeros(model.nv))
+        assert ask(controller, state, SetPoint(state.y)).status is Status.OK
 
 
 def wrong_arrays(right: np.ndarray) -> list[object]:

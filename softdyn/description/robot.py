@@ -5,10 +5,12 @@ Everything here is at q = 0 and free of any engine; `softdyn.description.urdf` f
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +160,16 @@ class Robot:
             path.appendleft(above[link])
             link = path[0].parent
         return tuple(path)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the dynamics depend on: copies have one, other robots another."""
+        joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper)
+                  for j in self.joints]  # fmt: skip
+        paths = [(t.name, t.terms, [(s.link, s.xyz.tolist()) for s in t.sites], t.stiffness,
+                  t.damping, t.rest) for t in self.tendons]  # fmt: skip
+        parts = (self.xml, self.floating, self.task, joints, paths, self.actuators)
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property
     def length(self) -> float:
