@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from softdyn.design.urdf_text import ORIGIN, Joint, Robot, inertial, over
+from softdyn.design.urdf_text import ORIGIN, Input, Joint, Robot, inertial, over
 
 LENGTH, MASS = 0.5, 0.3  # m, kg of the whole chain
 RADIUS = 0.02  # m, the tendons' arms
@@ -20,26 +20,22 @@ def chain_urdf(joints: int, tendons: int = 3) -> str:
     tendons are fixed ones with constant arms, `tendons` of them in directions a golden angle
     apart; tendon k of m ends (k + 1) m-ths of the way down, so that B has rank m where n ≥ 2 m.
     """
-    robot = Robot(f"chain{joints}", " A chain for measuring step times. ", {})
-    offset, mass, parent = LENGTH / joints, MASS / joints, "world"
+    robot = Robot(f"chain{joints}", " A chain for measuring step times. ", {}, ())
+    offset, mass = LENGTH / joints, MASS / joints
     moment = mass * (offset**2 / 12 + RADIUS**2 / 4)
     tensor = ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, mass * RADIUS**2 / 2))
-    robot.link(parent)
     for i in range(joints):
-        child, axis = f"link{i}", (0, 1, 0) if i % 2 == 0 else (1, 0, 0)
         joint = Joint(
-            f"joint{i}", axis, STIFFNESS * joints, DAMPING * joints,
+            f"joint{i}", (i % 2, 1 - i % 2, 0), STIFFNESS * joints, DAMPING * joints,
             limits=(-2, 2), armature=ARMATURE / joints,
         )  # fmt: skip
-        robot.link(child, inertial(mass, (0, 0, -offset / 2), tensor))
-        robot.chain(parent, child, [joint], (0, 0, -offset if i else 0), ORIGIN)
-        parent = child
-    robot.link("tip")
-    robot.fixed(parent, "tip", (0, 0, -offset))
+        part = inertial(mass, (0, 0, -offset / 2), tensor)
+        robot.add(f"link{i}", [part], [joint], (0, 0, -offset if i else 0))
+    over_joints = {}
     for k in range(tendons):
         reach = min(max(2, math.ceil(joints * (k + 1) / tendons)), joints)
         arms = (RADIUS * math.cos(k * GOLDEN), RADIUS * math.sin(k * GOLDEN))
         parts = [over(f"joint{i}", arms[i % 2]) for i in range(reach) if arms[i % 2]]
-        robot.tendon(f"tendon{k}", parts)
-        robot.actuator(f"u{k}", f"tendon{k}", -1.0, (-20, 20))
-    return robot.text()
+        over_joints[f"tendon{k}"] = parts
+    inputs = [Input(-1.0, (-20, 20))] * tendons
+    return robot.finish((0, 0, -offset), ORIGIN, over_joints, *inputs)
