@@ -95,7 +95,7 @@ class Judge:
 
     def bias(self) -> np.ndarray:
         """C q̇ + g (nv,), with what M does to the twin's own accelerations at constant v."""
-        return self._map.T @ (self._data.qfrc_bias + self._M() @ (self._rate @ self._v))
+        return self._map.T @ self._data.qfrc_bias + self._turning()
 
     def g(self) -> np.ndarray:
         """Gravity force (nv,): the bias at rest."""
@@ -110,12 +110,16 @@ class Judge:
 
     def D(self) -> np.ndarray:
         """Damping matrix (nv, nv): minus the damper forces of unit velocities."""
-        matrix = np.zeros((self.nv, self.nv))
-        for k, column in enumerate(self._map.T):
+        return self._damping_along(self._map)
+
+    def _damping_along(self, columns: np.ndarray) -> np.ndarray:
+        """Pᵀ D P (nv, nv) of velocities qvel = P v at the present position; P (MuJoCo's nv, nv)."""
+        before, forces = self._data.qvel.copy(), []
+        for column in columns.T:
             self._velocity(column)
-            matrix[:, k] = -self._map.T @ self._data.qfrc_damper
-        self._velocity(self._qvel)
-        return matrix
+            forces.append(-self._data.qfrc_damper)
+        self._velocity(before)
+        return columns.T @ np.array(forces).T
 
     def B(self) -> np.ndarray:
         """Input matrix (nv, nu): the generalized forces of unit inputs."""
@@ -224,19 +228,9 @@ class Judge:
         qpos, w = self._data.qpos.copy(), self._data.qvel[self.states.dofs]
         M, force = self._tied_forces(qpos, w)
         if self._damping is None or self._damping_varies:
-            self._damping = self._tied_damping()
+            self._damping = self._damping_along(self.states.ties)
         w = w + h * np.linalg.solve(M + h * self._damping, force)
         self._arrive(self._moved(qpos, w, h), w)
-
-    def _tied_damping(self) -> np.ndarray:
-        """Eᵀ D E (nv, nv) at the present position."""
-        E, before = self.states.ties, self._data.qvel.copy()
-        matrix = np.zeros((self.nv, self.nv))
-        for k, column in enumerate(E.T):
-            self._velocity(column)
-            matrix[:, k] = -E.T @ self._data.qfrc_damper
-        self._velocity(before)
-        return matrix
 
     def _arrive(self, qpos: np.ndarray, w: np.ndarray) -> None:
         self._data.qpos[:], self._data.qvel[:] = qpos, self.states.ties @ w

@@ -10,7 +10,7 @@ cannot: that both engines converge to the same motion, at the order of the schem
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,12 +25,39 @@ from softdyn.validation.twin.free_base import step_free_implicit, step_free_rk4
 from softdyn.validation.twin.twin import SimulationError
 
 Start = tuple[np.ndarray, np.ndarray]
-SCHEMES = {"rk4": (step_rk4, "rk4", 4), "implicit": (step_implicit, "implicitfast", 1)}
-FREE_STEPS = {"rk4": step_free_rk4, "implicit": step_free_implicit}
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A scheme that both engines have: our steps, MuJoCo's name of it.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    step, free_step : callable
+        Ours, and of a floating base.
+    integrator : str
+        The twin's.
+    order : int
+        Expected.
+    most_steps : int
+        That a comparison takes.
+    """
+
+    name: str
+    step: Callable[..., Start]
+    free_step: Callable[..., Start]
+    integrator: str
+    order: int
+    most_steps: int
+
+
+IMPLICIT = Scheme("implicit", step_implicit, step_free_implicit, "implicitfast", 1, 2000)
+RK4 = Scheme("rk4", step_rk4, step_free_rk4, "rk4", 4, 400)
 HORIZON = 1.0  # s, of a robot whose every joint is damped
 HORIZON_UNDAMPED = 0.25
 STEP = 5e-4  # s, at most
-MOST_STEPS = {"implicit": 2000, "rk4": 400}
 HOLD = 40  # steps an input is held
 MOST_INPUT = 1e3
 NUDGE = 1e-8
@@ -56,12 +83,20 @@ class Rates:
 
 
 def compare_trajectories(
-    model: SoftModel,
-    judge: Judge,
-    rng: np.random.Generator,
-    report: Callable[[str], None],
+    model: SoftModel, judge: Judge, rng: np.random.Generator, report: Callable[[str], None]
 ) -> tuple[tuple[Run, ...], tuple[Ladder, ...]]:
     """Free and forced runs with every scheme the two engines share, and their ladders.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Ours.
+    judge : Judge
+        The twin's terms.
+    rng : Generator
+        Of the start and the inputs.
+    report : callable
+        Called with a word on what is being done.
 
     Raises
     ------
@@ -69,21 +104,19 @@ def compare_trajectories(
         A trajectory that left the finite numbers.
     """
     start = _start(model, rng)
-    rates = _rates(model, *start)
+    race = _Race(model, judge, start, _rates(model, *start), circles(model))
     # MuJoCo's implicit schemes drop damping between branches, and of a free body that carries
     # nothing they treat the gyroscopic force implicitly: no scheme that both engines share
     alone = model.robot.floating and not model.robot.moving_joints
-    schemes = ["implicit", "rk4"]
-    if alone or damping_couples_branches(model, *start):
-        schemes = ["rk4"]
+    none = alone or damping_couples_branches(model, *start)
     runs, ladders = [], []
-    for scheme in schemes:
+    for scheme in (RK4,) if none else (IMPLICIT, RK4):
         for name, share in (("free", 0.0), ("forced", _share(model, *start))):
             if share or name == "free":
-                report(f"{name} trajectory, {scheme}")
-                runs.append(_run(model, judge, name, scheme, rates, start, share, rng))
-        report(f"step halving, {scheme}")
-        ladders.append(_ladder(model, judge, scheme, rates, start))
+                report(f"{name} trajectory, {scheme.name}")
+                runs.append(race.run(name, scheme, share, rng))
+        report(f"step halving, {scheme.name}")
+        ladders.append(race.ladder(scheme))
     return tuple(runs), tuple(ladders)
 
 
@@ -126,12 +159,6 @@ def input_window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _scheme(model: SoftModel, name: str) -> tuple[Callable[..., Start], str, int]:
-    """Our step, the integrator it is held against, and its order."""
-    step, integrator, order = SCHEMES[name]
-    return FREE_STEPS[name] if model.robot.floating else step, integrator, order
-
-
 def _start(model: SoftModel, rng: np.random.Generator) -> Start:
     """A state in the middle half of the limits, within ±π/4, moving gently."""
     lower, upper = np.maximum(model.lower, -np.pi / 4), np.minimum(model.upper, np.pi / 4)
@@ -162,49 +189,87 @@ def _share(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
     return float(min(1.0, max(pull, 1e-3) / max(most.max(), 1e-300)))
 
 
-def _run(
-    model: SoftModel,
-    judge: Judge,
-    name: str,
-    scheme: str,
-    rates: Rates,
-    start: Start,
-    share: float,
-    rng: np.random.Generator,
-) -> Run:
-    """Follow one trajectory in both engines, input by input."""
-    step_model, integrator, _ = _scheme(model, scheme)
-    fastest = rates.motion if scheme == "implicit" else max(rates.damping, rates.motion)
-    step = min(STEP, 0.5 / fastest)
-    wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
-    total = min(wanted, MOST_STEPS[scheme])
-    holds = [min(HOLD, total - done) for done in range(0, total, HOLD)]
-    lower, upper = input_window(model)
-    inputs = [share * rng.uniform(lower, upper) for _ in holds]
+@dataclass(frozen=True, eq=False)
+class _Race:
+    """One robot in both engines, from one state (q, v)."""
 
-    judge.start(*start, integrator, step)
-    marks = _until_failure(judge.follow(inputs, holds))
-    judge.start(*_nudged(model, start), integrator, step)
-    shadow = _until_failure(judge.follow(inputs, holds))
-    circular = circles(model)
-    reach = 0
-    for mark, other in zip(marks, shadow, strict=False):
-        if reach and not distance(mark, other, circular) < GROWTH * NUDGE:
-            break
-        reach += 1
-    if not reach:
-        raise SimulationError(holds[0] * step, f"the {name} trajectory blew up at once")
+    model: SoftModel
+    judge: Judge
+    start: Start
+    rates: Rates
+    circular: np.ndarray
 
-    (q, v), error = start, 0.0
-    for mark, u, steps in zip(marks[:reach], inputs, holds, strict=False):
-        for _ in range(steps):
-            q, v = step_model(model, q, v, u, step)
-        error = float(np.maximum(error, distance((model.coordinates(q), v), mark, circular)))
-    if reach < len(holds):
-        why = f"beyond it the motion amplifies rounding more than {GROWTH:g} times"
-    else:
-        why = "whole horizon" if total == wanted else "as many steps as the time allows"
-    return Run(name, scheme, step, sum(holds[:reach]) * step, error, why)
+    def run(self, name: str, scheme: Scheme, share: float, rng: np.random.Generator) -> Run:
+        """Follow one trajectory in both engines, input by input."""
+        model, rates, start = self.model, self.rates, self.start
+        fastest = rates.motion if scheme is IMPLICIT else max(rates.damping, rates.motion)
+        step = min(STEP, 0.5 / fastest)
+        wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
+        total = min(wanted, scheme.most_steps)
+        holds = [min(HOLD, total - done) for done in range(0, total, HOLD)]
+        lower, upper = input_window(model)
+        inputs = [share * rng.uniform(lower, upper) for _ in holds]
+
+        nudged = model.integrate(start[0], np.full(model.nv, NUDGE)), start[1] + NUDGE
+        marks, shadow = (
+            _until_failure(self._theirs(scheme, step, inputs, holds, begin))
+            for begin in (start, nudged)
+        )
+        reach = 0
+        for mark, other in zip(marks, shadow, strict=False):
+            if reach and not distance(mark, other, self.circular) < GROWTH * NUDGE:
+                break
+            reach += 1
+        if not reach:
+            raise SimulationError(holds[0] * step, f"the {name} trajectory blew up at once")
+
+        error = 0.0
+        ours = self._ours(scheme, step, inputs[:reach], holds)
+        for here, mark in zip(ours, marks, strict=False):
+            error = float(np.maximum(error, distance(here, mark, self.circular)))
+        if reach < len(holds):
+            why = f"beyond it the motion amplifies rounding more than {GROWTH:g} times"
+        else:
+            why = "whole horizon" if total == wanted else "as many steps as the time allows"
+        return Run(name, scheme.name, step, sum(holds[:reach]) * step, error, why)
+
+    def ladder(self, scheme: Scheme) -> Ladder:
+        """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
+        coarse = min(4e-3, 0.3 / max(self.rates.damping, self.rates.motion))
+        rest, finest = [np.zeros(self.model.nu)], 2 ** (RUNGS - 1)
+        steps = [RUNG_STEPS * 8 * finest]
+        limit = next(self._theirs(RK4, coarse / (8 * finest), rest, steps))
+        rungs: list[Rung] = []
+        for k in range(RUNGS):
+            step, count = coarse / 2**k, [RUNG_STEPS * 2**k]
+            ours = next(self._ours(scheme, step, rest, count))
+            theirs = next(self._theirs(scheme, step, rest, count))
+            apart, off = (distance(ours, other, self.circular) for other in (theirs, limit))
+            rungs.append(Rung(step, apart, off, None))
+        return Ladder(scheme.name, scheme.order, RUNG_STEPS * coarse, _with_orders(rungs))
+
+    def _ours(
+        self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]
+    ) -> Iterator[Start]:
+        """Coordinates and velocities after each hold, by our model."""
+        q, v = self.start
+        advance = scheme.free_step if self.model.robot.floating else scheme.step
+        for u, steps in zip(inputs, holds, strict=False):
+            for _ in range(steps):
+                q, v = advance(self.model, q, v, u, step)
+            yield self.model.coordinates(q), v
+
+    def _theirs(
+        self,
+        scheme: Scheme,
+        step: float,
+        inputs: Sequence[np.ndarray],
+        holds: Sequence[int],
+        start: Start | None = None,
+    ) -> Iterator[Start]:
+        """The same by MuJoCo."""
+        self.judge.start(*(start or self.start), scheme.integrator, step)
+        return self.judge.follow(inputs, holds)
 
 
 def _until_failure(marks: Iterator[Start]) -> list[Start]:
@@ -216,44 +281,10 @@ def _until_failure(marks: Iterator[Start]) -> list[Start]:
     return reached
 
 
-def _nudged(model: SoftModel, start: Start) -> Start:
-    q, v = start
-    return model.integrate(q, np.full(model.nv, NUDGE)), v + NUDGE
-
-
 def circles(model: SoftModel) -> np.ndarray:
     """(nv,) bool, true of continuous joints."""
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
     return np.array([kinds.get(name) == "continuous" for name in model.joint_names])
-
-
-def _ladder(
-    model: SoftModel,
-    judge: Judge,
-    scheme: str,
-    rates: Rates,
-    start: Start,
-) -> Ladder:
-    """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
-    step_model, integrator, order = _scheme(model, scheme)
-    coarse = min(4e-3, 0.3 / max(rates.damping, rates.motion))
-    rest, circular = np.zeros(model.nu), circles(model)
-    finest = 2 ** (RUNGS - 1)
-    judge.start(*start, "rk4", coarse / (8 * finest))
-    limit = next(judge.follow([rest], [RUNG_STEPS * 8 * finest]))
-    rungs: list[Rung] = []
-    for k in range(RUNGS):
-        step, count = coarse / 2**k, RUNG_STEPS * 2**k
-        q, v = start
-        for _ in range(count):
-            q, v = step_model(model, q, v, rest, step)
-        judge.start(*start, integrator, step)
-        other = next(judge.follow([rest], [count]))
-        ours = model.coordinates(q), v
-        rungs.append(
-            Rung(step, distance(ours, other, circular), distance(ours, limit, circular), None)
-        )
-    return Ladder(scheme, order, RUNG_STEPS * coarse, _with_orders(rungs))
 
 
 def _with_orders(rungs: list[Rung]) -> tuple[Rung, ...]:
