@@ -15,10 +15,14 @@ class UrdfError(SoftdynError, ValueError):
 
     Attributes
     ----------
-    file : the URDF's path.
-    element : the offending element, e.g. ``<joint name="j1"><limit>``.
-    expected, got : what the format asks for and what stands in the file.
-    line : line number in the file, or None where the defect has no single place.
+    file : Path
+        The URDF.
+    element : str
+        The offending element, e.g. ``<joint name="j1"><limit>``.
+    expected, got : str
+        What the format asks for and what stands in the file.
+    line : int or None
+        Line number in the file, or None where the defect has no single place.
     """
 
     def __init__(
@@ -38,8 +42,10 @@ class InputError(SoftdynError, ValueError):
 
     Attributes
     ----------
-    name : the argument.
-    expected, got : what it should have been and what it was.
+    name : str
+        The argument.
+    expected, got : str
+        What it should have been and what it was.
     """
 
     def __init__(self, name: str, expected: str, got: object) -> None:

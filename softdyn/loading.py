@@ -22,11 +22,15 @@ def load(
 
     Parameters
     ----------
-    source : which robot.
-    annotations : a file that holds the ``<softdyn>`` block, for a URDF without one.
-    floating : let the root link move freely: q then starts with its position and a quaternion
+    source : str or Path
+        Which robot.
+    annotations : str or Path, optional
+        A file that holds the ``<softdyn>`` block, for a URDF without one.
+    floating : bool
+        Let the root link move freely: q then starts with its position and a quaternion
         (x, y, z, w), v with its velocity and angular velocity in its own axes.
-    repair_inertia : replace impossible inertias by the nearest possible ones, with a warning each.
+    repair_inertia : bool
+        Replace impossible inertias by the nearest possible ones, with a warning each.
 
     Raises
     ------

@@ -21,8 +21,10 @@ class Reference:
 
     Attributes
     ----------
-    y : (3,) position in the world (m).
-    ydot, yddot : (3,) velocity (m/s) and acceleration (m/s²); zero when omitted.
+    y : ndarray, (3,)
+        Position in the world (m).
+    ydot, yddot : ndarray, (3,)
+        Velocity (m/s) and acceleration (m/s²); zero when omitted.
 
     Raises
     ------
@@ -50,7 +52,8 @@ class SetPoint(Reference):
 
     Parameters
     ----------
-    y : (3,) position in the world (m).
+    y : array_like, (3,)
+        Position in the world (m).
     """
 
     def __init__(self, y: Any) -> None:
@@ -73,11 +76,16 @@ class Ellipse:
 
     Attributes
     ----------
-    a, b : semi-axes (m).
-    c : distance from the robot's base, the origin, to the ellipse's centre (m).
-    phi : tilt about the y-axis (rad).
-    omega : angular rate ω in multiples of π (rad/s); 0 rests at `start`.
-    start : θ(0) in multiples of π.
+    a, b : float
+        Semi-axes (m).
+    c : float
+        Distance from the robot's base, the origin, to the ellipse's centre (m).
+    phi : float
+        Tilt about the y-axis (rad).
+    omega : float
+        Angular rate ω in multiples of π (rad/s); 0 rests at `start`.
+    start : float
+        θ(0) in multiples of π.
 
     Raises
     ------

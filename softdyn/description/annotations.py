@@ -29,8 +29,8 @@ def read_block(
 ) -> Block:
     """Read the block, and write armatures into `joints`.
 
-    `overlay` : the block stands in a file of its own, where a joint may be given a spring and a
-    damper too; they replace those of the URDF.
+    An `overlay` is a block in a file of its own, where a joint may be given a spring and a damper
+    too; they replace those of the URDF.
     """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))

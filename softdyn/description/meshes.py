@@ -31,8 +31,14 @@ class MeshError(Exception):
 class Mesh:
     """Triangles of one colour.
 
-    `vertices` (n, 3) in m, float32; `faces` (m, 3) indices; `rgba` the file's own colour, None if
-    it has none. Vertices on sharp edges are there once a side, so that normals can be averaged.
+    Attributes
+    ----------
+    vertices : ndarray of float32, (n, 3)
+        In m; those on sharp edges are there once a side, so that normals can be averaged.
+    faces : ndarray of uint32, (m, 3)
+        Indices of each triangle's vertices.
+    rgba : tuple of float, (4,), or None
+        The file's own colour, if it has one.
     """
 
     vertices: np.ndarray
@@ -45,9 +51,11 @@ def locate(urdf: Path, reference: str) -> Path:
 
     Parameters
     ----------
-    urdf : the robot's file.
-    reference : a path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF
-        that has a ``package.xml``, or, without one, the URDF's own folder or the one above it.
+    urdf : Path
+        The robot's file.
+    reference : str
+        A path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF that has
+        a ``package.xml``, or, without one, the URDF's own folder or the one above it.
 
     Raises
     ------

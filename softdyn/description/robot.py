@@ -116,11 +116,23 @@ class Robot:
 
     Attributes
     ----------
-    task : the link whose origin is the tip.
-    xml : the tree with its inertias as plain URDF, every number spelled as in the file: what an
+    name : str
+        The file's own name of it.
+    path : Path
+        The file.
+    links, joints, tendons, actuators : tuple
+        In the file's order.
+    task : str
+        The link whose origin is the tip.
+    warnings : tuple of str
+        A line for each repair and for each link with a defect that its body does not have.
+    xml : str
+        The tree with its inertias as plain URDF, every number spelled as in the file: what an
         engine needs to be given, and nothing that was not judged.
-    floating : whether the root link moves freely, on six degrees of freedom of its own.
-    mended : the whole file as text with its inertias repaired, for an engine to read in its place;
+    floating : bool
+        Whether the root link moves freely, on six degrees of freedom of its own.
+    mended : str
+        The whole file as text with its inertias repaired, for an engine to read in its place;
         empty where nothing was repaired.
     """
 

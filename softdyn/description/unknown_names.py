@@ -8,6 +8,7 @@ of the pen away from one that would have been read.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from difflib import SequenceMatcher
 
 from softdyn.description.strict_xml import Element
 
@@ -84,27 +85,17 @@ def _tag(node: object) -> str:
 
 
 def _slip(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is a slip of the pen away from, or None if it is one or none."""
+    """The known name that `name` is a slip of the pen away from, or None if it is one or none.
+
+    A slip is a letter or two neighbours wrong in four to six letters, two such in more, and none
+    but of case in fewer: by length and by the share of letters that match.
+    """
     if name in known:
         return None
     for right in known:
-        allowed = 2 if len(right) > 6 else 1 if len(right) > 3 else 0
-        if abs(len(name) - len(right)) <= allowed and (
-            _distance(name.lower(), right.lower()) <= allowed
-        ):
+        size = len(right)
+        apart, share = (2, 0.71) if size > 6 else (1, 0.75) if size > 3 else (0, 1.0)
+        matcher = SequenceMatcher(None, name.lower(), right.lower())
+        if abs(len(name) - size) <= apart and matcher.ratio() >= share:
             return right
     return None
-
-
-def _distance(a: str, b: str) -> int:
-    """Edits between two words: letters inserted, removed, replaced, or two neighbours swapped."""
-    before: list[int] = []
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        before, last, row = row, before, [i]
-        for j, y in enumerate(b, 1):
-            best = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (x != y))
-            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
-                best = min(best, last[j - 2] + 1)
-            row.append(best)
-    return row[-1]

@@ -63,11 +63,15 @@ def parse(
 
     Parameters
     ----------
-    path : the URDF file.
-    annotations : a file that holds the ``<softdyn>`` block, for a URDF without one.
-    floating : let the root link move freely.
-    repair_inertia : replace what makes a moving body's inertia impossible by the nearest inertia
-        that is possible, with a warning each.
+    path : str or Path
+        The URDF file.
+    annotations : str or Path, optional
+        A file that holds the ``<softdyn>`` block, for a URDF without one.
+    floating : bool
+        Let the root link move freely.
+    repair_inertia : bool
+        Replace what makes a moving body's inertia impossible by the nearest inertia that is
+        possible, with a warning each.
 
     Raises
     ------

@@ -15,8 +15,12 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
 
     Parameters
     ----------
-    q, v, u : (nq,), (nv,), (nu,) configuration, velocity, input.
-    h : step (s), may be negative.
+    model : SoftModel
+        Of any robot.
+    q, v, u : array_like, (nq,), (nv,), (nu,)
+        Configuration, velocity, input.
+    h : float
+        Step (s), may be negative.
 
     Raises
     ------
@@ -43,7 +47,19 @@ def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
     Unconditionally stable in the damping, which is what is stiff in soft robots
     (λmax(M⁻¹D) of 1e4 and more). The scheme of MuJoCo's ``implicitfast``.
 
-    Parameters and errors as for `step_rk4`.
+    Parameters
+    ----------
+    model : SoftModel
+        Of any robot.
+    q, v, u : array_like, (nq,), (nv,), (nu,)
+        Configuration, velocity, input.
+    h : float
+        Step (s), may be negative.
+
+    Raises
+    ------
+    InputError
+        For an argument of the wrong shape or not finite.
     """
     h, u = number("h", h), array("u", u, (model.nu,))
     state = model.state(q, v)

@@ -70,42 +70,42 @@ class Constants(NamedTuple):
 JOINT_TERMS = 10  # M apart, the vectors (n,) of `joint_terms`
 
 
-def joint_terms(rows):
-    """M, J, J̇, bias, K, h and g: views of what a kernel has written to rows (≥ n + 10, n)."""
-    n = rows.shape[1]
-    M, J, Jdot = rows[:n], rows[n : n + 3], rows[n + 3 : n + 6]
-    return M, J, Jdot, rows[n + 6], rows[n + 7], rows[n + 8], rows[n + 9]
+def joint_terms(joint_rows):
+    """M, J, J̇, bias, K, h and g: views of what a kernel has written to joint_rows (≥ n + 10, n)."""
+    n = joint_rows.shape[1]
+    M, J, Jdot = joint_rows[:n], joint_rows[n : n + 3], joint_rows[n + 3 : n + 6]
+    return M, J, Jdot, joint_rows[n + 6], joint_rows[n + 7], joint_rows[n + 8], joint_rows[n + 9]
 
 
-def tendon_terms(rows, tendons):
+def tendon_terms(joint_rows, tendons):
     """Moment arms and Bᵀ, which `spatial_terms` writes behind the `joint_terms`."""
-    first = rows.shape[1] + JOINT_TERMS
-    return rows[first : first + tendons], rows[first + tendons :]
+    first = joint_rows.shape[1] + JOINT_TERMS
+    return joint_rows[first : first + tendons], joint_rows[first + tendons :]
 
 
-def point_terms(points):
-    """Tip position and velocity, tendon lengths: views of points (6 + tendons,)."""
-    return points[:3], points[3:6], points[6:]
+def tip_terms(tip_and_lengths):
+    """Tip position and velocity, tendon lengths: views of tip_and_lengths (6 + tendons,)."""
+    return tip_and_lengths[:3], tip_and_lengths[3:6], tip_and_lengths[6:]
 
 
 # Python keeps the functions as they are: slices cost it less than a call of a kernel
 _joint_terms, _tendon_terms = compiled(joint_terms), compiled(tendon_terms)
-_point_terms = compiled(point_terms)
+_tip_terms = compiled(tip_terms)
 
 
 @compiled
 def fixed_terms(
-    rows, points, v, coordinates, bias, S, momenta, centre, rotations, translations,
+    joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
     tip, tip_offset, tree, gravity, joints, tendons, coefficients,
 ):  # fmt: skip
     """Everything where moment arms are constant.
 
     Parameters
     ----------
-    rows : ndarray, (n + 10, n)
+    joint_rows : ndarray, (n + 10, n)
         Filled with the `joint_terms`.
-    points : ndarray, (6 + tendons,)
-        Filled with the `point_terms`.
+    tip_and_lengths : ndarray, (6 + tendons,)
+        Filled with the `tip_terms`.
     v, coordinates : ndarray, (n,)
         Joint velocities and coordinates.
     bias, S, momenta, centre, rotations, translations : ndarray
@@ -113,8 +113,8 @@ def fixed_terms(
     tip, tip_offset, tree, gravity, joints, tendons, coefficients : ndarray
         Of `Constants`.
     """
-    M, J, Jdot, bias_out, K, h, g = _joint_terms(rows)
-    y, ydot, lengths = _point_terms(points)
+    M, J, Jdot, bias_out, K, h, g = _joint_terms(joint_rows)
+    y, ydot, lengths = _tip_terms(tip_and_lengths)
     _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
     _inertia(M, g, S, momenta, centre, tree, gravity, joints)
     _fixed_lengths(lengths, coordinates, tendons, coefficients)
@@ -123,7 +123,7 @@ def fixed_terms(
 
 @compiled
 def spatial_terms(
-    rows, points, v, coordinates, bias, S, momenta, centre, rotations, translations,
+    joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
     tip, tip_offset, tree, gravity, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
@@ -131,10 +131,10 @@ def spatial_terms(
 
     Parameters
     ----------
-    rows : ndarray, (n + 10 + tendons + m, n)
+    joint_rows : ndarray, (n + 10 + tendons + m, n)
         Filled with the `joint_terms` and `tendon_terms`.
-    points : ndarray, (6 + tendons,)
-        Filled with the `point_terms`.
+    tip_and_lengths : ndarray, (6 + tendons,)
+        Filled with the `tip_terms`.
     v, coordinates : ndarray, (n,)
         Joint velocities and coordinates.
     bias, S, momenta, centre, rotations, translations : ndarray
@@ -146,9 +146,9 @@ def spatial_terms(
     actuated, gear : ndarray, (m,)
         The tendon of each input, and its gear.
     """
-    M, J, Jdot, bias_out, K, h, g = _joint_terms(rows)
-    y, ydot, lengths = _point_terms(points)
-    arms, inputs = _tendon_terms(rows, len(tendons))
+    M, J, Jdot, bias_out, K, h, g = _joint_terms(joint_rows)
+    y, ydot, lengths = _tip_terms(tip_and_lengths)
+    arms, inputs = _tendon_terms(joint_rows, len(tendons))
     _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
     _inertia(M, g, S, momenta, centre, tree, gravity, joints)
     _fixed_lengths(lengths, coordinates, tendons, coefficients)

@@ -90,31 +90,24 @@ class SoftModel(Protocol):
         InputError
             Wrong shape or a number that is not finite; so do all other methods.
         """
-        ...
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
-        ...
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
-        ...
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Acceleration q̈ (n,) under the input u (m,), of M q̈ = B u - h."""
-        ...
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """½ q̇ᵀ M q̇ (J), armature included."""
-        ...
 
     def gravity_energy(self, q: np.ndarray) -> float:
         """Potential energy of gravity (J), zero at the world's origin."""
-        ...
 
     def elastic_energy(self, q: np.ndarray) -> float:
         """Energy of joint springs and elastic tendons (J)."""
-        ...
 
     def potential_energy(self, q: np.ndarray) -> float:
         """Gravity and elastic energy together (J)."""
@@ -122,15 +115,12 @@ class SoftModel(Protocol):
 
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order (m, or the unit of coef · q)."""
-        ...
 
     def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
         """Moment arms ∂ℓ/∂q (tendons, n)."""
-        ...
 
     def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
-        ...
 
     def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
         """∂K/∂q (n, n): joint springs, and k (a aᵀ + (ℓ - rest) ∂a/∂q) of each elastic tendon."""
@@ -147,19 +137,15 @@ class SoftModel(Protocol):
 
         Those of a floating base are its position and its rotation vector.
         """
-        ...
 
     def configuration(self, coordinates: np.ndarray) -> np.ndarray:
         """Configuration q (nq,) of joint coordinates (n,): the inverse of `coordinates`."""
-        ...
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
-        ...
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

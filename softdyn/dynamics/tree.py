@@ -141,15 +141,15 @@ class TreeModel(SoftModel):
         if not self._in_view:
             self._memory.copy_from(self.pin_data)
         tendons = len(self.tendons.names)
-        rows, points = np.empty((self._rows, self.nv)), np.empty(6 + tendons)
-        self._fill(rows, points, v, self.chart.of(q), *self._arguments)
-        for filled in (q, v, rows, points):
+        joint_rows, tip_and_lengths = np.empty((self._rows, self.nv)), np.empty(6 + tendons)
+        self._fill(joint_rows, tip_and_lengths, v, self.chart.of(q), *self._arguments)
+        for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
-        M, J, Jdot, bias, K, h, g = kernels.joint_terms(rows)
-        y, ydot, lengths = kernels.point_terms(points)
+        M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
+        y, ydot, lengths = kernels.tip_terms(tip_and_lengths)
         arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
         if self.tendons.spatial:
-            arms, inputs = kernels.tendon_terms(rows, tendons)
+            arms, inputs = kernels.tendon_terms(joint_rows, tendons)
             B = inputs.T
             if self._damped:
                 D = read_only(self._damping_matrix(arms))

@@ -84,7 +84,7 @@ def test_kernels_take_named_tuples_in_their_order():
     spatial = list(inspect.signature(kernels.spatial_terms.py_func).parameters)
     assert tuple(fixed[4:]) == named
     assert tuple(spatial[4:]) == (*named, *Segments._fields, "actuated", "gear")
-    assert fixed[:4] == spatial[:4] == ["rows", "points", "v", "coordinates"]
+    assert fixed[:4] == spatial[:4] == ["joint_rows", "tip_and_lengths", "v", "coordinates"]
 
 
 def test_an_unknown_layout_is_copied(recwarn):
