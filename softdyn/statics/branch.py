@@ -30,11 +30,16 @@ def approach(
 
     Parameters
     ----------
-    start : where to start.
-    target : (3,) in the world (m).
-    steps : at most so many.
-    soft : the stops `start` was found with, when they are not exact.
-    stay_stable : end before the branch loses its stability.
+    start : Equilibrium
+        Where to start.
+    target : ndarray, (3,)
+        In the world (m).
+    steps : int
+        At most so many.
+    soft : SoftStops, optional
+        The stops `start` was found with, when they are not exact.
+    stay_stable : bool
+        End before the branch loses its stability.
     """
     model, here = start.model, start
     target = array("target", target, (3,))

@@ -30,8 +30,10 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
 
     Parameters
     ----------
-    u : (nu,) input; it need not be within its bounds.
-    start : (nq,) configuration, the rest position by default; moved within the limits.
+    u : ndarray, (nu,)
+        Input; it need not be within its bounds.
+    start : ndarray, (nq,), optional
+        Configuration, the rest position by default; moved within the limits.
 
     Raises
     ------
@@ -150,8 +152,10 @@ def ramp(
 
     Parameters
     ----------
-    u : (nu,) final input.
-    start : where to start; at rest under the least input by default.
+    u : ndarray, (nu,)
+        Final input.
+    start : Equilibrium, optional
+        Where to start; at rest under the least input by default.
 
     Raises
     ------

@@ -29,7 +29,8 @@ class StaticsError(SoftdynError, ArithmeticError):
 
     Attributes
     ----------
-    residual : largest force left unbalanced (N m, N).
+    residual : float
+        Largest force left unbalanced (N m, N).
     """
 
     def __init__(self, text: str, residual: float) -> None:
@@ -46,10 +47,18 @@ class Equilibrium:
 
     Attributes
     ----------
-    model, q, u : the robot, its configuration (nq,) and the input (nu,).
-    held : (nv,) bool, joints pressed against a limit.
-    limit_forces : (nv,) force of the stops on the joints (N m, N), zero on free joints.
-    stiffness : (nv, nv) tangent stiffness ∂(K + g - B u)/∂q.
+    model : SoftModel
+        The robot.
+    q : ndarray, (nq,)
+        Its configuration.
+    u : ndarray, (nu,)
+        The input.
+    held : ndarray of bool, (nv,)
+        Joints pressed against a limit.
+    limit_forces : ndarray, (nv,)
+        Force of the stops on the joints (N m, N), zero on free joints.
+    stiffness : ndarray, (nv, nv)
+        Tangent stiffness ∂(K + g - B u)/∂q.
     """
 
     model: SoftModel
@@ -131,8 +140,10 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    q : (nq,) configuration.
-    u : (nu,) input.
+    q : ndarray, (nq,)
+        Configuration.
+    u : ndarray, (nu,)
+        Input.
     """
     state = model.state(q, np.zeros(model.nv))
     return state.K + state.bias - state.B @ array("u", u, (model.nu,))

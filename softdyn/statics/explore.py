@@ -32,9 +32,12 @@ def explore(
 
     Parameters
     ----------
-    target : (3,) in the world (m).
-    q, u : where to start: (nq,), (nu,).
-    steps : evaluations at most, for each weight.
+    target : ndarray, (3,)
+        In the world (m).
+    q, u : ndarray, (nq,), (nu,)
+        Where to start.
+    steps : int
+        Evaluations at most, for each weight.
 
     Raises
     ------

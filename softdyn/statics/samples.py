@@ -23,8 +23,10 @@ def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilib
 
     Parameters
     ----------
-    rays : so many inputs are raised, `STATIONS` equilibria each.
-    seed : of the random inputs.
+    rays : int
+        So many inputs are raised, `STATIONS` equilibria each.
+    seed : int
+        Of the random inputs.
     """
     rng = np.random.default_rng(seed)
     start = rest(model)
@@ -48,9 +50,12 @@ def sample_between(
 
     Parameters
     ----------
-    samples : stable equilibria to start from.
-    count : so many.
-    seed : of the points.
+    samples : sequence of Equilibrium
+        Stable equilibria to start from.
+    count : int
+        So many.
+    seed : int
+        Of the points.
     """
     rng = np.random.default_rng(seed)
     known = list(samples)

@@ -36,8 +36,10 @@ class TipSearch:
 
     Attributes
     ----------
-    target : (3,) in the world (m).
-    found : distinct equilibria, stable or not; at least one.
+    target : ndarray, (3,)
+        In the world (m).
+    found : tuple of Equilibrium
+        Distinct equilibria, stable or not; at least one.
     """
 
     target: np.ndarray
@@ -86,12 +88,17 @@ def inputs_for_tip(
 
     Parameters
     ----------
-    target : (3,) in the world (m).
-    starts : equilibria to start from besides rest, e.g. of `sample_rests`, the nearest first: from
-        each the branch is followed, from the first few shapes are explored too.
-    guesses : (q, u) to start from besides: equilibria or not.
-    shapes : random shapes to start from besides those.
-    seed : of the shapes.
+    target : ndarray, (3,)
+        In the world (m).
+    starts : iterable of Equilibrium
+        Equilibria to start from besides rest, e.g. of `sample_rests`, the nearest first: from each
+        the branch is followed, from the first few shapes are explored too.
+    guesses : iterable of (ndarray, ndarray)
+        (q, u), (nq,) and (nu,), to start from besides: equilibria or not.
+    shapes : int
+        Random shapes to start from besides those.
+    seed : int
+        Of the shapes.
 
     Raises
     ------

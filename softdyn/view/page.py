@@ -30,18 +30,30 @@ class Track:
 
     Attributes
     ----------
-    figure : index of the robot among the page's figures.
-    frames : (N, 1 + nv + nu + 6) float32, see `frames`; empty for what comes live.
-    label, note : text in the legend; `note` e.g. why the run failed.
-    colour : CSS colour of the trail and in the legend; the page's own by default.
-    tint : whether the robot itself takes that colour.
-    opacity : of the robot.
-    offset : (3,) where it stands (m).
-    aims : whether it has a target, an error and a trail.
-    path : (K, 3) the reference's path, None where there is none.
-    failed : whether it ended before its time.
-    full : (nu,) input that cables show as full tension; by default its bound.
-    balls : obstacles, (x, y, z, radius) each (m).
+    figure : int
+        Index of the robot among the page's figures.
+    frames : ndarray, (N, 1 + nv + nu + 6)
+        As `frames` makes them; empty for what comes live.
+    label, note : str
+        Text in the legend; `note` e.g. why the run failed.
+    colour : str or None
+        CSS colour of the trail and in the legend; the page's own by default.
+    tint : bool
+        Whether the robot itself takes that colour.
+    opacity : float
+        Of the robot.
+    offset : tuple of float, (3,)
+        Where it stands (m).
+    aims : bool
+        Whether it has a target, an error and a trail.
+    path : ndarray or None, (K, 3)
+        The reference's path, None where there is none.
+    failed : bool
+        Whether it ended before its time.
+    full : ndarray or None, (nu,)
+        Input that cables show as full tension; by default its bound.
+    balls : tuple of tuple of float, (4,)
+        Obstacles, (x, y, z, radius) each (m).
     """
 
     figure: int
@@ -141,7 +153,8 @@ def frames(
 
     Parameters
     ----------
-    q : (N, nq) configurations; the others accordingly.
+    q : ndarray, (N, nq)
+        Configurations; the others accordingly.
     """
     coordinates = np.array([model.coordinates(row) for row in q]).reshape(len(q), model.nv)
     columns = (np.reshape(t, (-1, 1)), coordinates, u, y, y_ref)

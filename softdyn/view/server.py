@@ -40,13 +40,17 @@ class Viewer:
 
     Parameters
     ----------
-    page : what to show.
-    port : of HTTP and the websocket; by default a free one from 7000 on.
+    page : Page
+        What to show.
+    port : int, optional
+        Of HTTP and the websocket; by default a free one from 7000 on.
 
     Attributes
     ----------
-    url : where a browser on this machine finds the page.
-    zmq_url : where ``meshcat.Visualizer(zmq_url)`` finds the scene.
+    url : str
+        Where a browser on this machine finds the page.
+    zmq_url : str
+        Where ``meshcat.Visualizer(zmq_url)`` finds the scene.
 
     Raises
     ------

@@ -25,7 +25,8 @@ def fixed_path(robot: Robot, tendon: Tendon, shapes: Sequence[Visual], side: int
 
     Parameters
     ----------
-    side : 1 for the cable that pulls with a positive force, -1 for its antagonist.
+    side : int
+        1 for the cable that pulls with a positive force, -1 for its antagonist.
     """
     placed = poses(robot)
     coefs = {term.joint: term.coef for term in tendon.terms}

@@ -104,13 +104,19 @@ def crosscheck(
 
     Parameters
     ----------
-    model : the analytic model.
-    twin : built from the model's own file unless given. Only its MuJoCo model is used, a copy of
-        it: no state of the twin changes.
-    samples : number of random states.
-    seed : of the random states and inputs.
-    trajectories : whether to compare them too, which takes most of the time.
-    progress : called with a word on what is being done.
+    model : SoftModel
+        The analytic model.
+    twin : Twin, optional
+        Built from the model's own file unless given. Only its MuJoCo model is used, a copy of it:
+        no state of the twin changes.
+    samples : int
+        Number of random states.
+    seed : int
+        Of the random states and inputs.
+    trajectories : bool
+        Whether to compare them too, which takes most of the time.
+    progress : callable, optional
+        Called with a word on what is being done.
 
     Returns
     -------

@@ -23,12 +23,17 @@ class Judge:
 
     Parameters
     ----------
-    twin : where the MuJoCo model comes from; it is copied.
-    states : the convention map from the model's states to the twin's.
+    twin : Twin
+        Where the MuJoCo model comes from; it is copied.
+    states : StateMap
+        The convention map from the model's states to the twin's.
 
     Attributes
     ----------
-    nu, mass : number of actuators, mass of all moving bodies (kg).
+    nu, nv : int
+        Numbers of actuators and of degrees of freedom.
+    mass : float
+        Of all moving bodies (kg).
     """
 
     def __init__(self, twin: Twin, states: StateMap) -> None:

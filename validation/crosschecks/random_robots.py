@@ -110,8 +110,10 @@ def random_urdf(seed: int, bodies: int = 7) -> str:
 
     Parameters
     ----------
-    seed : any non-negative integer.
-    bodies : moving links with mass; massless ones, fixed ones and the root come on top.
+    seed : int
+        Any non-negative integer.
+    bodies : int
+        Moving links with mass; massless ones, fixed ones and the root come on top.
     """
     rng = np.random.default_rng(seed)
     draft = Draft(rng)

@@ -180,8 +180,8 @@ def rests_at(
         Of all that is random.
     seconds : float
         Length of the twin's runs (s).
-    guesses : iterable of (ndarray, (nq,), ndarray, (nu,))
-        (q, u) to start each target from, too.
+    guesses : iterable of (ndarray, ndarray)
+        (q, u), (nq,) and (nu,), to start each target from, too.
 
     Raises
     ------

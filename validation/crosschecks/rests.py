@@ -22,7 +22,8 @@ class Drift:
 
     Attributes
     ----------
-    largest, final : over the run, and at its end; infinite when the simulation stopped.
+    largest, final : float
+        Over the run, and at its end; infinite when the simulation stopped.
     """
 
     largest: float
@@ -40,11 +41,13 @@ def hold(
 
     Parameters
     ----------
-    duration : of the run (s).
-    timestep : of the plant (s).
-    nudge : standard deviation of random joint displacements at the start, in rad or in parts of
-        a shorter stroke: an exact unstable equilibrium would otherwise only be left through
-        rounding.
+    duration : float
+        Of the run (s).
+    timestep : float
+        Of the plant (s).
+    nudge : float
+        Standard deviation of random joint displacements at the start, in rad or in parts of a
+        shorter stroke: an exact unstable equilibrium would otherwise only be left through rounding.
     """
     model = equilibrium.model
     steps = max(1, round(SAMPLE / number("timestep", timestep, above=0.0)))

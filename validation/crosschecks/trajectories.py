@@ -72,9 +72,12 @@ class Rates:
 
     Attributes
     ----------
-    damping : λmax(M⁻¹D), 1/s.
-    motion : the fastest of all else (springs, gravity, speed), 1/s.
-    damped : whether every joint is damped, so that rounding dies out.
+    damping : float
+        λmax(M⁻¹D), 1/s.
+    motion : float
+        The fastest of all else (springs, gravity, speed), 1/s.
+    damped : bool
+        Whether every joint is damped, so that rounding dies out.
     """
 
     damping: float
