@@ -213,19 +213,14 @@ def html(
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [_row(tables.TITLES, "th")]
-    robot = None
-    for row in rows:
-        cells = tables.cells(row)
-        first, robot = row["robot"] != robot, row["robot"]
-        marks = ["bad" if i == len(cells) - 1 and row["failed"] else "" for i in range(len(cells))]
-        lines.append(_row(cells, "td", marks, "first" if first else ""))
+    lines = [tables.TITLES, *(tables.cells(row) for row in rows)]
+    last = len(tables.TITLES) - 1
     note = (
         '<p class="quiet">SP: final error of the set points. TT: time-mean of the squared error of '
         "the trajectories. Mean ± population standard deviation over all runs, failed ones "
         'included; "none" where a run ended before its time.</p>'
     )
-    return f'<div class="wide"><table>{"".join(lines)}</table></div>{note}'
+    return _html_table(lines, [{last} if row["failed"] else set() for row in rows]) + note
 
 
 def _gallery(
@@ -289,32 +284,27 @@ def _figures(folder: Path) -> list[str]:
 def _runs(rows: Sequence[dict[str, Any]]) -> str:
     if not rows:
         return ""
-    points, rates = list(rows[0]["set_points_cm"]), list(rows[0]["trajectories_cm2"])
-    titles = [
-        "Robot", "Controller", *(f"θ = {x}π (cm)" for x in points),
-        *(f"ω = {x}π (cm²)" for x in rates), "Not solved", "Fallbacks",
-    ]  # fmt: skip
-    lines = [_row(titles, "th")]
-    robot = None
-    for row in rows:
-        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
-        cells = [*tables.cells(row)[:2], *("-" if x is None else f"{x:.3g}" for x in found),
-                 f"{row['not_solved']:g}", f"{row['fallbacks']:g}"]  # fmt: skip
-        bad = {(f["kind"], number_text(f["value"])) for f in row["failed"]}
-        keys = [("set_point", x) for x in points] + [("tracking", x) for x in rates]
-        marks = ["", "", *("bad" if key in bad else "" for key in keys), "", ""]
-        lines.append(_row(cells, "td", marks, "first" if row["robot"] != robot else ""))
-        robot = row["robot"]
-    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
+    keys = [("set_point", x) for x in rows[0]["set_points_cm"]]
+    keys += [("tracking", x) for x in rows[0]["trajectories_cm2"]]
+    bad = [
+        {2 + keys.index((f["kind"], number_text(f["value"]))) for f in row["failed"]}
+        for row in rows
+    ]
+    return _html_table(tables.every_run(list(rows)), bad)
 
 
-def _row(cells: Sequence[str], tag: str, marks: Sequence[str] = (), name: str = "") -> str:
-    marks = marks or [""] * len(cells)
-    inside = "".join(
-        f"<{tag}{_class(mark)}>{escape(cell)}</{tag}>"
-        for cell, mark in zip(cells, marks, strict=True)
-    )
-    return f"<tr{_class(name)}>{inside}</tr>\n"
+def _html_table(lines: Sequence[Sequence[str]], bad: Sequence[set[int]]) -> str:
+    """A table, its titles first, a line above each robot; `bad` are the columns marked in a row."""
+    titles, robot = "".join(f"<th>{escape(title)}</th>" for title in lines[0]), ""
+    made = [f"<tr>{titles}</tr>"]
+    for cells, marked in zip(lines[1:], bad, strict=True):
+        inside = "".join(
+            f"<td{_class('bad' if k in marked else '')}>{escape(cell)}</td>"
+            for k, cell in enumerate(cells)
+        )
+        made.append(f"<tr{_class('first' if cells[0] != robot else '')}>{inside}</tr>")
+        robot = cells[0]
+    return '<div class="wide"><table>' + "\n".join(made) + "\n</table></div>"
 
 
 def _class(name: str) -> str:

@@ -64,24 +64,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         'every run; "none" where one of them ended before its time.',
         "",
     ]
-    points = list(rows[0]["set_points_cm"]) if rows else []
-    rates = list(rows[0]["trajectories_cm2"]) if rows else []
-    titles = [
-        "Robot",
-        "Controller",
-        *(f"θ = {x}π (cm)" for x in points),
-        *(f"ω = {x}π (cm²)" for x in rates),
-        "Not solved",
-        "Fallbacks",
-        "Bounds exceeded by",
-    ]
-    every = [titles]
-    for row in rows:
-        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
-        shown = ["-" if value is None else f"{value:.3g}" for value in found]
-        shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
-        every.append([*cells(row)[:2], *shown])
-    parts += ["## Every run", "", *pipes(every)]
+    parts += ["## Every run", "", *pipes(every_run(rows))]
     failures = [
         f"- {row['robot']}, {cells(row)[1]}, {cell_title(f['kind'], f['value'])}: {f['reason']}"
         for row in rows
@@ -90,6 +73,23 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     if failures:
         parts += ["", "## Failed runs", "", *failures]
     return "\n".join(parts) + "\n"
+
+
+def every_run(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """Titles, then for each row the figure of every run and what the solver did."""
+    points = list(rows[0]["set_points_cm"]) if rows else []
+    rates = list(rows[0]["trajectories_cm2"]) if rows else []
+    titles = [
+        "Robot", "Controller", *(f"θ = {x}π (cm)" for x in points),
+        *(f"ω = {x}π (cm²)" for x in rates), "Not solved", "Fallbacks", "Bounds exceeded by",
+    ]  # fmt: skip
+    lines = [titles]
+    for row in rows:
+        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
+        shown = ["-" if value is None else f"{value:.3g}" for value in found]
+        shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
+        lines.append([*cells(row)[:2], *shown])
+    return lines
 
 
 def latex(rows: list[dict[str, Any]]) -> str:
