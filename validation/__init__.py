@@ -1,4 +1,18 @@
-"""MuJoCo as the judge: the twin, cross-checks, closed loops and their figures."""
+"""MuJoCo as the judge: the twin, cross-checks, closed loops and their figures.
+
+- `twin`: the MuJoCo plant, built from the URDF by its own path; MuJoCo's solver settings
+- `crosschecks`: the model's terms and trajectories against MuJoCo's
+- `loop`: the closed loop of a controller and the twin, and its log
+- `oracles`: the paper's programmes as printed, the second reading of a file
+- `studies`: many closed loops: the paper's grid, sweeps, robustness (delay, noise), tuning
+- `timing`: what a control step costs
+- `report`: figures and pages
+- `fuzzing`: hostile files
+- `files`, `processes`, `plain`, `tables`: files that appear whole, runs in processes, values as
+  JSON, tables of text
+
+Imports point one way: report, timing and fuzzing → studies → oracles → loop and crosschecks → twin.
+"""
 
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.loop.closed_loop import simulate

@@ -1,13 +1,11 @@
 """The closed loop of a controller and a plant; it does not know the paper.
 
-======================= ==========================================================================
-`closed_loop`           `ClosedLoop`, which can be stepped, and `simulate`, which runs one
-`experiment`            what a loop is asked to do: a reference, how long, how often
-`time_grid`             how a run is divided into control periods and plant steps
-`record`                what a loop writes down while it runs
-`verdict`               when a run ends early, when it counts as failed
-`log`                   the record of a run: its arrays, its figures of merit, its summary, its file
-`metrics`               the means behind figures of merit
-`units`                 what one unit of an input is
-======================= ==========================================================================
+- `closed_loop`: `ClosedLoop`, which can be stepped, and `simulate`, which runs one
+- `experiment`: what a loop is asked to do: a reference, how long, how often
+- `time_grid`: how a run is divided into control periods and plant steps
+- `record`: what a loop writes down while it runs
+- `verdict`: when a run ends early, when it counts as failed
+- `log`: the record of a run: its arrays, its figures of merit, its summary, its file
+- `metrics`: the means behind figures of merit
+- `units`: what one unit of an input is
 """

@@ -1,11 +1,9 @@
 """The MuJoCo plant, built from the URDF by its own path.
 
-======================= ==========================================================================
-`twin`                  the plant: its state, one hold of an input, what MuJoCo warned of
-`settings`              MuJoCo's settings: solver, integrators, stiffness of stops, disable flags
-`bodies`                the rigid bodies of a URDF, read by the second parser
-`build`                 the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
-`state_map`             the convention map between a model's state and the twin's
-`free_base`             a floating base in MuJoCo's variables, so that both engines integrate alike
-======================= ==========================================================================
+- `twin`: the plant: its state, one hold of an input, what MuJoCo warned of
+- `settings`: MuJoCo's settings: solver, integrators, stiffness of stops, disable flags
+- `bodies`: the rigid bodies of a URDF, read by the second parser
+- `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
+- `state_map`: the convention map between a model's state and the twin's
+- `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 """
