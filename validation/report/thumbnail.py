@@ -28,37 +28,27 @@ _up = np.cross(_view, _right)
 
 def thumbnail(log: Log, figure: Figure, path: Path) -> None:
     """Draw the end of a run into a PNG: robot, cables, target, reference path and trail."""
-    last = log.finite_samples - 1
+    last = max(log.finite_samples - 1, 0)
     canvas = Canvas(figsize=SIZE, dpi=DPI)
     FigureCanvasAgg(canvas)
     axes = canvas.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
-    reach = 3 * figure.size
-    points = [log.y_ref[: last + 1]]
+    axes.set_aspect("equal", adjustable="datalim")
     way = reference_path(log, figure.model)
     if way is not None:
         axes.plot(*_flat(way), color=PATH, linewidth=0.8, zorder=1)
-        points.append(way)
-    trail = log.y[: last + 1]
-    trail = trail[np.linalg.norm(trail, axis=1) < reach]
-    axes.plot(*_flat(trail[:: max(1, len(trail) // 1500)]), color=TRAIL, linewidth=1.1, zorder=2)
-    points.append(trail)
-    points.append(_draw_robot(axes, log, figure, max(last, 0)))
-    x, y = _flat(log.y_ref[max(last, 0)])
+    trail = log.y[: log.finite_samples : max(1, log.finite_samples // 1500)]
+    trail = trail[np.linalg.norm(trail, axis=1) < 3 * figure.size]
+    axes.plot(*_flat(trail), color=TRAIL, linewidth=1.1, zorder=2)
+    _draw_robot(axes, log, figure, last)
+    x, y = _flat(log.y_ref[last])
     axes.plot([x], [y], "o", color=TARGET, markersize=4.5, alpha=0.85, zorder=5)
-    xs, ys = _flat(np.concatenate(points))
-    width = 1.1 * max(np.ptp(xs), np.ptp(ys) * SIZE[0] / SIZE[1], 1e-9)
-    for set_limits, values, extent in (
-        (axes.set_xlim, xs, width), (axes.set_ylim, ys, width * SIZE[1] / SIZE[0])
-    ):  # fmt: skip
-        middle = (values.min() + values.max()) / 2
-        set_limits(middle - extent / 2, middle + extent / 2)
     with atomic(path) as stream:
         canvas.savefig(stream, format="png", transparent=True)
 
 
-def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> np.ndarray:
-    """Add shapes and cables at sample `k`; returns points (n, 3) of them."""
+def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> None:
+    """Add shapes and cables at sample `k`."""
     placed = figure.link_poses(log.q[k])
     corners, colours = [], []
     for shape in figure.shapes:
@@ -84,7 +74,6 @@ def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> np.ndarray:
             [np.stack(_flat(sites), axis=-1)], colors=[tension_colour(cable.part(u))],
             linewidths=1.0, zorder=4,
         ))  # fmt: skip
-    return triangle.reshape(-1, 3)
 
 
 def _flat(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
