@@ -8,7 +8,7 @@ from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.linear_algebra import cholesky, dot, inner
+from softdyn.controllers.programmes.linear_algebra import add_squares, cholesky, dot, inner
 from softdyn.controllers.programmes.task import Task
 from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
 
@@ -74,16 +74,8 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
             mu_map[x, j] = products[x, j]
         mu_0[x] = dot(Jdot[x], v) - products[x, m] - yddot[x]
         short[x] = mu_0[x] - mu_ref[x]
-    trace = 0.0
+    H[:], g[:] = 0.0, 0.0
+    add_squares(H, g, w1, mu_map, short)
+    ridge = LEAST_NORM * np.trace(H) + TINY
     for i in range(m):
-        g[i] = 0.0
-        for x in range(3):
-            g[i] += 2 * w1 * mu_map[x, i] * short[x]
-        for j in range(i + 1):
-            value = 0.0
-            for x in range(3):
-                value += mu_map[x, i] * mu_map[x, j]
-            H[i, j] = H[j, i] = 2 * w1 * value
-        trace += H[i, i]
-    for i in range(m):
-        H[i, i] += LEAST_NORM * trace + TINY
+        H[i, i] += ridge

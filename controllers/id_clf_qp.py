@@ -9,6 +9,7 @@ from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.linear_algebra import (
+    add_squares,
     cholesky,
     dot,
     inner,
@@ -76,9 +77,8 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     right[:m], right[m] = Bt, -h
     R, X = cholesky(M, right)
     substitute_back(R, X)
-    drift, damped = X[m], np.empty(n)
-    for i in range(n):
-        damped[i] = drift[i] + damping * v[i]
+    drift = X[m]
+    damped = drift + damping * v
     reach = row_space(J)
     r = len(reach)
     RX, Rd = inner(reach, X[:m]), np.empty(r)
@@ -91,18 +91,10 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
         mu_0[x] = dot(J[x], drift) + dot(Jdot[x], v) - yddot[x]
         short[x] = mu_0[x] - mu_ref[x]
     # N is a projector: (N X)ᵀ N X = XᵀX - (R X)ᵀ R X
+    H[:] = 2 * (w2 + w4) * inner(X[:m], X[:m])
     for i in range(m):
-        slope = w2 * dot(X[i], drift) + w4 * dot(X[i], damped)
-        for x in range(3):
-            slope += w1 * mu_map[x, i] * short[x]
-        for x in range(r):
-            slope -= w4 * RX[x, i] * Rd[x]
-        g[i] = 2 * slope
-        for j in range(i + 1):
-            value = (w2 + w4) * dot(X[i], X[j])
-            for x in range(3):
-                value += w1 * mu_map[x, i] * mu_map[x, j]
-            for x in range(r):
-                value -= w4 * RX[x, i] * RX[x, j]
-            H[i, j] = H[j, i] = 2 * value
+        g[i] = 2 * (w2 * dot(X[i], drift) + w4 * dot(X[i], damped))
+    add_squares(H, g, w1, mu_map, short)
+    add_squares(H, g, -w4, RX, Rd)
+    for i in range(m):
         H[i, i] += 2 * w3

@@ -13,6 +13,7 @@ import softdyn.compiled
 from softdyn.compiled import compiled
 from softdyn.controllers import CONTROLLERS
 from softdyn.controllers.programmes.linear_algebra import (
+    add_squares,
     cholesky,
     extend,
     factor,
@@ -109,6 +110,18 @@ def test_small_systems(n):
     assert np.allclose(found.T, half, atol=1e-9)
     substitute_back(R, half)
     assert np.allclose(M @ half.T, right, atol=1e-9)
+
+
+def test_squares_add_up_to_an_objective():
+    rng = np.random.default_rng(1)
+    H, g, value = np.zeros((5, 5)), np.zeros(5), 0.0
+    x = rng.normal(size=5)
+    for weight in (0.7, -0.2):
+        rows, offset = rng.normal(size=(3, 5)), rng.normal(size=3)
+        add_squares(H, g, weight, rows, offset)
+        value += weight * (np.sum((rows @ x + offset) ** 2) - offset @ offset)
+    assert x @ H @ x / 2 + g @ x == pytest.approx(value, rel=1e-12)
+    assert np.array_equal(H, H.T)
 
 
 @pytest.mark.parametrize("shape", [(1, 4), (3, 2), (3, 9), (2, 1), (3, 3)])

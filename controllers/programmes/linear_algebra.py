@@ -18,6 +18,11 @@ def _add(row, part, other):
     row += part * other
 
 
+def _add_squares(H, g, weight, rows, offset):
+    H += 2 * weight * rows.T @ rows
+    g += 2 * weight * offset @ rows
+
+
 def _inner(a, b):
     return a @ b.T
 
@@ -67,6 +72,20 @@ def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
     """row += part · other, of vectors (n,)."""
     for i in range(len(row)):
         row[i] += part * other[i]
+
+
+@compiled_or(_add_squares)
+def add_squares(
+    H: np.ndarray, g: np.ndarray, weight: float, rows: np.ndarray, offset: np.ndarray
+) -> None:
+    """Add weight ‖rows x + offset‖², `rows` (p, k), to the objective ½ xᵀHx + gᵀx."""
+    for x in range(len(rows)):
+        for i in range(len(g)):
+            part = 2 * weight * rows[x, i]
+            g[i] += part * offset[x]
+            for j in range(i + 1):
+                H[i, j] += part * rows[x, j]
+                H[j, i] = H[i, j]
 
 
 @compiled

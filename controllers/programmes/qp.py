@@ -15,7 +15,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from softdyn.compiled import compiled
-from softdyn.controllers.programmes.linear_algebra import lu_solve
+from softdyn.controllers.programmes.linear_algebra import add, lu_solve
 
 # What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
 # finds the optimum; and where it does not, the optimum itself.
@@ -220,40 +220,39 @@ def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
 @compiled
 def _residuals(H, g, A, lower, upper, x, z):
     n, rows = len(x), len(z)
-    quadratic, linear, support = 0.0, 0.0, 0.0
-    dual, dual_scale = 0.0, 1.0
-    for i in range(n):
-        Hx, Atz = 0.0, 0.0
-        for j in range(n):
-            Hx += H[i, j] * x[j]
-        for j in range(rows):
-            Atz += A[j, i] * z[j]
-        quadratic += x[i] * Hx
-        linear += x[i] * g[i]
-        dual = _larger(dual, abs(Hx + g[i] + Atz))
-        dual_scale = max(dual_scale, abs(Hx), abs(g[i]), abs(Atz))
-    Ax, largest = np.zeros(rows), 1.0
+    Hx, Ax, Atz = _times(H, x), _times(A, x), np.zeros(n)
+    quadratic = linear = support = dual = primal = 0.0
+    dual_scale = largest = 1.0
     for i in range(rows):
-        for j in range(n):
-            Ax[i] += A[i, j] * x[j]
+        add(Atz, z[i], A[i])
         largest = _larger(largest, abs(Ax[i]))
-    primal = 0.0
+    for i in range(n):
+        quadratic += x[i] * Hx[i]
+        linear += x[i] * g[i]
+        dual = _larger(dual, abs(Hx[i] + g[i] + Atz[i]))
+        dual_scale = max(dual_scale, abs(Hx[i]), abs(g[i]), abs(Atz[i]))
     for i in range(rows):
         excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
         width = upper[i] - lower[i]
         # a narrow row is judged in the units of its own range
         primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
-        if z[i] > 0:
-            support += z[i] * upper[i]
-        elif z[i] < 0:
-            support += z[i] * lower[i]
+        if z[i] != 0:
+            support += z[i] * (upper[i] if z[i] > 0 else lower[i])
     gap = abs(quadratic + linear + support)
-    if gap < np.inf:
-        gap /= max(1.0, abs(quadratic), abs(linear), abs(support))
-    else:  # a multiplier on an open bound, or no number
-        gap = np.inf
-    return primal, dual / dual_scale, gap
+    if not gap < np.inf:  # a multiplier on an open bound, or no number
+        return primal, dual / dual_scale, np.inf
+    return primal, dual / dual_scale, gap / max(1.0, abs(quadratic), abs(linear), abs(support))
+
+
+@compiled
+def _times(A, x):
+    """A x, each sum in its order."""
+    result = np.zeros(len(A))
+    for i in range(len(A)):
+        for j in range(len(x)):
+            result[i] += A[i, j] * x[j]
+    return result
 
 
 @compiled
@@ -268,33 +267,24 @@ def _polish(H, g, A, lower, upper, x, z):
     n, rows = len(x), len(z)
     active, count = np.empty(rows, np.int64), 0
     target = np.empty(n + rows)
-    for i in range(n):
-        target[i] = -g[i]
+    target[:n] = -g
+    Ax = _times(A, x)
     for i in range(rows):
-        Ax = 0.0
-        for j in range(n):
-            Ax += A[i, j] * x[j]
-        if z[i] > upper[i] - Ax:
+        if z[i] > upper[i] - Ax[i]:
             target[n + count] = upper[i]
-        elif -z[i] > Ax - lower[i]:
+        elif -z[i] > Ax[i] - lower[i]:
             target[n + count] = lower[i]
         else:
             continue
         active[count] = i
         count += 1
     kkt = np.zeros((n + count, n + count))
-    for i in range(n):
-        for j in range(n):
-            kkt[i, j] = H[i, j]
+    kkt[:n, :n] = H
     for k in range(count):
-        for j in range(n):
-            kkt[j, n + k] = kkt[n + k, j] = A[active[k], j]
+        kkt[n + k, :n] = kkt[:n, n + k] = A[active[k]]
     if not lu_solve(kkt, target[: n + count]):
         return False
-    for i in range(n):
-        x[i] = target[i]
-    for i in range(rows):
-        z[i] = 0.0
+    x[:], z[:] = target[:n], 0.0
     for k in range(count):
         z[active[k]] = target[n + k]
     return True
@@ -306,23 +296,14 @@ def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
     x, z = x.copy(), z.copy()
     primal = dual = gap = np.inf
     if np.isfinite(x).all() and np.isfinite(z).all():
-        for i in range(len(z)):
-            # an open bound has no multiplier; what is left there counts as a dual residual
-            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
-                z[i] = 0.0
-        x2, z2, optimal = x.copy(), z.copy(), False
+        # an open bound has no multiplier; what is left there counts as a dual residual
+        z[((z > 0) & (upper == np.inf)) | ((z < 0) & (lower == -np.inf))] = 0.0
+        x2, z2 = x.copy(), z.copy()
         for _ in range(POLISH_STEPS):
             if not _polish(H, g, A, lower, upper, x2, z2):
                 break
             primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
-            optimal = primal <= FINE and dual <= FINE and gap <= FINE  # NaN is not
-            if optimal:
-                x, z = x2, z2
-                break
-        if not optimal:
-            primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
-    for i in range(len(x)):
-        x[i] *= scale[i] * size
-    for i in range(len(z)):
-        z[i] = z[i] / norms[i] * size
-    return x, z, primal, dual, gap
+            if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
+                return x2 * (scale * size), z2 / norms * size, primal, dual, gap
+        primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+    return x * (scale * size), z / norms * size, primal, dual, gap

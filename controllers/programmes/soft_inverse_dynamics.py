@@ -19,6 +19,8 @@ from softdyn import State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.programmes.linear_algebra import (
+    add,
+    add_squares,
     dot,
     extend,
     inner,
@@ -38,7 +40,7 @@ class SoftInverseDynamics:
 
     def __init__(self, gains: Gains, nu: int, u_ref: np.ndarray | None = None) -> None:
         self.size = 3 + nu
-        self._pull = None if u_ref is None or not u_ref.any() else 2 * gains.w3 * u_ref
+        self._u_ref = np.zeros(nu) if u_ref is None else np.array(u_ref)
         total = gains.w2 + gains.w4
         # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
         c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
@@ -54,10 +56,8 @@ class SoftInverseDynamics:
             self._B = state.B
         _condense(
             M, h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
-            task.mu_ref, task.yddot, self._weights, *self._condensed,
+            task.mu_ref, task.yddot, self._u_ref, self._weights, *self._condensed,
         )  # fmt: skip
-        if self._pull is not None:
-            self._condensed.g[: len(self._pull)] -= self._pull
         return self._condensed
 
 
@@ -69,7 +69,9 @@ def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @compiled
-def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g, mu_map, mu_0):
+def _condense(
+    M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, u_ref, weights, H, g, mu_map, mu_0
+):  # fmt: skip
     w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
     a, m = span_B.shape
     n, size = len(v), m + 3
@@ -103,33 +105,17 @@ def _condense(M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, weights, H, g
 
     # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(reach q̇) + const
     both = w2 + w4
-    used = m + k - a
-    for i in range(size):
-        slope = 0.0
-        for x in range(3):
-            slope += w1 * mu_map[x, i] * short[x]
-        for x in range(r):
-            slope -= RY[x, i] * (w4 * Rz[x] + w2 * c * Rv[x])
-        if i < m:
-            for x in range(a):
-                slope += both * right[x, i] * right[x, m]
-        g[i] = 2 * slope
-        for j in range(i + 1):
-            value = 0.0
-            for x in range(3):
-                value += w1 * mu_map[x, i] * mu_map[x, j]
-            for x in range(r):
-                value -= w4 * RY[x, i] * RY[x, j]
-            if i < m:
-                for x in range(a):
-                    value += both * right[x, i] * right[x, j]
-            H[i, j] = H[j, i] = 2 * value
-        if i < m:
-            H[i, i] += 2 * w3
-        elif i < used:
-            H[i, i] += 2 * both
-        else:
-            H[i, i] = 1.0  # unused: zero at the optimum
+    H[:], g[:] = 0.0, 0.0
+    add_squares(H, g, w1, mu_map, short)
+    add_squares(H, g, -w4, RY, np.zeros(r))
+    for x in range(r):
+        add(g, -2 * (w4 * Rz[x] + w2 * c * Rv[x]), RY[x])
+    add_squares(H[:m, :m], g[:m], both, right[:, :m], right[:, m])
+    for i in range(m):
+        H[i, i] += 2 * w3
+        g[i] -= 2 * w3 * u_ref[i]
+    for i in range(m, size):
+        H[i, i] += 2 * both if i < m + k - a else 1.0  # unused: zero at the optimum
 
 
 @compiled
