@@ -15,7 +15,7 @@ from typing import Any
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.statics.doubts import doubts, shape_doubts
-from softdyn.statics.zero_dynamics import Boundary, Pose, find_boundary, sample_poses
+from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
 LISTED = 12  # joints at most that the text has a line for
 JOINT = ("name", "kind", "lower", "upper", "stiffness", "rest", "damping", "armature")
@@ -32,8 +32,8 @@ class Diagnosis:
         The robot.
     poses : tuple of Pose
         All that were examined, q = 0 first.
-    boundary : Boundary or None
-        Where gravity begins to win on the way to the weakest pose.
+    boundary : tuple of float and Pose, or None
+        Where gravity begins to win on the way to the weakest pose, as a share of it.
     warnings : tuple of str
         What the file's readers remarked.
     doubts : tuple of str
@@ -42,7 +42,7 @@ class Diagnosis:
 
     model: SoftModel
     poses: tuple[Pose, ...]
-    boundary: Boundary | None
+    boundary: tuple[float, Pose] | None
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]
 
@@ -80,17 +80,17 @@ class Diagnosis:
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain data."""
         model, robot, rest = self.model, self.model.robot, self.rest
-        names = model.joint_names
+
+        def at(pose: Pose) -> dict[str, float]:
+            return dict(zip(model.joint_names, pose.coordinates.tolist(), strict=True))
 
         def place(pose: Pose) -> dict[str, Any]:
-            at = dict(zip(names, pose.coordinates.tolist(), strict=True))
-            return {"pose": pose.name, "rank": pose.rank, "coordinates": at}
+            return {"pose": pose.name, "rank": pose.rank, "coordinates": at(pose)}
 
-        ceases = self.boundary and {
-            "towards": self.boundary.towards,
-            "share": self.boundary.share,
-            "coordinates": dict(zip(names, self.boundary.coordinates.tolist(), strict=True)),
-        }
+        ceases = None
+        if self.boundary is not None:
+            share, pose = self.boundary
+            ceases = {"towards": pose.name, "share": share, "coordinates": at(pose)}
         return {
             "robot": model.name,
             "file": str(robot.path),
@@ -202,10 +202,9 @@ class Diagnosis:
             f"least stiffness {self.weakest.least:.3g} at {self.weakest.name}"
         )
         if self.boundary is not None:
-            yield (
-                f"  it ceases to dominate {100 * self.boundary.share:.0f} % of the way from "
-                f"q = 0 to {self.boundary.towards}"
-            )
+            share, pose = self.boundary
+            where = f"{100 * share:.0f} % of the way from q = 0 to {pose.name}"
+            yield f"  it ceases to dominate {where}"
 
 
 def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:

@@ -90,37 +90,22 @@ def sample_poses(model: SoftModel, samples: int, seed: int = 0) -> Iterator[Pose
         yield examine(model, rng.uniform(lower, upper), f"random pose {k}")
 
 
-@dataclass(frozen=True, eq=False)
-class Boundary:
-    """Where stiffness stops to dominate gravity, on the straight way from q = 0 to a pose.
+def find_boundary(
+    model: SoftModel, weak: Pose, resolution: float = 1e-3
+) -> tuple[float, Pose] | None:
+    """Where stiffness stops to dominate gravity on the straight way from q = 0 to `weak`.
 
-    Attributes
-    ----------
-    towards : str
-        The pose's name.
-    share : float
-        Of the way.
-    coordinates : ndarray, (nv,)
-        Joint coordinates there (rad, m).
-    """
-
-    towards: str
-    share: float
-    coordinates: np.ndarray
-
-
-def find_boundary(model: SoftModel, weak: Pose, resolution: float = 1e-3) -> Boundary | None:
-    """The `Boundary` on the way to `weak`, by bisection to `resolution` of the way.
-
-    None where stiffness dominates at both ends, or at neither.
+    The share of the way, by bisection to `resolution`, and the pose there, of the same name as
+    `weak`. None where stiffness dominates at both ends, or at neither.
     """
     if weak.dominates or not examine(model, np.zeros(model.nv)).dominates:
         return None
-    holds, fails = 0.0, 1.0
+    holds, fails, there = 0.0, 1.0, weak
     while fails - holds > resolution:
         middle = (holds + fails) / 2
-        if examine(model, middle * weak.coordinates).dominates:
+        pose = examine(model, middle * weak.coordinates, weak.name)
+        if pose.dominates:
             holds = middle
         else:
-            fails = middle
-    return Boundary(weak.name, fails, fails * weak.coordinates)
+            fails, there = middle, pose
+    return fails, there

@@ -66,7 +66,7 @@ def rest_sweep(model: SoftModel) -> Sweep:
         q, v = _step(model, q, v, zero)
         if float(np.abs(v).max()) < 1e-3:
             break
-    sizes = _amplitudes(model, q)
+    peaks = _peaks(model, q)
     rows = []
     notes: list[tuple[float, str]] = [(0.0, "rest")]
     shape = np.concatenate((_ramp(RAMP), np.ones(round(HOLD / STEP)), _ramp(RAMP)[::-1],
@@ -74,13 +74,11 @@ def rest_sweep(model: SoftModel) -> Sweep:
     t = 0.0
     rows.append((t, q, zero, model.state(q, v).y))
     for i, actuator in enumerate(model.robot.actuators):
-        for bound, size in zip((model.u_max[i], model.u_min[i]), sizes[i], strict=True):
-            if size == 0:
-                continue
-            notes.append((t, f"{actuator.name} = {np.copysign(size, bound):.3g}"))
+        for peak in peaks[i][peaks[i] != 0]:
+            notes.append((t, f"{actuator.name} = {peak:.3g}"))
             for part in shape:
                 u = zero.copy()
-                u[i] = part * np.copysign(size, bound)
+                u[i] = part * peak
                 q, v = _step(model, q, v, u)
                 t += STEP
                 rows.append((t, q, u, model.state(q, v).y))
@@ -104,8 +102,8 @@ def _step(
     return model.integrate(q, STEP * v), v
 
 
-def _amplitudes(model: SoftModel, q: np.ndarray) -> list[tuple[float, float]]:
-    """How far to raise and lower each input, from the linear response at rest."""
+def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:
+    """Highest and lowest value (nu, 2) of each input, from the linear response at rest."""
     state = model.state(q, np.zeros(model.nv))
     stiffness = np.array(model.tangent_stiffness(q))
     eps = 1e-6
@@ -116,18 +114,18 @@ def _amplitudes(model: SoftModel, q: np.ndarray) -> list[tuple[float, float]]:
     # where nothing holds a joint, some response is better than an infinite one
     soft = 1e-6 * float(np.abs(np.diag(stiffness)).max()) or 1.0
     response = np.linalg.lstsq(stiffness + soft * np.eye(model.nv), state.B, rcond=None)[0]
+    size = TRAVEL * max(model.robot.length, 1e-3)
+    travel = np.linalg.norm(state.J @ response, axis=0) / size
+    turn = np.abs(response[_turning(model)]).max(axis=0, initial=0.0) / BEND
+    enough = 1 / np.maximum(np.maximum(travel, turn), 1e-12)
+    highest, lowest = np.clip(model.u_max, 0, enough), np.clip(model.u_min, -enough, 0)
+    return np.stack((highest, lowest), axis=1)
+
+
+def _turning(model: SoftModel) -> np.ndarray:
+    """(nv,) bool, coordinates that are no strokes."""
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
-    turns = np.array([kinds[name] != "prismatic" for name in model.joint_names])
-    size = max(model.robot.length, 1e-3)
-    found = []
-    for i in range(model.nu):
-        travel = float(np.linalg.norm(state.J @ response[:, i])) / (TRAVEL * size)
-        turn = float(np.abs(response[turns, i]).max(initial=0.0)) / BEND
-        enough = 1 / max(travel, turn, 1e-12)
-        found.append((
-            min(enough, float(max(model.u_max[i], 0))), min(enough, float(max(-model.u_min[i], 0)))
-        ))  # fmt: skip
-    return found
+    return np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
 
 
 def _joints(model: SoftModel) -> Sweep:
@@ -135,8 +133,7 @@ def _joints(model: SoftModel) -> Sweep:
     lower, upper = (np.clip(b, -1e3, 1e3) for b in (model.lower, model.upper))
     rest = np.clip(model.coordinates(model.q0), lower, upper)
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
-    turns = np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
-    reach = np.where(turns, BEND, 0.1 * max(model.robot.length, 1e-3))
+    reach = np.where(_turning(model), BEND, 0.1 * max(model.robot.length, 1e-3))
     rows, notes, t = [], [], 0.0
     shape = np.concatenate((_ramp(RAMP / 2), _ramp(RAMP / 2)[::-1]))[::6]
     for j, name in enumerate(model.joint_names):

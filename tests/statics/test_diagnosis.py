@@ -89,8 +89,8 @@ def test_where_gravity_begins_to_win(tmp_path: Path) -> None:
     assert not weak.dominates
     limit = find_boundary(model, weak)
     assert limit is not None
-    assert limit.coordinates[0] == pytest.approx(math.acos(-0.5), abs=3e-3 * 1.01)
-    assert not examine(model, limit.coordinates).dominates
+    assert limit[1].coordinates[0] == pytest.approx(math.acos(-0.5), abs=3e-3 * 1.01)
+    assert not examine(model, limit[1].coordinates).dominates
     assert find_boundary(model, examine(model, np.array([0.1]))) is None
     inverted = load(tmp_path, links(1, True, stiffness))
     assert find_boundary(inverted, examine(inverted, np.array([0.1]))) is None
