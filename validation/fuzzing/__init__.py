@@ -1,6 +1,8 @@
 """Damaged files by the thousand, and what may come of them.
 
-- `inputs`: a base file, a seed and a number in, a damaged file out
-- `verdict`: what becomes of one: refused in one line, accepted and read alike, or a finding
-- `campaign`: many of them, each in a process that may die of it, and the report
+========== ==============================================================
+`inputs`   a base file, a seed and a number in, a damaged file out
+`verdict`  refused in one line, accepted and read alike, or a finding
+`campaign` many of them, each in a process that may die of it; the report
+========== ==============================================================
 """

@@ -14,6 +14,7 @@ from softdyn import SoftdynError, SoftModel, build, parse
 from softdyn.description.robot import Robot
 from softdyn.exceptions import UrdfError
 from softdyn.validation import StateMap, Twin
+from softdyn.validation.crosschecks.crosscheck import relative_error
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.oracles.second_reading import differences
 
@@ -24,6 +25,7 @@ FINDINGS = (CRASH, HANG, LOST, EXCEPTION, ENGINES, MESSAGE)
 LONGEST_MESSAGE = 1500
 # Engines are compared where rounding cannot hide a difference, and to what it then leaves.
 LARGEST, SMALLEST, CONDITION, TOLERANCE = 1e3, 1e-9, 1e8, 1e-7
+TERMS = ("M", "bias", "K", "D", "B")  # compared, beside the tip
 LARGEST_TREE = 60  # links; MuJoCo takes seconds to compile the largest ones
 
 
@@ -105,21 +107,12 @@ def compare_engines(model: SoftModel) -> str:
     if not _comparable(model, state.M):
         return ""
     other.place(state.q, state.v)
-    pairs = {
-        "tip": (state.y, other.tip(), model.robot.length),
-        "M": (state.M, other.M(), 0.0),
-        "bias": (state.bias, other.bias(), float(np.abs(state.M).max())),
-        "K": (state.K, other.K(), 0.0),
-        "D": (state.D, other.D(), 0.0),
-        "B": (state.B, other.B(), 0.0),
-    }
-    found = []
-    for name, (a, b, scale) in pairs.items():
-        size = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0), scale, 1e-9)
-        error = float(np.abs(a - b).max(initial=0.0)) / size
-        if not error <= TOLERANCE:
-            found.append(f"{name} by {error:.1e}")
-    return ", ".join(found)
+    pairs = {name: (getattr(state, name), getattr(other, name)()) for name in TERMS}
+    pairs["tip"] = state.y, other.tip()
+    scales = {"tip": model.robot.length, "bias": float(np.abs(state.M).max())}
+    errors = {name: relative_error(*pair, max(scales.get(name, 0.0), 1e-9))
+              for name, pair in pairs.items()}  # fmt: skip
+    return ", ".join(f"{k} by {error:.1e}" for k, error in errors.items() if not error <= TOLERANCE)
 
 
 def _comparable(model: SoftModel, M: np.ndarray) -> bool:
