@@ -1,12 +1,8 @@
 """Closed loops on micro-robots, against closed forms and against the integration scheme itself."""
 
-import io
-import json
 import math
-import os
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,31 +10,12 @@ import pytest
 
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
-from softdyn.validation import Log, Twin, simulate
+from softdyn.validation import Twin, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
-from softdyn.validation.loop.time_grid import MAX_STEPS, TimeGrid
-from softdyn.validation.loop.units import input_unit
 from softdyn.validation.studies import paper
+from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
 
-MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
 NAN, INF = math.nan, math.inf
-LENGTH = 0.4
-# A cart along x, the tip 0.4 m ahead of it: gravity does no work.
-CART = """<robot name="cart">
-  <link name="base"/>
-  <link name="body"><inertial><mass value="0.5"/>
-    <inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
-  <link name="tip"/>
-  <joint name="x" type="prismatic"><parent link="base"/><child link="body"/><axis xyz="1 0 0"/>
-    <limit lower="-9" upper="9" effort="1" velocity="1"/><dynamics damping="{damping}"/></joint>
-  <joint name="end" type="fixed"><parent link="body"/><child link="tip"/><origin xyz="0.4 0 0"/>
-  </joint>
-  <gazebo reference="x"><springStiffness>{stiffness}</springStiffness></gazebo>
-  <softdyn version="1">
-    <tendon name="cable"><joint name="x" coef="1"/></tendon>
-    <actuator name="u" tendon="cable" gear="1" lower="{lower}" upper="{upper}"/>
-  </softdyn>
-</robot>"""
 WHEEL = """<robot name="wheel">
   <link name="base"/>
   <link name="body"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
@@ -46,39 +23,6 @@ WHEEL = """<robot name="wheel">
   <joint name="turn" type="continuous"><parent link="base"/><child link="body"/>
     <axis xyz="0 1 0"/></joint>
 </robot>"""
-
-
-def load(folder, text):
-    path = folder / "robot.urdf"
-    path.write_text(text)
-    return softdyn.load(path)
-
-
-@pytest.fixture
-def make_cart(tmp_path):
-    def make(stiffness=STIFFNESS, damping=DAMPING, lower="-20", upper="20"):
-        numbers = {"stiffness": stiffness, "damping": damping, "lower": lower, "upper": upper}
-        return load(tmp_path, CART.format(**numbers))
-
-    return make
-
-
-@pytest.fixture
-def cart(make_cart):
-    return make_cart()
-
-
-def push(force):
-    return lambda state, reference: SimpleNamespace(u=np.array([force]))
-
-
-def steer(state, reference):
-    """Computed torque with both poles at -5: the error obeys ë + 10 ė + 25 e = 0."""
-    a = reference.yddot[0] - 10 * (state.ydot - reference.ydot)[0] - 25 * (state.y - reference.y)[0]
-    return SimpleNamespace(u=(state.M[0] * a + state.h) / state.B[0])
-
-
-TARGET = SetPoint([LENGTH + 0.5, 0.0, 0.0])
 
 
 def step_response(t, force):
@@ -169,47 +113,6 @@ def test_a_continuous_joint_without_inputs(tmp_path):
     assert np.ptp(energy) < 2e-3
     assert np.abs(log.v).max() > 1.0
     assert log.length is None
-
-
-# --- the schedule -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("period", "substeps"),
-    [(0.005, 10), (0.0075, 15), (0.002, 4), (0.0005, 1), (0.0001, 1), (0.0007, 2), (0.01, 20)],
-)
-def test_the_plant_step_divides_the_period(period, substeps):
-    plan = TimeGrid.plan(1.0, period)
-    assert plan.substeps == substeps
-    assert plan.timestep == pytest.approx(period / substeps, rel=1e-15)
-    assert plan.timestep <= 5e-4 * (1 + 1e-9)
-
-
-@pytest.mark.parametrize("duration", [10.0, 40 / 3, 0.0075, 0.001, 4.0, 8.0])
-@pytest.mark.parametrize("period", [0.005, 0.0075, 0.002])
-def test_runs_end_within_half_a_plant_step(duration, period):
-    plan = TimeGrid.plan(duration, period)
-    t = plan.times()
-    assert len(t) == plan.steps + 1
-    assert abs(t[-1] - duration) <= plan.timestep / 2 + 1e-12
-    assert 1 <= plan.last <= plan.substeps
-    assert (np.diff(t) > 0).all()
-
-
-@pytest.mark.parametrize("name", ["duration", "period", "timestep"])
-@pytest.mark.parametrize("value", [NAN, INF, -INF, 0.0, -1.0, "1", [1.0], 1j, True, 1e300, 5e-324])
-def test_hostile_times_are_refused(cart, name, value):
-    with pytest.raises(InputError):
-        simulate(cart, steer, TARGET, **{"duration": 0.01, "period": 0.002, name: value})
-
-
-def test_steps_that_do_not_fit_are_refused():
-    with pytest.raises(InputError, match="integer part of the period"):
-        TimeGrid.plan(1.0, 0.005, 0.0003)
-    with pytest.raises(InputError, match="integer part of the period"):
-        TimeGrid.plan(1.0, 0.005, 0.01)
-    with pytest.raises(InputError, match="control periods"):
-        TimeGrid.plan((MAX_STEPS + 1) * 0.002, 0.002)
 
 
 # --- arguments ----------------------------------------------------------------------------------
@@ -429,120 +332,6 @@ def test_staying_on_the_target_is_not_a_failure(cart):
     assert not simulate(cart, push(0.0), SetPoint([LENGTH, 0, 0]), duration=0.1).failed
 
 
-# --- the log ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def log(cart):
-    experiment = replace(paper.set_point("finger", 0.5), duration=0.03, period=0.0075)
-    return simulate(cart, steer, experiment)
-
-
-def test_a_saved_log_comes_back_exactly(log, tmp_path):
-    log.save(tmp_path / "run.npz")
-    again = Log.load(tmp_path / "run.npz")
-    for field in fields(Log):
-        saved, loaded = getattr(log, field.name), getattr(again, field.name)
-        assert type(saved) is type(loaded), field.name
-        if isinstance(saved, np.ndarray):
-            assert saved.dtype == loaded.dtype
-            assert saved.tobytes() == loaded.tobytes(), field.name
-            assert not loaded.flags.writeable
-        else:
-            assert saved == loaded, field.name
-    assert again.versions["mujoco"]
-    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".urdf"] == ["run.npz"]
-
-
-def test_a_log_of_no_steps_comes_back(cart, tmp_path):
-    log = simulate(cart, lambda state, reference: None, TARGET)
-    log.save(str(tmp_path / "no suffix added"))
-    assert Log.load(tmp_path / "no suffix added").reason == log.reason
-
-
-def test_arrays_of_a_log_are_read_only(log):
-    with pytest.raises(ValueError, match="read-only"):
-        log.error[0] = 0.0
-
-
-def test_a_failed_write_leaves_the_old_file(log, tmp_path, monkeypatch):
-    path = tmp_path / "run.npz"
-    log.save(path)
-    before = path.read_bytes()
-
-    def no_space(*arguments, **named):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez_compressed", no_space)
-    with pytest.raises(InputError, match="No space left"):
-        log.save(path)
-    assert path.read_bytes() == before
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.urdf", "run.npz"]
-
-
-@pytest.mark.parametrize("where", ["no/such/folder/run.npz", "."])
-def test_a_log_cannot_be_written_there(log, tmp_path, where):
-    with pytest.raises(InputError, match=r"expected a (writable )?file"):
-        log.save(tmp_path / where)
-
-
-def test_what_is_no_log_is_refused(log, tmp_path):
-    path = tmp_path / "run.npz"
-    log.save(path)
-    content = path.read_bytes()
-    pickled, array, foreign = io.BytesIO(), io.BytesIO(), io.BytesIO()
-    np.savez(pickled, about=np.array({"a": 1}, dtype=object), t=np.zeros(1))
-    np.save(array, np.zeros(3))
-    np.savez(foreign, x=np.zeros(3))
-    files = (b"", b"text", content[: len(content) // 2], content[:-30], pickled.getvalue(),
-             array.getvalue(), foreign.getvalue())  # fmt: skip
-    for data in files:
-        path.write_bytes(data)
-        with pytest.raises(InputError, match=r"run\.npz: expected"):
-            Log.load(path)
-    for missing in (tmp_path / "none.npz", tmp_path):
-        with pytest.raises(InputError, match="expected"):
-            Log.load(missing)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"t": np.zeros(3)}, {"u": np.zeros((4, 1, 1))}, {"V": np.zeros(5)}, {"t": np.array(0.0)},
-        {"error": np.zeros((5, 2))}, {"status": np.zeros(4)}, {"q": np.full((5, 1), "a")},
-        {"v": np.zeros((5, 2))}, {"q": np.zeros((5, 1), int)},
-        {"about": np.array("{}")}, {"about": np.array("[1]")}, {"about": np.array("{")},
-        {"about": np.array(json.dumps({"format": "softdyn-log-2"}))}, {"about": np.zeros(2)},
-        {"u_min": np.zeros(2)},
-    ],
-    ids=lambda c: next(iter(c)),
-)  # fmt: skip
-def test_an_inconsistent_log_is_refused(log, tmp_path, change):
-    path = tmp_path / "run.npz"
-    log.save(path)
-    with np.load(path) as file:
-        content = {name: file[name] for name in file.files}
-    assert len(content["t"]) == 5
-    np.savez(path, **{**content, **change})
-    with pytest.raises(InputError, match=r"run\.npz: expected"):
-        Log.load(path)
-
-
-def test_a_log_of_an_older_version_is_named(log, tmp_path):
-    np.savez(tmp_path / "old.npz", about=np.array(json.dumps({"format": "softdyn-log-1"})))
-    with pytest.raises(InputError, match=r"format softdyn-log-2, got softdyn-log-1$"):
-        Log.load(tmp_path / "old.npz")
-
-
-def test_a_log_has_the_bounds_and_the_unit_of_its_input(log, cart):
-    np.testing.assert_array_equal(log.u_min, cart.u_min)
-    np.testing.assert_array_equal(log.u_max, cart.u_max)
-    (actuator,) = cart.robot.actuators
-    assert log.u_unit == ("N" if actuator.gear == 1 else f"{actuator.gear:g} N")
-    assert input_unit(softdyn.load("spirob").robot) == "10 N"
-    assert input_unit(softdyn.load("finger").robot) == "0.1 N m"
-
-
 def test_the_plant_can_be_another_one(cart):
     made = []
 
@@ -556,15 +345,6 @@ def test_the_plant_can_be_another_one(cart):
     assert made == [{"timestep": log.timestep, "contacts": True, "friction": False}]
     assert np.abs(log.v).max() < 1e-5
     assert np.abs(simulate(cart, push(1.0), TARGET, duration=0.01).v).max() > 1e-3
-
-
-def test_files_are_written_for_everyone_as_usual(log, tmp_path):
-    mask = os.umask(0o022)
-    try:
-        log.save(tmp_path / "run.npz")
-    finally:
-        os.umask(mask)
-    assert Path(tmp_path / "run.npz").stat().st_mode & 0o777 == 0o644
 
 
 def test_a_loop_can_be_stepped(cart):

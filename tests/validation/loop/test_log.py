@@ -1,0 +1,151 @@
+"""The record of a run: as a file, as figures, as text."""
+
+import io
+import json
+import os
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.validation import Log, simulate
+from softdyn.validation.loop.units import input_unit
+from softdyn.validation.studies import paper
+from tests.support.cart import TARGET, steer
+
+
+@pytest.fixture
+def log(cart):
+    experiment = replace(paper.set_point("finger", 0.5), duration=0.03, period=0.0075)
+    return simulate(cart, steer, experiment)
+
+
+def test_a_saved_log_comes_back_exactly(log, tmp_path):
+    log.save(tmp_path / "run.npz")
+    again = Log.load(tmp_path / "run.npz")
+    for field in fields(Log):
+        saved, loaded = getattr(log, field.name), getattr(again, field.name)
+        assert type(saved) is type(loaded), field.name
+        if isinstance(saved, np.ndarray):
+            assert saved.dtype == loaded.dtype
+            assert saved.tobytes() == loaded.tobytes(), field.name
+            assert not loaded.flags.writeable
+        else:
+            assert saved == loaded, field.name
+    assert again.versions["mujoco"]
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ".urdf"] == ["run.npz"]
+
+
+def test_a_log_of_no_steps_comes_back(cart, tmp_path):
+    log = simulate(cart, lambda state, reference: None, TARGET)
+    log.save(str(tmp_path / "no suffix added"))
+    assert Log.load(tmp_path / "no suffix added").reason == log.reason
+
+
+def test_arrays_of_a_log_are_read_only(log):
+    with pytest.raises(ValueError, match="read-only"):
+        log.error[0] = 0.0
+
+
+def test_a_failed_write_leaves_the_old_file(log, tmp_path, monkeypatch):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    before = path.read_bytes()
+
+    def no_space(*arguments, **named):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", no_space)
+    with pytest.raises(InputError, match="No space left"):
+        log.save(path)
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.urdf", "run.npz"]
+
+
+@pytest.mark.parametrize("where", ["no/such/folder/run.npz", "."])
+def test_a_log_cannot_be_written_there(log, tmp_path, where):
+    with pytest.raises(InputError, match=r"expected a (writable )?file"):
+        log.save(tmp_path / where)
+
+
+def test_what_is_no_log_is_refused(log, tmp_path):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    content = path.read_bytes()
+    pickled, array, foreign = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.savez(pickled, about=np.array({"a": 1}, dtype=object), t=np.zeros(1))
+    np.save(array, np.zeros(3))
+    np.savez(foreign, x=np.zeros(3))
+    files = (b"", b"text", content[: len(content) // 2], content[:-30], pickled.getvalue(),
+             array.getvalue(), foreign.getvalue())  # fmt: skip
+    for data in files:
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"run\.npz: expected"):
+            Log.load(path)
+    for missing in (tmp_path / "none.npz", tmp_path):
+        with pytest.raises(InputError, match="expected"):
+            Log.load(missing)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"t": np.zeros(3)}, {"u": np.zeros((4, 1, 1))}, {"V": np.zeros(5)}, {"t": np.array(0.0)},
+        {"error": np.zeros((5, 2))}, {"status": np.zeros(4)}, {"q": np.full((5, 1), "a")},
+        {"v": np.zeros((5, 2))}, {"q": np.zeros((5, 1), int)},
+        {"about": np.array("{}")}, {"about": np.array("[1]")}, {"about": np.array("{")},
+        {"about": np.array(json.dumps({"format": "softdyn-log-2"}))}, {"about": np.zeros(2)},
+        {"u_min": np.zeros(2)},
+    ],
+    ids=lambda c: next(iter(c)),
+)  # fmt: skip
+def test_an_inconsistent_log_is_refused(log, tmp_path, change):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    with np.load(path) as file:
+        content = {name: file[name] for name in file.files}
+    assert len(content["t"]) == 5
+    np.savez(path, **{**content, **change})
+    with pytest.raises(InputError, match=r"run\.npz: expected"):
+        Log.load(path)
+
+
+def test_a_log_of_an_older_version_is_named(log, tmp_path):
+    np.savez(tmp_path / "old.npz", about=np.array(json.dumps({"format": "softdyn-log-1"})))
+    with pytest.raises(InputError, match=r"format softdyn-log-2, got softdyn-log-1$"):
+        Log.load(tmp_path / "old.npz")
+
+
+def test_a_log_has_the_bounds_and_the_unit_of_its_input(log, cart):
+    np.testing.assert_array_equal(log.u_min, cart.u_min)
+    np.testing.assert_array_equal(log.u_max, cart.u_max)
+    (actuator,) = cart.robot.actuators
+    assert log.u_unit == ("N" if actuator.gear == 1 else f"{actuator.gear:g} N")
+    assert input_unit(softdyn.load("spirob").robot) == "10 N"
+    assert input_unit(softdyn.load("finger").robot) == "0.1 N m"
+
+
+def test_files_are_written_for_everyone_as_usual(log, tmp_path):
+    mask = os.umask(0o022)
+    try:
+        log.save(tmp_path / "run.npz")
+    finally:
+        os.umask(mask)
+    assert Path(tmp_path / "run.npz").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_report_and_a_summary_say_the_same(log):
+    report = log.report()
+    assert report["final_error_cm"] == log.final_error_cm
+    assert report["step_us"] == log.step_times_us
+    text = log.summary({"final_error_cm": "a note"})
+    assert f"final error    {log.final_error_cm:.3f} cm   a note" in text
+    assert f"mean |e|^2     {log.mse_cm2:.3f} cm²\n" in text
+    assert "set point at 0.5 pi" in text
+    assert "done: |e| fell from" in text
+    failed = replace(log, failed=True, reason="why", theta=None).summary()
+    assert failed.endswith("failed: why")
+    assert "set point at 0.12" in failed
