@@ -30,7 +30,12 @@ def in_processes(
 
     Parameters
     ----------
-    jobs : how many processes, -1 for one per core; 1 does all in this process.
+    function : Callable
+        What is called.
+    calls : iterable of tuple
+        The arguments of each call.
+    jobs : int
+        How many processes, -1 for one per core; 1 does all in this process.
 
     Raises
     ------
@@ -54,15 +59,16 @@ def in_order(
     function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], jobs: int = -1
 ) -> list[Result]:
     """All results of `in_processes`, in the order of `calls`; a bar on a terminal."""
-    numbered = [(index, function, call) for index, call in enumerate(calls)]
-    answers = in_processes(_numbered, numbered, jobs)
-    found = dict(tqdm(answers, total=len(numbered), disable=None, unit="run"))
-    return [found[index] for index in range(len(numbered))]
+    order = [(index, function, call) for index, call in enumerate(calls)]
+    answers = in_processes(numbered, order, jobs)
+    found = dict(tqdm(answers, total=len(order), disable=None, unit="run"))
+    return [found[index] for index in range(len(order))]
 
 
-def _numbered(
+def numbered(
     index: int, function: Callable[..., Result], call: tuple[Any, ...]
 ) -> tuple[int, Result]:
+    """A result with its number, for those who need to know which call it is of."""
     return index, function(*call)
 
 

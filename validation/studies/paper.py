@@ -30,11 +30,16 @@ class Setup:
 
     Attributes
     ----------
-    robot : its name.
-    length : L (m); the ellipse's semi-axes are L/3 and L/8. 0 leaves only `target`.
-    period : control period (s).
-    reach : the ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
-    shrink : factor on both semi-axes, about that centre.
+    robot : str
+        Its name.
+    length : float
+        L (m); the ellipse's semi-axes are L/3 and L/8. 0 leaves only `target`.
+    period : float
+        Control period (s).
+    reach : float
+        The ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
+    shrink : float
+        Factor on both semi-axes, about that centre.
     """
 
     robot: str
@@ -202,8 +207,10 @@ class Published:
 
     Attributes
     ----------
-    sp_mean_cm, sp_std_cm : final error over the four set points (cm).
-    tt_mean_cm2, tt_std_cm2 : mean squared error over the five trajectories (cm²).
+    sp_mean_cm, sp_std_cm : float, optional
+        Final error over the four set points (cm).
+    tt_mean_cm2, tt_std_cm2 : float, optional
+        Mean squared error over the five trajectories (cm²).
     """
 
     sp_mean_cm: float | None

@@ -72,9 +72,12 @@ class Axis:
 
     Attributes
     ----------
-    name : ``gains.Kp``, ``plant.period``, ``theta``, …
-    values : in the file's order.
-    drawn : the distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
+    name : str
+        ``gains.Kp``, ``plant.period``, ``theta``, …
+    values : tuple
+        In the file's order.
+    drawn : str, optional
+        The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
     """
 
     name: str
@@ -93,14 +96,22 @@ class Sweep:
 
     Attributes
     ----------
-    path : the file.
-    robots, controllers : their names in the file.
-    targets : one axis per kind of target in the file.
-    axes : of gains and plant, in the file's order.
-    samples, seed : number of random samples (None without) and their seed.
-    logs : whether every run's log is kept.
-    figure : what the best cases are best in, one of `FIGURES`.
-    models : robot → its analytic model.
+    path : Path
+        The file.
+    robots, controllers : tuple of str
+        Their names in the file.
+    targets : tuple of Axis
+        One per kind of target in the file.
+    axes : tuple of Axis
+        Of gains and plant, in the file's order.
+    samples, seed : int
+        Number of random samples (None without) and their seed.
+    logs : bool
+        Whether every run's log is kept.
+    figure : str
+        What the best cases are best in, one of `FIGURES`.
+    models : dict of str to SoftModel
+        The robots' analytic models.
     """
 
     path: Path

@@ -41,8 +41,10 @@ class Setting:
 
     Attributes
     ----------
-    rows : its cases.
-    mean, worst : of the figure over them; None when a case has none.
+    rows : tuple of Row
+        Its cases with their results.
+    mean, worst : float, optional
+        Of the figure over them; None when a case has none.
     """
 
     rows: tuple[Row, ...]

@@ -153,12 +153,18 @@ class Search:
 
     Attributes
     ----------
-    robot : its name.
-    start : the tables of the schedule that it starts from.
-    generations : stage → how many of CMA-ES (Hansen, `cma`); 0 keeps the stage.
-    population : candidates a generation.
-    finalists : how many meet at the end, the start included; 0 for no finals.
-    seed : > 0.
+    robot : str
+        Its name.
+    start : mapping
+        The tables of the schedule that it starts from.
+    generations : mapping
+        Stage → how many of CMA-ES (Hansen, `cma`); 0 keeps the stage.
+    population : int
+        Candidates a generation.
+    finalists : int
+        How many meet at the end, the start included; 0 for no finals.
+    seed : int
+        Above 0.
     """
 
     robot: str
@@ -192,8 +198,12 @@ def search(
 
     Parameters
     ----------
-    jobs : processes, -1 for one per core.
-    each : told every candidate with its stage and its scores as it comes.
+    wanted : Search
+        What to search, and from where.
+    jobs : int
+        Processes, -1 for one per core.
+    each : Callable[[dict], None], optional
+        Told every candidate with its stage and its scores as it comes.
 
     Returns
     -------
@@ -298,12 +308,24 @@ def tune(
 
     Parameters
     ----------
-    candidate : parameters → what the controller is built with.
-    start : parameter → value > 0; what the first candidate is.
-    generations, population : of CMA-ES (Hansen, `cma`).
-    seed : > 0; with the same one the same candidates come again.
-    spread : first standard deviation, in decades.
-    each : told every entry of the trace as it comes.
+    cases : sequence of Case
+        What a candidate is judged on.
+    cost : Callable[[Case, mapping], float]
+        What a case with its figures costs.
+    candidate : Callable[[mapping], mapping]
+        Parameters → what the controller is built with.
+    start : mapping
+        Parameter → value > 0; what the first candidate is.
+    generations, population : int
+        Of CMA-ES (Hansen, `cma`).
+    seed : int
+        Above 0; with the same one the same candidates come again.
+    spread : float
+        First standard deviation, in decades.
+    jobs : int
+        Processes, -1 for one per core.
+    each : Callable[[dict], None], optional
+        Told every entry of the trace as it comes.
 
     Returns
     -------

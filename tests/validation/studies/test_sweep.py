@@ -705,3 +705,12 @@ def test_without_distributed_the_command_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"softdyn\[cluster\]"):
         dask.cluster("tcp://127.0.0.1:1")
+
+
+def test_a_sweep_of_best_and_mpc_needs_no_gains(folder, call):
+    text = FINGER.replace('["ic"]', '["best", "mpc"]').replace("[0.5, 1]", "0.5")
+    (folder / "sweep.toml").write_text(text)
+    code, out, err = call(folder / "sweep.toml", "--out", "out", "--jobs", 1, "--json", "-")
+    assert code == 0, err
+    assert json.loads(out)["outcomes"]["done"] == 2
+    assert {r["inputs"]["gains"] for r in results(Path("out"))} == {None}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from tqdm import tqdm
 
-from softdyn.validation.processes import WorkerKilled, in_order, in_processes
+from softdyn.validation.processes import WorkerKilled, in_order, in_processes, numbered
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Executor
@@ -23,7 +23,8 @@ def strict(jobs: int) -> Executor:
     """
 
     def execute(order: list[Task]) -> Iterator[tuple[int, Answer]]:
-        return in_processes(_numbered, ((i, worker.run, t) for i, t in enumerate(order)), jobs)
+        calls = ((index, worker.run, (task,)) for index, task in enumerate(order))
+        return in_processes(numbered, calls, jobs)
 
     return execute
 
@@ -36,7 +37,7 @@ def patient(jobs: int) -> Executor:
         while left:
             sent: list[int] = []
             try:
-                for index, answer in in_processes(_numbered, _feed(left, sent), jobs):
+                for index, answer in in_processes(numbered, _feed(left, sent), jobs):
                     del left[index]
                     yield index, answer
             except WorkerKilled:
@@ -79,20 +80,16 @@ def follow(steps: Iterable[tuple[Task, Answer | None]], tasks: Sequence[Task]) -
     return ran
 
 
-def _numbered(index: int, function: Callable[[Task], Answer], task: Task) -> tuple[int, Answer]:
-    return index, function(task)
-
-
-def _feed(left: dict[int, Task], sent: list[int]) -> Iterator[tuple[int, Any, Task]]:
+def _feed(left: dict[int, Task], sent: list[int]) -> Iterator[tuple[Any, ...]]:
     for index, task in list(left.items()):
         sent.append(index)
-        yield index, worker.attempt, task
+        yield index, worker.attempt, (task,)
 
 
 def _alone(task: Task) -> Answer:
     """Run a task that may kill its process; with two of them, for one would be this process."""
     try:
-        ((_, answer),) = in_processes(_numbered, [(0, worker.attempt, task)], 2)
+        (answer,) = in_processes(worker.attempt, [(task,)], 2)
     except WorkerKilled:
         return worker.not_run(DIED)
     return answer

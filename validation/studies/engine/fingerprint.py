@@ -46,6 +46,14 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def has_digest(path: Path, sha256: str | None) -> bool:
+    """Whether a file is there, can be read and has this SHA-256."""
+    try:
+        return digest(path) == sha256
+    except OSError:
+        return False
+
+
 @cache
 def _hash_of(names: tuple[str, ...]) -> str:
     """Of files of softdyn, of whole folders, and of those that lie at its top."""

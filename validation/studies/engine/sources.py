@@ -20,7 +20,7 @@ from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers import find_controller
 from softdyn.controllers.registry import is_own
 from softdyn.description.library import bundled_names, find
-from softdyn.validation.studies.engine.fingerprint import digest
+from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
 # Models and classes are built once a thread: a SoftModel's scratch memory is not for two.
 _kept = threading.local()
@@ -183,7 +183,7 @@ def _forget_modules(source: Source, folder: Path) -> None:
 def _own_file(source: Source, contents: Mapping[str, bytes]) -> Path:
     """The user's main file: where it lies, or a copy of what was sent along."""
     path = Path(source.path)
-    if all(_is(path.parent / name, sha256) for name, sha256 in source.files):
+    if all(has_digest(path.parent / name, sha256) for name, sha256 in source.files):
         return path
     if not all(sha256 in contents for _, sha256 in source.files):
         raise NotHere(f"{source.text} changed after the study began")
@@ -195,10 +195,3 @@ def _own_file(source: Source, contents: Mapping[str, bytes]) -> Path:
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.write_bytes(contents[sha256])
     return Path(_kept.folder.name) / mark / source.files[0][0]
-
-
-def _is(path: Path, sha256: str) -> bool:
-    try:
-        return digest(path) == sha256
-    except OSError:
-        return False

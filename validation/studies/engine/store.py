@@ -19,7 +19,7 @@ from typing import Any
 
 from softdyn import InputError
 from softdyn.validation.files import atomic, write_json
-from softdyn.validation.studies.engine.fingerprint import digest
+from softdyn.validation.studies.engine.fingerprint import has_digest
 from softdyn.validation.studies.engine.worker import Answer, Task
 
 # Yields (position in the list, answer) as tasks end, in any order.
@@ -70,7 +70,7 @@ class Store:
         if self.times and self.step_times(task.name) is None:
             return None
         ran = found["outcome"] in ("done", "failed")
-        if task.log and ran and _digest(self.log_path(task.name)) != found.get("log_sha256"):
+        if task.log and ran and not has_digest(self.log_path(task.name), found.get("log_sha256")):
             return None
         return found
 
@@ -131,13 +131,6 @@ def _read(path: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return content if isinstance(content, dict) else None
-
-
-def _digest(path: Path) -> str | None:
-    try:
-        return digest(path)
-    except OSError:
-        return None
 
 
 def _make_folder(path: Path) -> None:
