@@ -25,8 +25,6 @@ from softdyn.validation.report.plot_style import (
     robot_title,
     style,
 )
-from softdyn.validation.twin.state_map import StateMap
-from softdyn.validation.twin.twin import Twin
 
 SUFFIXES = (".png", ".pdf")
 
@@ -72,13 +70,12 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
         letter(left, 0, f"{robot_title(model.bundled or model.name)}: {len(tips)} stable rests")
         left.set_xlabel("x (cm)" if planar else "distance from the z axis (cm)")
         left.set_ylabel("z (cm)")
-        twin = Twin(model)
         for search in (one.search for one in report.targets):
             stable = search.nearest_stable
             if not search.nearest.stable:
-                _shape(right, twin, search.nearest, VERMILLION)
+                _shape(right, search.nearest, VERMILLION)
             if stable is not None:
-                _shape(right, twin, stable, GREEN)
+                _shape(right, stable, GREEN)
         letter(right, 1, "closest shapes")
         right.set_xlabel("x (cm)")
         for axis in (left, right):
@@ -104,14 +101,9 @@ def _handles() -> list[Line2D]:
     ]
 
 
-def _shape(axis: Axes, twin: Twin, one: Equilibrium, colour: str) -> None:
-    """The chain of bodies from the world's origin to the tip, in the xz-plane."""
-    zero = np.zeros(one.model.nv)
-    twin.set_state(*StateMap(one.model, twin).to_twin(one.q, zero))
-    points = [twin.tip]
-    body = int(twin.model.site_bodyid[twin.task_site])
-    while body > 0:
-        points.append(twin.data.xpos[body].copy())
-        body = int(twin.model.body_parentid[body])
-    xyz = 100 * np.array([*points, np.zeros(3)])
+def _shape(axis: Axes, one: Equilibrium, colour: str) -> None:
+    """The chain of links from the world's origin to the tip, in the xz-plane."""
+    robot, placed = one.model.robot, one.model.link_poses(one.q)
+    points = [placed[joint.child][:3, 3] for joint in robot.chain(robot.task)]
+    xyz = 100 * np.array([np.zeros(3), *points])
     axis.plot(xyz[:, 0], xyz[:, 2], color=colour, lw=1.3, marker="o", ms=1.8)
