@@ -13,7 +13,7 @@ COMMANDS = {
     "look at a robot": ("check_urdf", "crosscheck", "view", "statics"),
     "close the loop": ("run", "replay", "obstacle"),
     "many loops": ("benchmark", "sweep", "robustness", "hold", "beyond", "tune", "reproduce"),
-    "time and break": ("step_time", "worst_step", "fuzz"),
+    "time and break": ("step_time", "compare_steps", "worst_step", "fuzz"),
     "made by a command": ("make_robots", "pictures"),
 }
 
