@@ -30,7 +30,6 @@ NEGLIGIBLE = 1e-6  # of these
 ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
 ROUNDS = 6  # at most, in which rows join
 TIE = 1e-6  # weight that chooses among inputs that meet all rows
-_METRE = np.array([MILLIMETRE])
 
 
 class Values(NamedTuple):
@@ -38,10 +37,14 @@ class Values(NamedTuple):
 
     Attributes
     ----------
-    b : (p,) values (m, rad), negative where violated.
-    gradient : (p, n) G = ∂b/∂q.
-    drift : (p,) r = b̈ - G q̈.
-    unit : (p,) the size of a violation that matters: `MILLIMETRE` or `CENTIRADIAN`.
+    b : ndarray, (p,)
+        Values (m, rad), negative where violated.
+    gradient : ndarray, (p, n)
+        G = ∂b/∂q.
+    drift : ndarray, (p,)
+        r = b̈ - G q̈.
+    unit : ndarray, (p,)
+        The size of a violation that matters: `MILLIMETRE` or `CENTIRADIAN`.
     """
 
     b: np.ndarray
@@ -68,9 +71,12 @@ class JointLimits:
 
     Parameters
     ----------
-    model : the robot.
-    margin : distance to keep from every limit, as a share of the joint's range.
-    rate : α (1/s), the rate at which a limit may be approached.
+    model : SoftModel
+        The robot.
+    margin : float
+        Distance to keep from every limit, as a share of the joint's range.
+    rate : float
+        α (1/s), the rate at which a limit may be approached.
     """
 
     def __init__(self, model: SoftModel, margin: float = 0.0, rate: float = RATE) -> None:
@@ -100,9 +106,12 @@ class HalfSpace:
 
     Attributes
     ----------
-    normal : (3,) into the allowed side; made a unit vector.
-    offset : of the plane along the unit normal (m).
-    rate : α (1/s).
+    normal : ndarray, (3,)
+        Into the allowed side; made a unit vector.
+    offset : float
+        Of the plane along the unit normal (m).
+    rate : float
+        α (1/s).
     """
 
     normal: np.ndarray
@@ -120,13 +129,7 @@ class HalfSpace:
 
     def __call__(self, state: State) -> Values:
         """The tip's distance from the plane."""
-        n = self.normal
-        return Values(
-            np.array([n @ state.y - self.offset]),
-            (n @ state.J)[None],
-            np.array([n @ (state.Jdot @ state.v)]),
-            _METRE,
-        )
+        return _of_the_tip(state, self.normal @ state.y - self.offset, self.normal, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +138,12 @@ class Sphere:
 
     Attributes
     ----------
-    centre : (3,) (m).
-    radius : (m).
-    rate : α (1/s).
+    centre : ndarray, (3,)
+        Its middle (m).
+    radius : float
+        Its radius (m).
+    rate : float
+        α (1/s).
     """
 
     centre: np.ndarray
@@ -155,12 +161,13 @@ class Sphere:
         distance = max(float(np.linalg.norm(span)), np.finfo(float).tiny)
         n = span / distance
         across = state.ydot - (n @ state.ydot) * n
-        return Values(
-            np.array([distance - self.radius]),
-            (n @ state.J)[None],
-            np.array([n @ (state.Jdot @ state.v) + across @ across / distance]),
-            _METRE,
-        )
+        return _of_the_tip(state, distance - self.radius, n, across @ across / distance)
+
+
+def _of_the_tip(state: State, b: float, n: np.ndarray, turning: float) -> Values:
+    """A barrier that grows along the unit vector n (3,), which turns: b̈ = n·ÿ + `turning`."""
+    drift = n @ (state.Jdot @ state.v) + turning
+    return Values(np.array([b]), (n @ state.J)[None], np.array([drift]), np.array([MILLIMETRE]))
 
 
 class Rows(NamedTuple):
@@ -179,15 +186,21 @@ class BarrierRows:
 
     Parameters
     ----------
-    model : the robot.
-    barriers : what not to run into.
-    tau : horizon τ (s) that the dynamics stand for.
+    model : SoftModel
+        The robot.
+    barriers : sequence of ControlBarrier
+        What not to run into.
+    tau : float
+        Horizon τ (s) that the dynamics stand for.
 
     Attributes
     ----------
-    violation : the worst -b seen at any state, in mm or 0.01 rad; negative where all was well.
-    relaxed : steps at which rows had to give way.
-    relaxation : the most by which one did, as the mm or 0.01 rad that b may sink for it.
+    violation : float
+        The worst -b seen at any state, in mm or 0.01 rad; negative where all was well.
+    relaxed : int
+        Steps at which rows had to give way.
+    relaxation : float
+        The most by which one did, as the mm or 0.01 rad that b may sink for it.
     """
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:

@@ -31,10 +31,14 @@ class Command:
 
     Attributes
     ----------
-    u : (nu,) the input, held until the next command.
-    V : value of the Lyapunov function where the controller has one.
-    delta : slack δ of its decrease condition.
-    status : anything but `Status.OK` means that `u` is a fallback.
+    u : ndarray, (nu,)
+        The input, held until the next command.
+    V : float
+        Value of the Lyapunov function where the controller has one.
+    delta : float
+        Slack δ of its decrease condition.
+    status : Status
+        Anything but `Status.OK` means that `u` is a fallback.
     """
 
     u: np.ndarray
@@ -110,9 +114,12 @@ class InputGuard:
 
     Attributes
     ----------
-    not_solved : answers whose recomputed residual was too large.
-    fallbacks : commands that held the last good input instead.
-    max_bound_violation : largest violation of the bounds by an accepted answer, before clipping.
+    not_solved : int
+        Answers whose recomputed residual was too large.
+    fallbacks : int
+        Commands that held the last good input instead.
+    max_bound_violation : float
+        Largest violation of the bounds by an accepted answer, before clipping.
     """
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray, robot: Robot | None = None) -> None:

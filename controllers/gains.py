@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass, fields
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +19,16 @@ class Gains:
 
     Attributes
     ----------
-    Kp : stiffness of the task error (1/s²); the damping is K_d = 2 √K_p (1/s).
-    eps : ε of the Lyapunov function (s).
-    w1, w2, w3, w4 : weights on ‖μ - μ_ref‖², ‖q̈‖², ‖u‖² and ‖q̈_null - q̈_null_ref‖².
-    rho : weight on the slack, ρ δ².
-    null_damping : D of q̈_null_ref = -D N q̇ (1/s); 50 in the reference code, not in the paper.
+    Kp : float
+        Stiffness of the task error (1/s²); the damping is K_d = 2 √K_p (1/s).
+    eps : float
+        ε of the Lyapunov function (s).
+    w1, w2, w3, w4 : float
+        Weights on ‖μ - μ_ref‖², ‖q̈‖², ‖u‖² and ‖q̈_null - q̈_null_ref‖².
+    rho : float
+        Weight on the slack, ρ δ².
+    null_damping : float
+        D of q̈_null_ref = -D N q̇ (1/s); 50 in the reference code, not in the paper.
     """
 
     Kp: float
@@ -34,22 +41,24 @@ class Gains:
     null_damping: float = 50.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            positive = field.name in ("Kp", "eps", "rho")
-            if not (
-                number
-                and abs(value) <= sys.float_info.max
-                and (value > 0 if positive else value >= 0)
-            ):
-                kind = "a positive number" if positive else "a number >= 0"
-                raise InputError(f"gains.{field.name}", kind, value)
+        check_fields(self, "gains", positive=("Kp", "eps", "rho"))
 
     @property
     def Kd(self) -> float:
         """Critical damping 2 √K_p (1/s)."""
         return 2.0 * math.sqrt(self.Kp)
+
+
+def check_fields(table: Any, name: str, positive: Collection[str]) -> None:
+    """Raise `InputError` for a field that is no finite number, negative, or 0 in `positive`."""
+    for key, value in vars(table).items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        above = key in positive
+        if not (
+            number and abs(value) <= sys.float_info.max and (value > 0 if above else value >= 0)
+        ):
+            kind = "a positive number" if above else "a number >= 0"
+            raise InputError(f"{name}.{key}", kind, value)
 
 
 _SPIROB = {

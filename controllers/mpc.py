@@ -17,6 +17,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
+from softdyn.controllers.gains import check_fields
 from softdyn.controllers.programmes.prediction import one_period, programme, ramps
 from softdyn.controllers.programmes.qp import DenseQp, Problem
 from softdyn.dynamics.derivatives import tangent_dynamics
@@ -34,10 +35,14 @@ class MpcParameters:
 
     Attributes
     ----------
-    horizon : how far ahead it looks (s).
-    speed : time (s) that makes joint speeds comparable with the tip's error.
-    rate : weight of the inputs' changes beside the tip's error.
-    memory : time constant (s) of the estimate of unmodelled joint forces.
+    horizon : float
+        How far ahead it looks (s).
+    speed : float
+        Time (s) that makes joint speeds comparable with the tip's error.
+    rate : float
+        Weight of the inputs' changes beside the tip's error.
+    memory : float
+        Time constant (s) of the estimate of unmodelled joint forces.
     """
 
     horizon: float = 0.3
@@ -46,11 +51,7 @@ class MpcParameters:
     memory: float = 0.1
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not (number and math.isfinite(value) and value > 0):
-                raise InputError(f"parameters.{field.name}", "a positive number", value)
+        check_fields(self, "parameters", positive=vars(self))
 
 
 def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcParameters:
@@ -61,13 +62,12 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
     InputError
         For anything but an `MpcParameters`, a mapping of its fields, or None.
     """
-    if given is None:
-        return MpcParameters()
     if isinstance(given, MpcParameters):
         return given
+    table = {} if given is None else given
     names = [field.name for field in fields(MpcParameters)]
-    if isinstance(given, Mapping) and set(given) <= set(names):
-        return MpcParameters(**given)
+    if isinstance(table, Mapping) and set(table) <= set(names):
+        return MpcParameters(**table)
     raise InputError(
         "parameters", f"softdyn.controllers.MpcParameters ({', '.join(names)})", repr(given)
     )
@@ -86,9 +86,12 @@ class Mpc:
 
     Parameters
     ----------
-    model : the robot.
-    parameters : an `MpcParameters`, or a mapping of its fields; the default one if omitted.
-    period : control period T (s); `reset` sets another.
+    model : SoftModel
+        The robot.
+    parameters : MpcParameters or mapping, optional
+        Or a mapping of its fields.
+    period : float
+        Control period T (s); `reset` sets another.
 
     Raises
     ------

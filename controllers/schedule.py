@@ -40,10 +40,14 @@ class Schedule:
 
     Attributes
     ----------
-    approach, stay : the stages.
-    arrive, dwell : `stay` takes over when the tip has been within this distance (m) of the target
-        for this time (s).
-    leave : `approach` takes over beyond this distance (m).
+    approach, stay : Stage
+        The stages.
+    arrive : float
+        `stay` takes over when the tip has been within this distance (m) of the target...
+    dwell : float
+        ... for this time (s).
+    leave : float
+        `approach` takes over beyond this distance (m).
 
     Raises
     ------

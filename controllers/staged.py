@@ -18,9 +18,12 @@ class Staged:
 
     Parameters
     ----------
-    model : the robot.
-    gains : a `Schedule`, or the tables that `make_schedule` takes; the tuned one by default.
-    period : control period (s); `reset` sets another.
+    model : SoftModel
+        The robot.
+    gains : Schedule or mapping, optional
+        Or the tables that `make_schedule` takes; the tuned one by default.
+    period : float
+        Control period (s); `reset` sets another.
 
     Raises
     ------
@@ -79,8 +82,10 @@ def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:
 
     Parameters
     ----------
-    model : the robot.
-    gains : a schedule or its tables; a robot that has a tuned one needs none, and for any other
+    model : SoftModel
+        The robot.
+    gains : Schedule or mapping, optional
+        A schedule or its tables; a robot that has a tuned one needs none, and for any other
         predictive control needs no gains at all.
     """
     schedule = tuned(model) if gains is None else gains

@@ -51,9 +51,12 @@ class Solution(NamedTuple):
 
     Attributes
     ----------
-    x : (n,) the minimiser.
-    multipliers : (rows,) positive at an upper bound, negative at a lower one.
-    primal, dual, gap : scaled residuals; all at most `ACCEPTED` in a solved problem.
+    x : ndarray, (n,)
+        The minimiser.
+    multipliers : ndarray, (rows,)
+        Positive at an upper bound, negative at a lower one.
+    primal, dual, gap : float
+        Scaled residuals; all at most `ACCEPTED` in a solved problem.
     """
 
     x: np.ndarray

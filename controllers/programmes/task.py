@@ -15,10 +15,16 @@ class Task:
 
     Attributes
     ----------
-    mu_ref : (3,) μ_ref = -K_d ė - K_p e (m/s²), e = y - y_ref.
-    yddot : (3,) ÿ_ref.
-    row, bound : (3,), (1,) the decrease condition row·μ - δ ≤ bound; see `Clf.decrease`.
-    V : value of the Lyapunov function.
+    mu_ref : ndarray, (3,)
+        μ_ref = -K_d ė - K_p e (m/s²), e = y - y_ref.
+    yddot : ndarray, (3,)
+        ÿ_ref (m/s²).
+    row : ndarray, (3,)
+        Of the decrease condition row·μ - δ ≤ bound; see `Clf.decrease`.
+    bound : ndarray, (1,)
+        Its other side.
+    V : float
+        Value of the Lyapunov function.
     """
 
     def __init__(self, gains: Gains) -> None:

@@ -24,8 +24,14 @@ class Condensed(NamedTuple):
 
     Attributes
     ----------
-    H, g : (k, k), (k,) the objective.
-    mu_map, mu_0 : (3, k), (3,) so that μ = mu_0 + mu_map x.
+    H : ndarray, (k, k)
+        Of the objective.
+    g : ndarray, (k,)
+        Of the objective.
+    mu_map : ndarray, (3, k)
+        μ = mu_0 + mu_map x.
+    mu_0 : ndarray, (3,)
+        Its constant (m/s²).
     """
 
     H: np.ndarray
