@@ -225,6 +225,19 @@ class State:
         state.__dict__.update(terms)
         return state
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # NumPy's copies come back writeable, and B in another memory order
+        return State._restored, (self.__dict__,)
+
+    @staticmethod
+    def _restored(terms: dict[str, Any]) -> State:
+        known = {name: terms[name] for name in terms if name not in State.__match_args__}
+        for value in known.values():  # C and g, where they were computed
+            value.flags.writeable = False
+        state = State(**{name: terms[name] for name in State.__match_args__})
+        state.__dict__.update(known)
+        return state
+
     @cached_property
     def C(self) -> np.ndarray:
         """Coriolis matrix (n, n) with Ṁ - 2C skew-symmetric, computed on first use."""

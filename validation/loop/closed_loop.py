@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from time import perf_counter_ns
 from typing import Any
@@ -355,18 +355,19 @@ def _checked(reference: Any) -> Callable[[float], Reference]:
     if not callable(reference):
         expected = "an Experiment, or a callable t -> Reference such as SetPoint(y)"
         raise InputError("reference", expected, repr(reference))
-
-    def checked(t: float) -> Reference:
-        value = reference(t)
-        if isinstance(value, Reference):
-            return value
-        try:
-            return Reference(value.y, value.ydot, value.yddot)
-        except AttributeError:
-            raise InputError("reference", "a Reference(y, ydot, yddot)", repr(value)) from None
-
+    checked = partial(_desired, reference)
     checked(0.0)
     return checked
+
+
+def _desired(reference: Any, t: float) -> Reference:
+    value = reference(t)
+    if isinstance(value, Reference):
+        return value
+    try:
+        return Reference(value.y, value.ydot, value.yddot)
+    except AttributeError:
+        raise InputError("reference", "a Reference(y, ydot, yddot)", repr(value)) from None
 
 
 def _name(controller: Any) -> str:

@@ -128,6 +128,10 @@ class Log:
         for name in SHAPES:
             getattr(self, name).flags.writeable = False
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # NumPy's copies come back writeable; the constructor makes them read-only again
+        return Log, tuple(getattr(self, field.name) for field in fields(self))
+
     def __repr__(self) -> str:
         outcome = f"failed: {self.reason}" if self.failed else "done"
         return f"Log({self.robot}, {self.controller}, {self.steps} steps, {outcome})"
