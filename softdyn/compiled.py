@@ -11,12 +11,15 @@ when any kernel of the package changes, not only when its own file does.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
+import pickle
+import secrets
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, update_wrapper
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,7 +33,7 @@ def _numba() -> Any:
         import numba
     except ImportError:
         return None
-    return numba
+    return None if getattr(numba.config, "DISABLE_JIT", 0) else numba  # NUMBA_DISABLE_JIT=1
 
 
 numba = _numba()
@@ -60,47 +63,102 @@ def compiled(function: Kernel, *, reorder: bool = False) -> Kernel:
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
     if reorder:
         options["fastmath"] = {"reassoc", "contract"}
+    announce_compilation()
     try:
         kernel = numba.njit(cache=True, **options)(function)
-        # Numba looks at a kernel's own file alone, and would keep what was inlined from others
-        index = kernel._cache._cache_file
-        folders = {Path(__file__).parent, Path(function.__code__.co_filename).parent}
-        index._source_stamp = (index._source_stamp, *sorted(map(kernel_sources, folders)))
-        index.save = optional(index.save)
-    except RuntimeError:  # nowhere to write a cache
+        files = kernel._cache._cache_file
+        name = Path(files._cache_path) / files._index_name
+        kernel._cache._cache_file = KernelFile(
+            name, kernel_sources(Path(function.__code__.co_filename))
+        )
+    except (
+        RuntimeError,
+        AttributeError,
+    ):  # nowhere to write one, or a Numba that keeps it elsewhere
         kernel = numba.njit(**options)(function)
-    kernel._compiler.compile = announced(kernel._compiler.compile)
     return kernel
 
 
-def optional(save: Callable[..., None]) -> Callable[..., None]:
-    """`save`, which gives up in silence where the disk does not let it: a cache is only a gain."""
+class KernelFile:
+    """One kernel's compiled signatures in a file that knows its own checksum; a cache, no more.
 
-    def save_or_not(*args: Any) -> None:
+    Numba's own looks at the kernel's source file alone, and would keep what was inlined from
+    others; and what is damaged in it ends in an error, or in other code than was compiled.
+
+    Parameters
+    ----------
+    index : Path
+        Where Numba would keep the kernel's index.
+    sources : str
+        A digest of all that the kernel is made of.
+    """
+
+    def __init__(self, index: Path, sources: str) -> None:
+        self._stem = index.with_suffix("")
+        self._path = index.with_name(f"{self._stem.name}-{sources[:16]}.kernel")
+
+    def _read(self) -> dict[Any, Any]:
         with suppress(OSError):
-            save(*args)
+            content = self._path.read_bytes()
+            if hashlib.sha256(content[32:]).digest() == content[:32]:
+                found: dict[Any, Any] = pickle.loads(content[32:])
+                return found
+        return {}
 
-    return save_or_not
+    def load(self, key: Any) -> Any:
+        """What was saved under a signature's key; None without."""
+        return self._read().get(key)
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep a signature; in silence not, where the disk does not let it."""
+        content = numba.core.serialize.dumps(self._read() | {key: data})
+        part = self._path.with_name(f"{self._path.name}.{secrets.token_hex(8)}")
+        with suppress(OSError):
+            try:
+                part.write_bytes(hashlib.sha256(content).digest() + content)
+                part.replace(self._path)
+            finally:
+                part.unlink(missing_ok=True)
+            for old in self._path.parent.glob(f"{glob.escape(self._stem.name)}-*.kernel"):
+                if old != self._path:
+                    old.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Forget everything."""
+        with suppress(OSError):
+            self._path.unlink(missing_ok=True)
+
+
+def kernel_sources(file: Path) -> str:
+    """A digest of all modules with kernels that one of this file may call, and of Numba."""
+    package = Path(__file__).parent
+    beside = file.resolve().parent
+    ours = [(package / room).resolve() for room in ("dynamics", "controllers")]
+    inside = any(beside.is_relative_to(folder) for folder in ours)
+    return _digest(tuple(ours) if inside else (beside,))
 
 
 @cache
-def kernel_sources(folder: Path) -> str:
-    """A digest of the modules of a folder that hold kernels."""
-    texts = (file.read_bytes() for file in sorted(folder.glob("*.py")))
-    return hashlib.sha256(b"\0".join(text for text in texts if b"compiled" in text)).hexdigest()
+def _digest(folders: tuple[Path, ...]) -> str:
+    files = [Path(__file__), *(f for folder in folders for f in sorted(folder.rglob("*.py")))]
+    texts = (file.read_bytes() for file in files)
+    sources = b"\0".join(text for text in texts if b"compiled" in text)
+    return hashlib.sha256(numba.__version__.encode() + sources).hexdigest()
 
 
-def announced(compile_: Callable[..., Any]) -> Callable[..., Any]:
-    """`compile_`, which says so the first time in a process that it has to work.
+@cache
+def announce_compilation() -> None:
+    """Let Numba tell when it begins to compile one of our kernels; a cache hit is none."""
 
-    Numba has no hook for it; what is found in a cache never gets here.
-    """
+    class Listener(numba.core.event.Listener):  # type: ignore[name-defined]
+        def on_start(self, event: Any) -> None:
+            if event.data["dispatcher"].py_func.__module__.startswith("softdyn."):
+                say_once()
 
-    def compile_and_say(*args: Any, **options: Any) -> Any:
-        say_once()
-        return compile_(*args, **options)
+        def on_end(self, event: Any) -> None:
+            pass
 
-    return update_wrapper(compile_and_say, compile_)
+    numba.core.event.register("numba:compile", Listener())
 
 
 @cache

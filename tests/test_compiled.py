@@ -218,3 +218,57 @@ def test_a_full_disk_costs_the_cache_alone(tmp_path):
             program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
         assert (done.returncode, done.stdout, done.stderr) == (0, "4.0\n", "")
+
+
+DOUBLE = (
+    "from softdyn.compiled import compiled\n@compiled\ndef double(x):\n    return 2 * x\n"
+    "print(double(2.0), len(double.stats.cache_hits))\n"
+)
+
+
+def run_double(folder, **environment):
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment}
+    done = subprocess.run(
+        [sys.executable, "-c", "import kernel"],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_a_damaged_cache_is_made_anew(tmp_path):
+    (tmp_path / "kernel.py").write_text(DOUBLE)
+    assert run_double(tmp_path) == ["4.0", "0"]
+    assert run_double(tmp_path) == ["4.0", "1"]
+    (file,) = tmp_path.rglob("*.kernel")
+    whole = file.read_bytes()
+    middle = len(whole) // 2
+    flipped = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+    for damaged in (b"", whole[:10], whole[:middle], b"\x80garbage" * 99, flipped, whole + b"x"):
+        file.write_bytes(damaged)
+        assert run_double(tmp_path) == ["4.0", "0"]
+        assert run_double(tmp_path) == ["4.0", "1"]
+    assert list(tmp_path.rglob("*.kernel")) == [file]
+    file.unlink()
+    file.mkdir()
+    assert run_double(tmp_path) == ["4.0", "0"]
+
+
+def test_another_numba_only_loses_the_cache(tmp_path):
+    """One that keeps its files elsewhere."""
+    hide = "import numba.core.caching as c\nc.IndexDataCacheFile.__init__ = lambda *_, **__: None\n"
+    (tmp_path / "kernel.py").write_text(hide + DOUBLE)
+    assert run_double(tmp_path) == ["4.0", "0"]
+    assert list(tmp_path.rglob("*.kernel")) == []
+
+
+def test_numba_may_be_switched_off(tmp_path):
+    code = (
+        "import numpy as np, softdyn\nfrom softdyn.controllers import SoftIdClfQp\n"
+        "model = softdyn.load('finger')\nlaw = SoftIdClfQp(model)\n"
+        "state = model.state([0.1, 0.2, 0.1, 0.3], np.zeros(4))\n"
+        "print(*law(state, softdyn.SetPoint([0.15, 0, -0.15])).u)\n"
+    )
+    (tmp_path / "kernel.py").write_text(code)
+    plain, fast = ([float(x) for x in run_double(tmp_path, NUMBA_DISABLE_JIT=off)] for off in "10")
+    assert plain == pytest.approx(fast, rel=1e-7)
