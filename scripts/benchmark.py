@@ -49,17 +49,14 @@ cli.add_json(parser)
 def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
-    from softdyn.validation.studies import benchmark, benchmark_table, paper
+    from softdyn.validation.studies import benchmark, benchmark_table
     from softdyn.validation.studies.engine import executors
 
     began = perf_counter()
     out, jobs = Path(arguments.out), arguments.jobs or -1
     cli.check_outputs(arguments.json)
     cases = benchmark.grid(
-        arguments.robots,
-        arguments.controllers,
-        paper.THETAS if arguments.thetas is None else arguments.thetas,
-        paper.OMEGAS if arguments.omegas is None else arguments.omegas,
+        arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
     )
     if not cases:
         raise InputError("--thetas, --omegas", "at least one of one of them", "none")

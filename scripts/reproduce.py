@@ -39,7 +39,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import InputError
     from softdyn.controllers import CONTROLLERS
     from softdyn.validation.files import write_text
-    from softdyn.validation.studies import benchmark, paper, reproduction
+    from softdyn.validation.studies import benchmark, reproduction
     from softdyn.validation.studies.engine import executors
     from softdyn.validation.tables import columns
 
@@ -56,11 +56,7 @@ def command(arguments: cli.Arguments) -> int:
         (name, case)
         for name in dict.fromkeys(names)
         for case in reproduction.cases(
-            name,
-            arguments.robots,
-            arguments.controllers,
-            paper.THETAS if arguments.thetas is None else arguments.thetas,
-            paper.OMEGAS if arguments.omegas is None else arguments.omegas,
+            name, arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
         )
     ]
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1

@@ -30,11 +30,15 @@ from softdyn.validation.studies.engine.worker import Task
 def grid(
     robots: Iterable[str],
     controllers: Iterable[str],
-    thetas: Iterable[float] = paper.THETAS,
-    omegas: Iterable[float] = paper.OMEGAS,
+    thetas: Iterable[float] | None = None,
+    omegas: Iterable[float] | None = None,
 ) -> list[Case]:
-    """Every robot × controller × experiment once, robots and controllers in the order given."""
-    runs = [("set_point", theta) for theta in thetas] + [("tracking", omega) for omega in omegas]
+    """Every robot × controller × experiment once, robots and controllers in the order given.
+
+    Set points `thetas` and rates `omegas` are the paper's where there are none.
+    """
+    runs = [("set_point", theta) for theta in (paper.THETAS if thetas is None else thetas)]
+    runs += [("tracking", omega) for omega in (paper.OMEGAS if omegas is None else omegas)]
     controllers = tuple(controllers)
     every = (
         Case(robot, controller, kind, float(value) + 0.0)  # -0 is 0

@@ -225,12 +225,11 @@ def cases(
     name: str,
     robots: Iterable[str] | None = None,
     controllers: Iterable[str] | None = None,
-    thetas: Iterable[float] = paper.THETAS,
-    omegas: Iterable[float] = paper.OMEGAS,
+    thetas: Sequence[float] | None = None,
+    omegas: Sequence[float] | None = None,
 ) -> list[Case]:
     """The cells an experiment is meant for, or those asked for."""
     found: list[Case] = []
-    thetas, omegas = tuple(thetas), tuple(omegas)
     wanted = tuple(controllers) if controllers is not None else None
     for robot in ROBOTS if robots is None else robots:
         if robot not in ROBOTS:

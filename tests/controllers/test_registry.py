@@ -1,0 +1,66 @@
+"""From a controller's name to a controller, and what goes wrong in a user's file in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from softdyn import InputError
+from softdyn.controllers import Gains, Mpc, SoftIdClfQp
+from softdyn.controllers.registry import is_own, make_controller, one_line_errors
+from tests.support.control_cases import robot
+
+OWN = """
+import sys
+
+class Table:
+    def __init__(self, model, table=None):
+        self.table = table
+
+class Leaves:
+    def __init__(self, model):
+        sys.exit(3)
+
+class Broken:
+    def __init__(self, model):
+        return {}["nothing"]
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> str:
+    (tmp_path / "mine.py").write_text(OWN)
+    return str(tmp_path / "mine.py")
+
+
+def test_with_and_without_parameters(own: str) -> None:
+    model = robot("finger")
+    assert isinstance(make_controller("soft-id-clf-qp", model), SoftIdClfQp)
+    assert make_controller("ic", model, {"Kp": 70.0}).gains == Gains(70.0)
+    assert make_controller("ic", model, Gains(80.0)).gains == Gains(80.0)
+    assert isinstance(make_controller("mpc", model), Mpc)
+    assert make_controller(f"{own}:Table", model, {"any": 1}).table == {"any": 1}
+    assert make_controller(f"{own}:Table", model).table is None
+
+
+def test_what_cannot_be_built_is_one_line(own: str) -> None:
+    model = robot("finger")
+    with pytest.raises(InputError, match=r"gains: expected the fields of controllers\.Gains"):
+        make_controller("ic", model, {"kp": 1.0})
+    with pytest.raises(InputError, match="Leaves: expected a controller, got SystemExit in line 1"):
+        make_controller(f"{own}:Leaves", model)
+    with pytest.raises(InputError, match="Broken: expected a controller, got KeyError in line 14"):
+        make_controller(f"{own}:Broken", model)
+
+
+def test_errors_of_the_package_s_own_controllers_pass() -> None:
+    assert is_own("a/b.py:C")
+    assert not is_own("best")
+    with pytest.raises(ZeroDivisionError), one_line_errors("best", "a command"):
+        raise ZeroDivisionError
+    with (
+        pytest.raises(InputError, match="C: expected a command, got ZeroDivisionError"),
+        one_line_errors("mine.py:C", "a command"),
+    ):
+        raise ZeroDivisionError
