@@ -51,16 +51,19 @@ def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable
     return choose
 
 
-def compiled(function: Kernel, *, reorder: bool = False) -> Kernel:
+def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -> Kernel:
     """`function` compiled at its first call, or itself; ``.py_func`` is the source either way.
 
     `reorder` lets the compiler take the terms of a sum in another order, several at once, and
-    round a product and a sum together. NaN and infinities remain what they are.
+    round a product and a sum together. NaN and infinities remain what they are. `inline` writes
+    the function out where other kernels call it.
     """
     if numba is None:
         function.py_func = function  # type: ignore[attr-defined]
         return function
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+    if inline:
+        options["inline"] = "always"
     if reorder:
         options["fastmath"] = {"reassoc", "contract"}
     announce_compilation()

@@ -89,8 +89,9 @@ def tip_terms(tip_and_lengths):
 
 
 # Python keeps the functions as they are: slices cost it less than a call of a kernel
-_joint_terms, _tendon_terms = compiled(joint_terms), compiled(tendon_terms)
-_tip_terms = compiled(tip_terms)
+_joint_terms = compiled(joint_terms, inline=True)
+_tendon_terms = compiled(tendon_terms, inline=True)
+_tip_terms = compiled(tip_terms, inline=True)
 
 
 @compiled

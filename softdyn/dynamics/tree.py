@@ -119,11 +119,12 @@ class TreeModel(SoftModel):
         )
         self._arguments: tuple[Any, ...] = (*self._memory, *constants)
         self._fill: Callable[..., None] = kernels.fixed_terms
-        self._rows = self.nv + kernels.JOINT_TERMS
+        rows, self._tip_and_lengths = self.nv + kernels.JOINT_TERMS, 6 + len(tendons.names)
         if tendons.spatial:
             self._arguments += (*tendons.segments, self.actuated, self.gear.copy())
             self._fill = kernels.spatial_terms
-            self._rows += len(tendons.names) + self.nu
+            rows += len(tendons.names) + self.nu
+        self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
         self._damped = bool(self.tendon_damping.any())
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
@@ -140,16 +141,16 @@ class TreeModel(SoftModel):
         pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
         if not self._in_view:
             self._memory.copy_from(self.pin_data)
-        tendons = len(self.tendons.names)
-        joint_rows, tip_and_lengths = np.empty((self._rows, self.nv)), np.empty(6 + tendons)
-        self._fill(joint_rows, tip_and_lengths, v, self.chart.of(q), *self._arguments)
+        joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
+        coordinates = q if self.nq == self.nv else self.chart.of(q)
+        self._fill(joint_rows, tip_and_lengths, v, coordinates, *self._arguments)
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
         y, ydot, lengths = kernels.tip_terms(tip_and_lengths)
         arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
-        if self.tendons.spatial:
-            arms, inputs = kernels.tendon_terms(joint_rows, tendons)
+        if self._spatial:
+            arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
             if self._damped:
                 D = read_only(self._damping_matrix(arms))
