@@ -240,8 +240,9 @@ def test_bounds_that_no_input_meets_are_refused(name: str, bounds: tuple[float, 
 def test_bounds_that_one_input_meets_are_met(name: str) -> None:
     parsed = robot("finger").robot
     held = tuple(Actuator(a.name, a.tendon, a.gear, 0.25, 0.25) for a in parsed.actuators)
-    controller = CONTROLLERS[name](softdyn.build(replace(parsed, actuators=held)), GAINS)
-    state, goal = drawn("finger")[3]
+    model = softdyn.build(replace(parsed, actuators=held))
+    controller, (other, goal) = CONTROLLERS[name](model, GAINS), drawn("finger")[3]
+    state = model.state(other.q, other.v)
     for asked in (state, hostile.forge(state, {"M": (np.nan, False)})):
         np.testing.assert_array_equal(controller(asked, goal).u, 0.25)
 
