@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import wraps
+from threading import RLock
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -86,10 +87,11 @@ def guarded(law: Law[Self]) -> Law[Self]:
             and isinstance(reference, Reference)
         ):
             raise no_arguments(state, reference, self.guard)
-        try:
-            return law(self, state, reference)
-        except np.linalg.LinAlgError:
-            return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+        with self.guard.lock:
+            try:
+                return law(self, state, reference)
+            except np.linalg.LinAlgError:
+                return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
 
     return call if COMPILES else SILENT(call)
 
@@ -120,12 +122,23 @@ class InputGuard:
         Commands that held the last good input instead.
     max_bound_violation : float
         Largest violation of the bounds by an accepted answer, before clipping.
+    lock : RLock
+        Held while the law answers, and for a whole run by `softdyn.validation.simulate`: threads
+        that share a controller take turns.
     """
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray, robot: Robot | None = None) -> None:
         self.u_min, self.u_max, self.nu = u_min, u_max, len(u_min)
-        self._robot = robot
+        self._robot, self.lock = robot, RLock()
         self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "lock"}
+
+    def __setstate__(self, values: dict[str, Any]) -> None:
+        vars(self).update(values, lock=RLock())
+        for array in (self.u_min, self.u_max, self._held):  # NumPy's copies come back writeable
+            array.flags.writeable = False
 
     def knows(self, state: State) -> bool:
         """Whether a State is of this robot; of a copy of its description too."""

@@ -10,6 +10,8 @@ the dynamics (paper, eq. (1)) with another M and another h; `docs/hold.md`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from softdyn import SoftModel, State
@@ -45,6 +47,10 @@ class Horizon:
         self._answer = self._M.view(), self._h.view()
         for array in self._answer:
             array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # copied arrays would be no views of one another
+        return Horizon, (self._model, self._tau)
 
     def __call__(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """M (n, n) and h (n,) over the horizon."""

@@ -123,6 +123,10 @@ class DenseQp:
         if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
             raise RuntimeError("this ProxSuite hands out copies of its results")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy's views would be of no solver's memory; a problem needs nothing from the one before
+        return DenseQp, (len(self._scale), len(self._norms))
+
     def clocked(self) -> QpClock:
         """Time what ProxQP does from now on; a solver that is not asked to pays nothing for it."""
         if not isinstance(self._qp, QpClock):
@@ -163,6 +167,9 @@ class QpClock:
         self._qp, self.settings, self._info = qp, qp.settings, qp.results.info
         self.settings.compute_timings = True
         self.reset()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("a clock belongs to one solver: copy the solver, and ask it for its clock")
 
     def reset(self) -> None:
         """Back to zero."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -335,11 +336,13 @@ def simulate(
     InputError
         For arguments that cannot be run, and for a reference that is not finite.
     """
-    loop = ClosedLoop(
-        model, controller, reference, duration=duration, period=period, timestep=timestep,
-        q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, name=name,
-    )  # fmt: skip
-    return loop.run(progress=progress, on_step=on_step)
+    # threads that share a controller run one after the other: a run begins by resetting it
+    with getattr(getattr(controller, "guard", None), "lock", nullcontext()):
+        loop = ClosedLoop(
+            model, controller, reference, duration=duration, period=period, timestep=timestep,
+            q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, name=name,
+        )  # fmt: skip
+        return loop.run(progress=progress, on_step=on_step)
 
 
 def _check_robot(model: SoftModel, experiment: Experiment) -> None:
