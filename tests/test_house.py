@@ -37,3 +37,10 @@ def test_no_folder_is_large():
 def test_a_module_says_what_it_is_and_shadows_no_other(path: Path):
     assert ast.get_docstring(ast.parse(path.read_text()))
     assert path.stem == "__init__" or path.stem not in sys.stdlib_module_names
+
+
+def test_a_package_s_docstring_names_its_files():
+    for folder in {path.parent for path in LIBRARY} - {ROOT / "softdyn"}:
+        text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+        own = {path.stem for path in LIBRARY if path.parent == folder} - {"__init__"}
+        assert {name for name in own if f"`{name}`" not in text} == set(), folder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import warnings
 from typing import Any, NamedTuple
 
@@ -132,6 +133,25 @@ def memory(data: pin.Data) -> tuple[Memory, bool]:
         stacklevel=2,
     )
     return Memory(*(np.array(array, order="C") for array in found)), False
+
+
+class Scratch(threading.local):
+    """Pinocchio's memory of one thread: each thread that asks gets its own.
+
+    Attributes
+    ----------
+    data : pinocchio.Data
+        What the algorithms write to.
+    memory, in_view : Memory, bool
+        Of `memory`.
+    arguments : tuple
+        What the State's kernel reads, filled by the first State.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()
+        self.memory, self.in_view = memory(self.data)
+        self.arguments: tuple[Any, ...] = ()
 
 
 def _read(data: pin.Data) -> Memory:

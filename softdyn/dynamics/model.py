@@ -21,8 +21,8 @@ from softdyn.dynamics.tendons import Tendons
 class SoftModel(Protocol):
     """The analytic dynamics of an annotated robot.
 
-    A model owns scratch memory: use one per thread. States are independent of it. With n = nv
-    degrees of freedom and m = nu inputs; SI units, radians.
+    A model keeps scratch memory for each thread that uses it; States are independent of it. With
+    n = nv degrees of freedom and m = nu inputs; SI units, radians.
 
     Attributes
     ----------

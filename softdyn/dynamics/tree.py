@@ -13,7 +13,7 @@ from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
-from softdyn.dynamics.engine import BASE, build_engine, free_joint, memory, moved_bodies
+from softdyn.dynamics.engine import BASE, Scratch, build_engine, free_joint, moved_bodies
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.tendons import compile_tendons
 from softdyn.exceptions import InputError
@@ -34,7 +34,7 @@ class TreeModel(SoftModel):
     pin_model : pinocchio.Model
         The engine's model of the same file.
     pin_data : pinocchio.Data
-        Its scratch memory.
+        Its scratch memory, of the thread that asks.
     gear : ndarray, (m,)
         Of each input: force along its tendon for an input of 1.
     actuated : ndarray of int, (m,)
@@ -60,16 +60,17 @@ class TreeModel(SoftModel):
         self.u_min = read_only([actuator.lower for actuator in robot.actuators])
         self.u_max = read_only([actuator.upper for actuator in robot.actuators])
 
-        # the base's six degrees of freedom have no spring, damper, armature or limit
-        joints = dict.fromkeys(base, free_joint(robot)) | {j.name: j for j in robot.joints}
-        ordered = [joints[name] for name in self.joint_names]
+        # the base's six degrees of freedom have no spring, damper, armature or limit, whatever
+        # the file's joints are called
+        joints = {joint.name: joint for joint in robot.joints}
+        ordered = [free_joint(robot)] * len(base)
+        ordered += [joints[name] for name in self.joint_names[len(base) :]]
         self.lower, self.upper, self.stiffness, self.rest, self.damping, self.armature = (
             read_only([getattr(joint, field) for joint in ordered])
             for field in ("lower", "upper", "stiffness", "rest", "damping", "armature")
         )
         model.armature = self.armature.copy()
-        self.pin_data = model.createData()
-        self._memory, self._in_view = memory(self.pin_data)
+        self._scratch = Scratch(model)
 
         # the joint of each degree of freedom
         self._bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
@@ -117,11 +118,11 @@ class TreeModel(SoftModel):
             ),
             coefficients=tendons.coefficients,
         )
-        self._arguments: tuple[Any, ...] = (*self._memory, *constants)
+        self._constants: tuple[Any, ...] = constants
         self._fill: Callable[..., None] = kernels.fixed_terms
         rows, self._tip_and_lengths = self.nv + kernels.JOINT_TERMS, 6 + len(tendons.names)
         if tendons.spatial:
-            self._arguments += (*tendons.segments, self.actuated, self.gear.copy())
+            self._constants += (*tendons.segments, self.actuated, self.gear.copy())
             self._fill = kernels.spatial_terms
             rows += len(tendons.names) + self.nu
         self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
@@ -133,17 +134,20 @@ class TreeModel(SoftModel):
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v)."""
         q, v = vector("q", q, self.nq), vector("v", v, self.nv)
-        pin.nonLinearEffects(self.pin_model, self.pin_data, q, v)
-        return self._assemble(q, v)
+        scratch = self._scratch
+        pin.nonLinearEffects(self.pin_model, scratch.data, q, v)
+        return self._assemble(q, v, scratch)
 
-    def _by_kernel(self, q: np.ndarray, v: np.ndarray) -> State:
+    def _by_kernel(self, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
         """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
-        pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
-        if not self._in_view:
-            self._memory.copy_from(self.pin_data)
+        pin.computeCentroidalMap(self.pin_model, scratch.data, q)
+        if not scratch.in_view:
+            scratch.memory.copy_from(scratch.data)
+        if not scratch.arguments:
+            scratch.arguments = (*scratch.memory, *self._constants)
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
-        self._fill(joint_rows, tip_and_lengths, v, coordinates, *self._arguments)
+        self._fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -159,9 +163,9 @@ class TreeModel(SoftModel):
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
 
-    def _in_numpy(self, q: np.ndarray, v: np.ndarray) -> State:
+    def _in_numpy(self, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
         """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
-        model, data = self.pin_model, self.pin_data
+        model, data = self.pin_model, scratch.data
         M = pin.crba(model, data, q, pin.Convention.WORLD).reshape(self.nv, self.nv)
         pin.computeJointJacobiansTimeVariation(model, data, q, v)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -276,11 +280,17 @@ class TreeModel(SoftModel):
 
     # -- the engine ----------------------------------------------------------------------------
 
+    @property
+    def pin_data(self) -> pin.Data:
+        """Pinocchio's scratch memory, of the thread that asks."""
+        return self._scratch.data
+
     def placements(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (bodies, 3, 3), translations (bodies, 3) of the engine's last kinematics."""
-        if not self._in_view:
-            self._memory.copy_from(self.pin_data)
-        return self._memory.rotations, self._memory.translations
+        scratch = self._scratch
+        if not scratch.in_view:
+            scratch.memory.copy_from(scratch.data)
+        return scratch.memory.rotations, scratch.memory.translations
 
     def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
         """Joint Jacobian columns (v; ω) about the world's origin (6, n)."""

@@ -71,6 +71,9 @@ class Viewer:
         if self._error is not None:
             raise InputError("--port", "a free port", f"{port}: {self._error}") from self._error
 
+    def __reduce_ex__(self, _protocol: Any) -> str:
+        raise TypeError("a live page cannot be copied: make another Viewer of its page")
+
     def __enter__(self) -> Viewer:
         return self
 

@@ -47,6 +47,30 @@ def test_layout(pair):
     assert model.bundled is None
 
 
+def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
+    """Springs, dampers, limits and armature stay with the joint, in both engines."""
+    import xml.etree.ElementTree as ElementTree
+
+    plain = softdyn.load(write(tmp_path, FLOATING), floating=True)
+    tree = ElementTree.fromstring(FLOATING)
+    names = [j.get("name") for j in tree.iter("joint") if j.get("type") not in (None, "fixed")]
+    renamed = FLOATING
+    for old, new in zip(names, ("base_wz", "base_vx", "base_wx"), strict=False):
+        renamed = renamed.replace(f'"{old}"', f'"{new}"')
+    assert renamed != FLOATING
+    model = softdyn.load(write(tmp_path, renamed), floating=True)
+    for field in ("stiffness", "rest", "damping", "armature", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(model, field), getattr(plain, field))
+    assert np.isinf(model.lower[:6]).all()
+    q, v = random_state(plain, np.random.default_rng(3))
+    for term in ("M", "h", "B", "K", "D"):
+        np.testing.assert_array_equal(
+            getattr(model.state(q, v), term), getattr(plain.state(q, v), term)
+        )
+    result = crosscheck(model, samples=2)
+    assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+
+
 def test_there_and_back(pair):
     model, _, states = pair
     for seed in range(5):
