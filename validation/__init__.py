@@ -14,6 +14,7 @@
 Imports point one way: report, timing and fuzzing → studies → oracles → loop and crosschecks → twin.
 """
 
+from softdyn.validation.comparison.comparison import compare
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
@@ -21,4 +22,4 @@ from softdyn.validation.studies import paper
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
-__all__ = ["Log", "StateMap", "Twin", "crosscheck", "paper", "simulate"]
+__all__ = ["Log", "StateMap", "Twin", "compare", "crosscheck", "paper", "simulate"]

@@ -1,0 +1,224 @@
+"""Two files of one robot: no false alarm, and a planted defect is named and nothing else."""
+
+import json
+import subprocess
+import sys
+from collections import Counter
+
+import numpy as np
+import pytest
+from lxml import etree
+
+import softdyn
+from softdyn.commands import compare as compare_command
+from softdyn.description.library import find
+from softdyn.validation import compare
+from tests.support import SCRIPTS, defects, pair_robots
+
+KEYS = {"a", "b", "matched", "causes", "residual", "passed"}
+
+
+def planted(folder, text, table, *plants):
+    """A file of the robot with defects (kind, joint)."""
+    root = etree.fromstring(text.encode())
+    for kind, k in plants:
+        table[kind](root, k)
+    suffix = "urdf" if root.tag == "robot" else "xml"
+    path = folder / f"planted.{suffix}"
+    path.write_bytes(etree.tostring(root))
+    return path
+
+
+@pytest.fixture
+def pair(tmp_path):
+    """The robot's two files."""
+    paths = tmp_path / "pair.urdf", tmp_path / "pair.xml"
+    for path, text in zip(paths, (pair_robots.URDF, pair_robots.MJCF), strict=True):
+        path.write_text(text)
+    return paths
+
+
+def kinds(result):
+    return Counter(cause.kind for cause in result.causes)
+
+
+def test_clean_pairs(pair):
+    for a in pair:
+        for b in pair:
+            result = compare(a, b, strict=True)
+            assert result.passed, str(result)
+            assert not result.causes
+            assert max(result.residual.values()) < 1e-12
+            assert len(result.matched) == 3
+
+
+MOVES = ("mass", "centre", "inertia", "axis", "zero", "pose", "armature", "friction")
+
+
+@pytest.mark.parametrize("kind", [*MOVES, "tendon", "actuator"])
+@pytest.mark.parametrize("side", ["urdf", "mjcf"])
+def test_a_planted_defect_is_named_and_nothing_else(tmp_path, pair, side, kind):
+    urdf = side == "urdf"
+    table = defects.URDF if urdf else defects.MJCF
+    text = pair_robots.URDF if urdf else pair_robots.MJCF
+    for k in range(3):
+        wrong = planted(tmp_path, text, table, (kind, k))
+        for good in pair:
+            for files in ((good, wrong), (wrong, good)):
+                result = compare(*files)
+                assert kinds(result) == {kind: 1}, (k, str(result))
+                assert result.explained
+                assert result.passed == result.causes[0].one_sided
+
+
+@pytest.mark.parametrize(
+    "plants",
+    [
+        [("mass", 0), ("zero", 1), ("axis", 2)],
+        [("centre", 1), ("pose", 1), ("inertia", 2)],
+        [("zero", 0), ("centre", 2), ("friction", 1)],
+        [("axis", 0), ("axis", 1), ("armature", 2)],
+        [("pose", 0), ("mass", 0), ("inertia", 0)],
+    ],
+)
+def test_three_at_once(tmp_path, pair, plants):
+    for table, text in ((defects.URDF, pair_robots.URDF), (defects.MJCF, pair_robots.MJCF)):
+        wrong = planted(tmp_path, text, table, *plants)
+        for good in pair:
+            result = compare(good, wrong)
+            assert kinds(result) == Counter(kind for kind, _ in plants), str(result)
+            assert result.explained
+
+
+def test_base_and_order(tmp_path, pair):
+    turned = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("base", 0))
+    result = compare(pair[1], turned)
+    # one joint carries all: a turned base is a turned first joint
+    assert set(kinds(result)) <= {"base", "pose"}
+    assert result.explained
+    swapped = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("order", 0))
+    for a in pair:
+        result = compare(a, swapped)
+        assert kinds(result) == {"order": 1} or a.suffix == ".urdf"
+        assert result.explained
+
+
+def test_the_values_and_effects_are_said(tmp_path, pair):
+    wrong = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("mass", 2), ("zero", 0))
+    result = compare(pair[0], wrong)
+    found = {cause.kind: cause for cause in result.causes}
+    assert found["mass"].where == "jaw"
+    assert (found["mass"].a, found["mass"].b) == (0.3, pytest.approx(0.309))
+    assert found["zero"].where == "lift"
+    assert found["zero"].b == pytest.approx(-0.1)
+    assert found["zero"].effect["tip"] > 1e-3
+    assert found["mass"].effect["M"] > 1e-3
+    assert [step.repaired for step in result.waterfall] == ["as is", "zero", "mass"]
+    for name in ("M", "bias", "g"):
+        assert result.waterfall[0].left[name] > result.waterfall[-1].left[name]
+
+
+def test_a_link_fixed_to_another_is_named(tmp_path, pair):
+    heavier = pair_robots.URDF.replace('<mass value="0.2"/>', '<mass value="0.206"/>')
+    wrong = tmp_path / "heavier.urdf"
+    wrong.write_text(heavier)
+    for good in pair:  # the MJCF has the weight lumped into the arm
+        result = compare(wrong, good)
+        assert [(c.kind, c.where) for c in result.causes] == [("mass", "weight")]
+
+
+def test_one_sided_fails_only_when_strict(tmp_path, pair):
+    bare = tmp_path / "bare.urdf"
+    text = pair_robots.URDF
+    bare.write_text(text[: text.index("  <softdyn")] + "</robot>")
+    result = compare(bare, pair[1])
+    assert result.passed
+    assert kinds(result) == {"armature": 2, "tendon": 1, "actuator": 1}
+    assert all(cause.one_sided for cause in result.causes)
+    assert not compare(bare, pair[1], strict=True).passed
+
+
+def test_joints_are_matched_by_like_names_and_by_kinematics(tmp_path, pair):
+    renamed = pair_robots.MJCF
+    for name, other in (("lift", "LiftJoint"), ("slide", "joint_slide"), ("swing", "x7")):
+        renamed = renamed.replace(f'name="{name}"', f'name="{other}"')
+    path = tmp_path / "renamed.xml"
+    path.write_text(renamed)
+    result = compare(pair[0], path)
+    assert result.passed, str(result)
+    assert result.matched == {"lift": "LiftJoint", "slide": "joint_slide", "swing": "x7"}
+    assert result.how == {"lift": "like name", "slide": "like name", "swing": "kinematics"}
+    # a map overrides; one that contradicts the trees, or names nothing, is refused
+    assert compare(pair[0], path, mapping={"swing": "x7"}).how["swing"] == "map"
+    for mapping in (
+        {"swing": "y"},
+        {"y": "x7"},
+        {"lift": "joint_slide"},
+        {"lift": "x7", "swing": "LiftJoint"},
+    ):
+        with pytest.raises(softdyn.InputError):
+            compare(pair[0], path, mapping=mapping)
+
+
+def test_a_robot_with_and_without_its_hand(tmp_path, pair):
+    root = etree.fromstring(pair_robots.MJCF.encode())
+    jaw = next(body for body in root.iter("body") if body.get("name") == "jaw")
+    jaw.getparent().remove(jaw)
+    path = tmp_path / "handless.xml"
+    path.write_bytes(etree.tostring(root))
+    result = compare(pair[0], path)
+    assert result.passed, str(result)
+    assert result.unmatched == {"a": ["slide"], "b": []}
+    # and with the hand held still: welded, not left out
+    held = etree.fromstring(pair_robots.MJCF.encode())
+    joint = next(j for j in held.iter("joint") if j.get("name") == "slide")
+    joint.getparent().remove(joint)
+    path.write_bytes(etree.tostring(held))
+    assert compare(pair[0], path).passed
+
+
+def test_another_robot_is_refused(pair):
+    result = compare(pair[0], "finger")
+    assert not result.matched
+    assert not result.passed
+    assert "two robots" in str(result)
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob"])
+def test_bundled_robots(tmp_path, name):
+    good = find(name)
+    text = good.read_text(encoding="utf-8")
+    rng = np.random.default_rng(0)
+    count = len(defects.joints(etree.fromstring(text.encode())))
+    for kind in ("zero", "axis", "armature", "actuator", *(["tendon"] * (name == "spirob"))):
+        wrong = planted(tmp_path, text, defects.URDF, (kind, int(rng.integers(count))))
+        assert kinds(compare(good, wrong)) == {kind: 1}
+    assert compare(good, good, strict=True).passed
+
+
+def test_the_command(tmp_path, pair, capsys):
+    wrong = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("mass", 1))
+    command = [sys.executable, str(SCRIPTS / "compare.py")]
+    done = subprocess.run(
+        [*command, *map(str, pair), "--json", "-"], capture_output=True, text=True
+    )
+    report = json.loads(done.stdout)
+    assert (done.returncode, report["passed"]) == (0, True)
+    assert report.keys() >= KEYS
+
+    def run(*words):
+        code = compare_command.main([str(word) for word in words])
+        return code, *capsys.readouterr()
+
+    code, out, _ = run(pair[0], wrong, "--json", "-")
+    report = json.loads(out)
+    assert code == 1
+    assert [(c["kind"], c["where"]) for c in report["causes"]] == [("mass", "whip")]
+    assert report["causes"][0]["effect"]["M"] > 1e-6
+    (tmp_path / "map.toml").write_text('swing = "nothing"')
+    code, out, err = run(*pair, "--map", tmp_path / "map.toml")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert run(pair[0])[0] == 2
+    code, out, _ = run(*pair)
+    assert code == 0
+    assert "the files agree" in out

@@ -1,0 +1,6 @@
+"""Two files of one robot, URDF or MJCF: one neutral form, matching, causes, substitution.
+
+`neutral` is the form, `from_urdf` and `from_mjcf` fill it, `terms` computes its dynamics without an
+engine, `matching` pairs the joints, `geometry` and `parameters` name the causes, `comparison` puts
+them together, `result` is what it found.
+"""

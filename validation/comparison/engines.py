@@ -1,0 +1,118 @@
+"""Each file through its own engine: the neutral form's M, bias and g against Pinocchio or MuJoCo.
+
+What a comparison says about two neutral forms holds for the engines as far as these errors go.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from softdyn.description.library import find
+from softdyn.dynamics.model import SoftModel
+from softdyn.loading import load
+from softdyn.validation.comparison.comparison import neutral
+from softdyn.validation.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.comparison.mjcf_file import is_mjcf, read_mjcf
+from softdyn.validation.comparison.neutral import FREEDOMS, Neutral
+from softdyn.validation.comparison.terms import Terms, evaluate, random_states, rotations
+
+Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
+
+
+def engine_errors(source: str | Path, *, samples: int = 8, seed: int = 0) -> dict[str, float]:
+    """How far an engine that reads the file is from the neutral form.
+
+    Parameters
+    ----------
+    source : str or Path
+        A URDF without mimic joints, for Pinocchio; an MJCF, for MuJoCo.
+    samples, seed : int
+        Number of random states, and their seed.
+
+    Returns
+    -------
+    dict[str, float]
+        Relative errors of ``M``, ``bias``, ``g``, by the largest entry of each or of M; none for a
+        URDF with mimic joints, which Pinocchio's model has no coordinates for.
+
+    Raises
+    ------
+    UrdfError, InputError
+        For a file that cannot be used.
+    """
+    path, robot = find(source), neutral(source)
+    if robot.format == "urdf" and robot.couplings:
+        return {}
+    states = random_states(robot, samples, seed)
+    terms = evaluate(robot, states)
+    if is_mjcf(path):
+        judge = _Mujoco(robot, compile_mjcf(read_mjcf(path)))
+        answers = [judge.at([q[k] for q in states.q], states.v[k]) for k in range(samples)]
+    else:
+        model = load(path)
+        answers = [
+            _pinocchio(model, robot, [q[k] for q in states.q], states.v[k]) for k in range(samples)
+        ]
+    return _errors(terms, answers)
+
+
+def _errors(terms: Terms, answers: list[Answer]) -> dict[str, float]:
+    found = {}
+    inertia = float(np.abs(terms.M).max(initial=0.0)) or 1.0  # times 1 rad/s², for forces
+    for index, name in enumerate(("M", "bias", "g")):
+        ours = getattr(terms, name)
+        theirs = np.array([answer[index] for answer in answers])
+        scale = max(float(np.abs(theirs).max(initial=0.0)), inertia)
+        found[name] = float(np.abs(ours - theirs).max(initial=0.0)) / scale
+    return found
+
+
+def _pinocchio(model: SoftModel, robot: Neutral, q: list[np.ndarray], v: np.ndarray) -> Answer:
+    names = [part.name for part in robot.parts]
+    order = [names.index(name) for name in model.joint_names]
+    back = np.argsort(order)
+    coordinates = np.array([value[0] for value in q])[order]
+    state = model.state(model.configuration(coordinates), v[order])
+    return state.M[np.ix_(back, back)], state.bias[back], state.g[back]
+
+
+class _Mujoco:
+    """A compiled MJCF, asked in the coordinates of the neutral form."""
+
+    def __init__(self, robot: Neutral, model: mujoco.MjModel) -> None:
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self._parts, self._model, self._data = robot.parts, model, mujoco.MjData(model)
+        # angular velocities of balls and free bases: the body's axes against the root's at zero
+        self._turn = np.eye(model.nv)
+        first = 0
+        for part in robot.parts:
+            last = first + FREEDOMS[part.kind]
+            if part.kind in ("ball", "free"):
+                self._turn[last - 3 : last, last - 3 : last] = part.pose.rotation.T
+            first = last
+
+    def at(self, q: list[np.ndarray], v: np.ndarray) -> Answer:
+        """M, bias, g of the whole model at one state."""
+        qpos: list[np.ndarray] = []
+        for part, value in zip(self._parts, q, strict=True):
+            if part.kind in ("ball", "free"):
+                zero = part.pose.rotation
+                turn = zero.T @ rotations(value[-3:]) @ zero
+                quaternion = np.empty(4)
+                mujoco.mju_mat2Quat(quaternion, turn.ravel())
+                qpos += [value[:-3], quaternion]
+            else:
+                qpos.append(value)
+        data, model = self._data, self._model
+        data.qpos[:] = np.concatenate(qpos)
+        answers = []
+        for velocity in (v, np.zeros_like(v)):
+            data.qvel[:] = self._turn @ velocity
+            mujoco.mj_forward(model, data)
+            answers.append(self._turn.T @ data.qfrc_bias)
+        M = np.empty((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, M)
+        return self._turn.T @ M @ self._turn, answers[0], answers[1]

@@ -1,0 +1,255 @@
+"""An MJCF read strictly, before MuJoCo sees it: one text, and the meshes that it needs.
+
+Includes are put in place here, and only from the folder of the main file and those below it. What
+no dynamics depend on is left out (pictures, sensors, contacts, keyframes, shapes of bodies whose
+inertia is given), so that a comparison needs no mesh but those that inertias come from, and
+MuJoCo opens no file at all.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from lxml import etree
+
+from softdyn.description.strict_xml import MAX_BYTES, Element, read
+from softdyn.exceptions import UrdfError, one_line
+
+MAX_ELEMENTS = 100_000
+MAX_COPIES = 1024  # of a <replicate>, nested ones multiplied
+MAX_DEPTH = 200
+MAX_FILES = 64
+MAX_MESHES = 512 * 2**20
+NOT_FINITE = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.IGNORECASE | re.ASCII)
+WORDS = {"name", "class", "childclass", "file", "model", "content_type", "prefix"}
+REFUSED = ("composite", "flexcomp", "flex", "plugin", "attach", "model", "extension")
+NO_DYNAMICS = (
+    "sensor",
+    "contact",
+    "keyframe",
+    "visual",
+    "statistic",
+    "custom",
+    "size",
+    "deformable",
+)
+NO_SHAPES = ("texture", "material", "skin", "hfield", "camera", "light")
+
+
+@dataclass(frozen=True)
+class Mjcf:
+    """A file that was judged: its text, and the content of the meshes that it needs, by name."""
+
+    path: Path
+    text: str
+    meshes: dict[str, bytes]
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether the root element is MJCF's; any other file is for the URDF reader to judge."""
+    return read(path, "URDF or MJCF").tag == "mujoco"
+
+
+def read_mjcf(path: Path) -> Mjcf:
+    """Read an MJCF with its includes.
+
+    Raises
+    ------
+    UrdfError
+        Malformed, too large, a number that is not finite, an include or a needed mesh that is
+        missing or lies outside the file's folder, or what a comparison does not support.
+    """
+    root = read(path, "MJCF")
+    if root.tag != "mujoco":
+        raise root.error("the root element <mujoco>", f"<{root.tag}>")
+    _include(root.node, path, path.resolve().parent, [path.resolve()])
+    main = Element(path, root.node, "<mujoco>")
+    _judge(main)
+    folder, strip = _mesh_folder(root.node)
+    _strip(root.node)
+    meshes = _meshes(main, folder, strip)
+    return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes)
+
+
+def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
+    """The file `name` (relative) stands for; neither it nor what it links to leaves `folder`."""
+    absolute = PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name
+    try:
+        target = (folder / name).resolve()
+        found = not absolute and "\0" not in name and target.is_relative_to(folder)
+    except (OSError, ValueError, RuntimeError):
+        found = False
+    if not found:
+        raise element.error(f"a file in the folder of {one_line(file)}", repr(name))
+    return target
+
+
+def _include(node: etree._Element, path: Path, folder: Path, opened: list[Path]) -> None:
+    """Replace every <include> by the children of the root element of its file."""
+    for place in list(node.iter("include")):
+        element = Element(path, place, one_line(f'<include file="{place.get("file")}">'))
+        target = inside(path, element, folder, element.text("file"))
+        if target in opened:
+            raise element.error("a file that was not included before", repr(place.get("file")))
+        if len(opened) >= MAX_FILES:
+            raise element.error(f"at most {MAX_FILES} files", "more")
+        opened.append(target)
+        content = read(target, "MJCF").node
+        _include(content, target, folder, opened)
+        parent = place.getparent()
+        if parent is None:
+            raise element.error("the root element <mujoco>", "<include>")
+        at = parent.index(place)
+        parent[at : at + 1] = list(content)
+
+
+def _judge(root: Element) -> None:
+    """Refuse what is too large, not finite, or not supported."""
+    copies: dict[etree._Element, int] = {}
+    depth: dict[etree._Element, int] = {}
+    for count, node in enumerate(root.node.iter()):
+        if not isinstance(node.tag, str):
+            continue
+        element = Element(root.file, node, one_line(f"<{node.tag}>"))
+        if count >= MAX_ELEMENTS:
+            raise element.error(f"at most {MAX_ELEMENTS} elements", "more")
+        above = node.getparent()
+        depth[node] = 0 if above is None else depth[above] + 1
+        if depth[node] > MAX_DEPTH:
+            raise element.error(f"at most {MAX_DEPTH} elements inside each other", "more")
+        copies[node] = 1 if above is None else copies[above]
+        if node.tag in REFUSED:
+            raise element.error("elements that a comparison supports", f"<{node.tag}>")
+        if node.tag == "replicate":
+            copies[node] *= max(1, int(element.number("count")))
+            if copies[node] > MAX_COPIES:
+                raise element.error(f"at most {MAX_COPIES} copies", copies[node])
+        for name, value in node.attrib.items():
+            text = str(value)
+            if str(name) not in WORDS and (NOT_FINITE.search(text) or _overflows(text)):
+                raise element.error(f"finite numbers as {one_line(name)}", repr(one_line(text)))
+
+
+def _overflows(text: str) -> bool:
+    """Whether a number in an attribute is too large for a float."""
+    if "e" not in text and "E" not in text and len(text) < 300:
+        return False
+    for word in text.split():
+        try:
+            if not math.isfinite(float(word)):
+                return True
+        except ValueError:
+            continue
+    return False
+
+
+def _mesh_folder(root: etree._Element) -> tuple[str, bool]:
+    """Where meshes are, relative to the file, and whether their own folders do not count."""
+    folder, strip = "", False
+    for compiler in root.iter("compiler"):
+        folder = compiler.get("assetdir") or folder
+        folder = compiler.get("meshdir") or folder
+        strip = compiler.get("strippath", str(strip)).lower() == "true"
+        for name in ("meshdir", "assetdir", "texturedir", "strippath"):
+            _drop(compiler, name)
+    return folder, strip
+
+
+def _strip(root: etree._Element) -> None:
+    """Leave out what no dynamics depend on."""
+    for node in list(root):
+        if not isinstance(node.tag, str) or node.tag in NO_DYNAMICS:
+            root.remove(node)
+    for node in list(root.iter(*NO_SHAPES, etree.Comment, etree.ProcessingInstruction)):
+        _remove(node)
+    for node in root.iter():
+        for attribute in ("material", "texture", "hfield"):
+            _drop(node, attribute)
+    by_shapes = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
+    total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
+    wrapped = {
+        str(node.get(attribute))
+        for tendon in root.iter("spatial")
+        for node in tendon.iter("geom")
+        for attribute in ("geom", "sidesite")
+    }
+    for world in list(root.iter("worldbody")):
+        for geom in _needless(world, moving=False, by_shapes=by_shapes, total=total):
+            if geom.get("name") not in wrapped:
+                _remove(geom)
+    used = {node.get("mesh") for tag in ("geom", "site") for node in root.iter(tag)}
+    for mesh in list(root.iter("mesh")):
+        name = mesh.get("name") or PurePosixPath(mesh.get("file") or "").stem
+        above = mesh.getparent()
+        if name not in used and above is not None and above.tag == "asset":
+            _remove(mesh)
+
+
+def _needless(
+    node: etree._Element, *, moving: bool, by_shapes: bool, total: bool
+) -> Iterator[etree._Element]:
+    """Shapes of bodies whose inertia is given, or that never move."""
+    own = list(_own(node))
+    moving = moving or any(child.tag in ("joint", "freejoint") for child in own)
+    given = any(child.tag == "inertial" for child in own) and not by_shapes
+    if given or not (moving or total):
+        yield from (child for child in own if child.tag == "geom")
+    for child in own:
+        if child.tag == "body":
+            yield from _needless(child, moving=moving, by_shapes=by_shapes, total=total)
+
+
+def _own(node: etree._Element) -> Iterator[etree._Element]:
+    """What stands in a body, also inside <frame> and <replicate>."""
+    for child in node:
+        if child.tag in ("frame", "replicate"):
+            yield from _own(child)
+        else:
+            yield child
+
+
+def _drop(node: etree._Element, attribute: str) -> None:
+    if attribute in node.attrib:
+        del node.attrib[attribute]
+
+
+def _remove(node: etree._Element) -> None:
+    above = node.getparent()
+    if above is not None:
+        above.remove(node)
+
+
+def _meshes(root: Element, folder: str, strip: bool) -> dict[str, bytes]:
+    """Content of the meshes still named, which get names of their own in the text."""
+    found: dict[str, bytes] = {}
+    size = 0
+    base = root.file.resolve().parent
+    for node in root.node.iter("mesh"):
+        name = node.get("file")
+        if name is None:
+            continue
+        element = Element(root.file, node, one_line(f'<mesh file="{name}">'))
+        if strip:
+            name = PurePosixPath(name).name
+        target = inside(root.file, element, base, str(PurePosixPath(folder) / name))
+        try:
+            with target.open("rb") as file:
+                content = file.read(MAX_MESHES - size + 1)
+        except OSError as error:
+            raise element.error("a mesh to read", error.strerror or error) from None
+        size += len(content)
+        if size > MAX_MESHES:
+            raise element.error(f"meshes of at most {MAX_MESHES} bytes", "more")
+        key = f"mesh{len(found)}{target.suffix.lower()}"
+        if node.get("name") is None:
+            node.set("name", PurePosixPath(name).stem)
+        node.set("file", key)
+        found[key] = content
+    return found
+
+
+__all__ = ["MAX_BYTES", "Mjcf", "UrdfError", "is_mjcf", "read_mjcf"]

@@ -1,0 +1,307 @@
+"""The neutral form of a robot: joints as screws and bodies as lumps, all at zero in one frame.
+
+Every vector is in the axes of the root at q = 0 and from its origin, so that no link frame of a
+file enters: what two files call the same robot has the same numbers here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from softdyn.description.inertia import Inertia
+
+WORLD = -1  # the parent of what hangs on the fixed root
+FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid displacement x → rotation x + translation (3, 3), (3,)."""
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.at(other.translation))
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Where a point (…, 3) goes."""
+        return point @ self.rotation.T + self.translation
+
+    @property
+    def inverse(self) -> Pose:
+        """The displacement back."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    @property
+    def angle(self) -> float:
+        """Angle of the rotation (rad), accurate near zero."""
+        skew = self.rotation - self.rotation.T
+        sine = math.hypot(skew[2, 1], skew[0, 2], skew[1, 0]) / 2
+        return math.atan2(sine, (float(np.trace(self.rotation)) - 1) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A joint and the body that it moves, links fixed to it lumped in.
+
+    Attributes
+    ----------
+    name, link : str
+        Of the joint, and of the link whose frame is `pose`; no link of a massless intermediate.
+    kind : str
+        ``hinge``, ``slide``, ``ball`` or ``free``.
+    parent : int
+        Index of the part that carries it, or `WORLD`.
+    axis, point : np.ndarray, (3,)
+        Unit vector, and a point on the axis (m).
+    pieces : tuple of (str, Inertia)
+        What the body is made of: its own link and those fixed to it, by name.
+    lower, upper, effort : float
+        Limits (rad, m) and the largest force (N, N·m); infinite where the file states none.
+    """
+
+    name: str
+    link: str
+    kind: str
+    parent: int
+    axis: np.ndarray
+    point: np.ndarray
+    pieces: tuple[tuple[str, Inertia], ...]
+    pose: Pose
+    lower: float = -math.inf
+    upper: float = math.inf
+    effort: float = math.inf
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+    @cached_property
+    def inertia(self) -> Inertia:
+        """Of the whole body."""
+        return sum((piece for _, piece in self.pieces), Inertia.zero())
+
+    def moved(self, by: Pose, *, joint: bool = True) -> Part:
+        """The same part displaced; with `joint` False its axis stays."""
+        pieces = tuple(
+            (name, piece.moved(by.rotation, by.translation)) for name, piece in self.pieces
+        )
+        found = replace(self, pieces=pieces, pose=by @ self.pose)
+        if joint:
+            found = replace(found, axis=by.rotation @ self.axis, point=by.at(self.point))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A named frame or site on a part, or on the root."""
+
+    part: int
+    pose: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point (3,) of a cable's path on a part, or on the root; `around` is what it wraps there."""
+
+    part: int
+    xyz: np.ndarray
+    around: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Cable:
+    """A tendon: fixed (`terms`: joint → coefficient) or along `path`."""
+
+    name: str
+    terms: dict[str, float]
+    path: tuple[Point, ...]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Motor:
+    """An actuator: what it acts on (``tendon:name``, ``joint:name``), gear and range of the input.
+
+    `law` says how the force follows from the input where it is not the input itself.
+    """
+
+    name: str
+    target: str
+    gear: float
+    lower: float
+    upper: float
+    law: str = ""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A joint that follows another: q = multiplier · q_leader + offset."""
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class Neutral:
+    """A robot in the neutral form; parents stand before their children.
+
+    Attributes
+    ----------
+    format : str
+        ``urdf`` or ``mjcf``.
+    orders : tuple of tuple of str
+        The orders of joints that the file may be read in; MJCF knows one.
+    frames : dict[str, Frame]
+        By name, links and sites that are no part's own link.
+    notes : tuple of str
+        What was left out.
+    """
+
+    path: Path
+    format: str
+    parts: tuple[Part, ...]
+    frames: dict[str, Frame] = field(default_factory=dict)
+    cables: tuple[Cable, ...] = ()
+    motors: tuple[Motor, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    gravity: np.ndarray = field(default_factory=lambda: GRAVITY)
+    orders: tuple[tuple[str, ...], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """Extent of the robot at zero (m), never zero."""
+        points = [part.point for part in self.parts] + [part.inertia.com for part in self.parts]
+        spread = np.ptp(np.array(points), axis=0) if points else np.zeros(3)
+        return float(np.linalg.norm(spread)) or 1.0
+
+    @property
+    def nv(self) -> int:
+        """Degrees of freedom."""
+        return sum(FREEDOMS[part.kind] for part in self.parts)
+
+    def children(self, index: int) -> list[int]:
+        """Parts that a part, or the root, carries."""
+        return [k for k, part in enumerate(self.parts) if part.parent == index]
+
+    def subtree(self, index: int) -> list[int]:
+        """A part and all beyond it; all parts for the root."""
+        found = {index}
+        for k, part in enumerate(self.parts):
+            if part.parent in found:
+                found.add(k)
+        return sorted(found - {WORLD})
+
+    def with_part(self, index: int, part: Part) -> Neutral:
+        """The robot with one part replaced."""
+        return replace(self, parts=(*self.parts[:index], part, *self.parts[index + 1 :]))
+
+    def displaced(self, index: int, by: Pose, *, joint: bool = True) -> Neutral:
+        """All that a part carries displaced; with `joint` False its own axis stays."""
+        moving = set(self.subtree(index)) | {index}
+
+        def place(part: int, pose: Pose) -> Pose:
+            return by @ pose if part in moving else pose
+
+        parts = tuple(
+            part.moved(by, joint=part.kind != "free" and (joint or k != index))
+            if k in moving
+            else part
+            for k, part in enumerate(self.parts)
+        )
+        frames = {
+            name: replace(frame, pose=place(frame.part, frame.pose))
+            for name, frame in self.frames.items()
+        }
+        cables = tuple(
+            replace(
+                cable,
+                path=tuple(
+                    replace(p, xyz=by.at(p.xyz)) if p.part in moving else p for p in cable.path
+                ),
+            )
+            for cable in self.cables
+        )
+        return replace(self, parts=parts, frames=frames, cables=cables)
+
+    def arranged(self, kept: list[int], welded: set[int]) -> Neutral:
+        """Parts in the order `kept`, the others left out; those `welded` join their parent.
+
+        `kept` has parents before children; what was welded or left out keeps no joint.
+        """
+        lumps = {k: self.parts[k].pieces for k in kept}
+        carrier = {WORLD: WORLD}
+        for k, part in enumerate(self.parts):
+            carrier[k] = k if k in lumps else carrier[part.parent]
+            if k in welded and carrier[k] in lumps:
+                lumps[carrier[k]] += part.pieces
+        place = {old: new for new, old in enumerate(kept)} | {WORLD: WORLD}
+        names = {self.parts[k].name for k in kept}
+
+        def on(index: int) -> int:
+            return place[carrier[index]]
+
+        parts = tuple(
+            replace(self.parts[k], pieces=lumps[k], parent=on(self.parts[k].parent)) for k in kept
+        )
+        gone = set(range(len(self.parts))) - set(kept) - welded
+        frames = {
+            name: Frame(on(f.part), f.pose) for name, f in self.frames.items() if f.part not in gone
+        }
+        frames |= {
+            self.parts[k].link: Frame(on(k), self.parts[k].pose)
+            for k in welded
+            if self.parts[k].link
+        }
+        cables = tuple(
+            replace(cable, path=tuple(replace(p, part=on(p.part)) for p in cable.path))
+            for cable in self.cables
+            if set(cable.terms) <= names and not gone.intersection(p.part for p in cable.path)
+        )
+        couplings = tuple(c for c in self.couplings if {c.joint, c.leader} <= names)
+        targets = {f"joint:{name}" for name in names} | {f"tendon:{c.name}" for c in cables}
+        motors = tuple(motor for motor in self.motors if motor.target in targets)
+        return replace(
+            self, parts=parts, frames=frames, cables=cables, couplings=couplings, motors=motors
+        )
+
+    def renamed(self, names: dict[str, str]) -> Neutral:
+        """Joints called otherwise; those not in `names` keep theirs."""
+
+        def new(name: str) -> str:
+            return names.get(name, name)
+
+        def target(text: str) -> str:
+            kind, _, name = text.partition(":")
+            return f"{kind}:{new(name)}" if kind == "joint" else text
+
+        return replace(
+            self,
+            parts=tuple(replace(part, name=new(part.name)) for part in self.parts),
+            cables=tuple(
+                replace(cable, terms={new(joint): c for joint, c in cable.terms.items()})
+                for cable in self.cables
+            ),
+            motors=tuple(replace(motor, target=target(motor.target)) for motor in self.motors),
+            couplings=tuple(
+                replace(c, joint=new(c.joint), leader=new(c.leader)) for c in self.couplings
+            ),
+            orders=tuple(tuple(map(new, order)) for order in self.orders),
+        )
+
+
+Repair = Callable[[Neutral], Neutral]

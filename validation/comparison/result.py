@@ -1,0 +1,221 @@
+"""What a comparison found; its text is the table that the command prints."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from softdyn.validation.tables import columns
+
+QUANTITIES = ("M", "bias", "g", "J")
+EXPLAINED = 1e-9  # what may be left once every cause is repaired
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why the robots differ, one thing.
+
+    Attributes
+    ----------
+    kind, where : str
+        What, and on which joint, link, tendon or actuator of A.
+    a, b : Any
+        What the files say; None where one says nothing.
+    effect : dict[str, float]
+        Relative change of ``M``, ``bias``, ``g`` and of the ``tip`` (of the robot's extent) at
+        random states, and of the ``value`` itself where it enters none of them.
+    detail : str
+        The difference in words.
+    one_sided : bool
+        Whether only one file, or only its format, states it.
+    """
+
+    kind: str
+    where: str
+    a: Any
+    b: Any
+    effect: dict[str, float]
+    detail: str
+    one_sided: bool
+
+    @property
+    def weight(self) -> float:
+        """The largest effect on the dynamics, by which causes are sorted."""
+        return max((v for key, v in self.effect.items() if key != "value"), default=0.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is left of the difference after a repair: relative errors of `QUANTITIES`."""
+
+    repaired: str
+    left: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Whether two files are one robot, and where not.
+
+    Attributes
+    ----------
+    a, b : str
+        The files.
+    matched : dict[str, str]
+        Joints of A → joints of B.
+    how : dict[str, str]
+        By joint of A, what it was matched by: map, name, like name, kinematics, base.
+    unmatched : dict[str, list[str]]
+        Joints that only ``a`` or only ``b`` has.
+    causes : tuple of Cause
+        The largest effect first; the one-sided last.
+    waterfall : tuple of Step
+        As it is, then with each kind of cause repaired in turn.
+    residual : dict[str, float]
+        What is left in the end.
+    strict : bool
+        Whether what only one file states fails too.
+    notes : tuple of str
+        What was left out of the comparison.
+    seconds : float
+        How long it took.
+    """
+
+    a: str
+    b: str
+    matched: dict[str, str]
+    how: dict[str, str]
+    unmatched: dict[str, list[str]]
+    causes: tuple[Cause, ...]
+    waterfall: tuple[Step, ...]
+    residual: dict[str, float]
+    strict: bool
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def explained(self) -> bool:
+        """Whether nothing is left once all causes are repaired."""
+        both = all(self.unmatched.values())
+        alike = bool(self.matched) or not both
+        return alike and all(v <= EXPLAINED for v in self.residual.values())
+
+    @property
+    def passed(self) -> bool:
+        """Whether the files agree: no cause but one-sided ones; with `strict`, none at all."""
+        failing = [cause for cause in self.causes if self.strict or not cause.one_sided]
+        partial = self.strict and any(self.unmatched.values())
+        return self.explained and not failing and not partial
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as plain data; figures that are not finite are None."""
+        return {
+            "a": self.a,
+            "b": self.b,
+            "passed": self.passed,
+            "explained": self.explained,
+            "matched": self.matched,
+            "matched_by": self.how,
+            "unmatched": self.unmatched,
+            "causes": [
+                {
+                    "kind": cause.kind,
+                    "where": cause.where,
+                    "a": cause.a,
+                    "b": cause.b,
+                    "effect": {key: _finite(value) for key, value in cause.effect.items()},
+                    "detail": cause.detail,
+                    "one_sided": cause.one_sided,
+                }
+                for cause in self.causes
+            ],
+            "waterfall": [
+                {"repaired": step.repaired, **{k: _finite(v) for k, v in step.left.items()}}
+                for step in self.waterfall
+            ],
+            "residual": {key: _finite(value) for key, value in self.residual.items()},
+            "strict": self.strict,
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+        }
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one line."""
+        if not self.matched and not self.explained:
+            return "no joint of one file is one of the other: two robots"
+        if not self.explained:
+            return "UNEXPLAINED: the files differ by more than the causes found"
+        kinds = list(dict.fromkeys(c.kind for c in self.causes if not c.one_sided))
+        apart = list(dict.fromkeys(c.kind for c in self.causes if c.one_sided))
+        words = f"the files differ: {', '.join(kinds)}" if kinds else "the files agree"
+        if apart:
+            words += f"; only one states {', '.join(apart)}"
+        return words
+
+    def __str__(self) -> str:
+        renamed = [f"{p} = {q}" for p, q in self.matched.items() if p != q]
+        head = f"A: {self.a}\nB: {self.b}\n{len(self.matched)} joints matched"
+        if renamed:
+            head += ": " + ", ".join(renamed)
+        for side, names in self.unmatched.items():
+            if names:
+                head += f"\nonly in {side.upper()}: {', '.join(names)}"
+        parts = [head]
+        for one_sided, title in ((False, "causes"), (True, "stated by one file only")):
+            causes = [cause for cause in self.causes if cause.one_sided == one_sided]
+            rows = _grouped(causes) if one_sided else [_row(cause) for cause in causes]
+            if rows:
+                titles = ["M", "g", "tip", "kind", "where", "A", "B", ""]
+                parts.append(f"{title}\n{columns([titles, *rows], (0, 1, 2))}")
+        if self.waterfall:
+            rows = [["error left in", *QUANTITIES]]
+            rows += [
+                [step.repaired, *(f"{step.left[name]:.1e}" for name in QUANTITIES)]
+                for step in self.waterfall
+            ]
+            parts.append(columns(rows, range(1, 5)))
+        parts += [f"note: {note}" for note in self.notes]
+        parts.append(self.verdict)
+        return "\n\n".join(parts)
+
+
+def _row(cause: Cause) -> list[str]:
+    figures = [_figure(cause.effect.get(name, 0.0)) for name in ("M", "g", "tip")]
+    return [*figures, cause.kind, cause.where, _value(cause.a), _value(cause.b), cause.detail]
+
+
+def _grouped(causes: list[Cause]) -> list[list[str]]:
+    """One row for all that one file states alike, the largest effect of them."""
+    groups: dict[tuple[str, ...], list[Cause]] = {}
+    for cause in causes:
+        plain = cause.kind not in ("tendon", "actuator")
+        values = (_value(cause.a), _value(cause.b)) if plain else ("", "")
+        key = (cause.kind, *values, str(cause.a is None), str(cause.b is None))
+        groups.setdefault(key, []).append(cause)
+    rows = []
+    for group in groups.values():
+        row = _row(group[0])
+        if len(group) > 1:
+            row[4] = f"{len(group)}: {group[0].where} …"
+        rows.append(row)
+    return rows
+
+
+def _figure(value: float) -> str:
+    return f"{value:.1e}" if value else "-"
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        shown = [_value(item) for item in value[:3]]
+        return " ".join(shown) + (" …" if len(value) > 3 else "")
+    return str(value)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
