@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""Write a robot in the other format: a URDF as MJCF, an MJCF as an annotated URDF."""
+
+from __future__ import annotations
+
+import sys
+
+from softdyn.commands import cli
+
+EPILOG = """\
+--mjcf writes the twin as one file that MuJoCo's own viewer loads: several joints a body where links
+are massless, sites, tendons, actuators, stiff stops, shapes, a keyframe at rest.
+--urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what that cannot say.
+
+exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT", help="a URDF or its name; an MJCF for --urdf")
+output = parser.add_mutually_exclusive_group(required=True)
+output.add_argument("--mjcf", metavar="FILE", help="write MJCF")
+output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
+cli.add_robot_options(parser)
+parser.add_argument("--no-shapes", action="store_true", help="leave out what it looks like")
+cli.add_json(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Write, then read what was written and compare."""
+    from softdyn.validation.exchange import export
+
+    cli.check_outputs(arguments.json, arguments.mjcf, arguments.urdf)
+    if arguments.urdf is not None:
+        result, lost = export.write_urdf(arguments.robot, arguments.urdf)
+    else:
+        result, lost = export.write_mjcf(
+            arguments.robot,
+            arguments.mjcf,
+            annotations=arguments.annotations,
+            floating=arguments.floating,
+            repair_inertia=arguments.repair_inertia,
+            shapes=not arguments.no_shapes,
+        )
+    for note in lost:
+        print(f"lost: {note}", file=sys.stderr)
+    report = {"lost": list(lost), "comparison": result.to_dict()}
+    cli.write_report(report, arguments.json, result.verdict)
+    return cli.PASSED if result.passed else cli.FAILED
+
+
+main = cli.program(parser, command, __name__)

@@ -1,0 +1,94 @@
+"""Written in the other format, a robot is the same robot."""
+
+import subprocess
+import sys
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.validation import Twin, compare
+from softdyn.validation.comparison.comparison import neutral
+from softdyn.validation.exchange import export
+from tests.support import SCRIPTS, micro, pair_robots
+
+
+@pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
+def test_mujoco_loads_the_twin_and_steps_to_the_same(tmp_path, name):
+    path = tmp_path / "out.xml"
+    result, _ = export.write_mjcf(name, path, shapes=name == "spirob")
+    assert result.passed, str(result)
+    assert max(result.waterfall[0].left.values()) < 1e-10
+    model = mujoco.MjModel.from_xml_path(str(path))
+    twin = Twin(name, friction=True)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    np.testing.assert_array_equal(data.qpos, 0.0)
+    names = [model.joint(k).name for k in range(model.njnt)]
+    order = [names.index(joint) for joint in twin.joint_names]
+    part = np.linspace(0.1, 0.4, model.nu)
+    u = np.array(
+        [a.lower + p * (a.upper - a.lower) for p, a in zip(part, twin.robot.actuators, strict=True)]
+    )
+    for _ in range(400):
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+        twin.advance(u)
+    assert np.abs(data.qpos[order]).max() > 1e-3
+    np.testing.assert_allclose(data.qpos[order], twin.qpos, atol=1e-8)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.site("task").xpos, twin.tip, atol=1e-8)
+
+
+def test_massless_chains_are_several_joints_of_one_body(tmp_path):
+    path = tmp_path / "out.xml"
+    export.write_mjcf("spirob", path, shapes=False)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert (model.nbody - 1, model.nv) == (9, 27)
+    assert model.body_mass[1:].min() > 1e-4
+
+
+@pytest.mark.parametrize("text", [micro.GRIPPER, micro.FLOATING, pair_robots.URDF])
+def test_round_trip(tmp_path, text):
+    floating = text is micro.FLOATING
+    source = micro.write(tmp_path, text)
+    there, back = tmp_path / "there.xml", tmp_path / "back.urdf"
+    result, _ = export.write_mjcf(source, there, floating=floating)
+    assert result.passed, str(result)
+    result, lost = export.write_urdf(there, back)
+    assert result.passed, str(result)
+    assert bool(lost) == floating  # which no URDF can say
+    for a, b in ((source, there), (there, back), (source, back)):
+        result = compare(a, b)
+        assert result.passed, str(result)
+        assert not {cause.kind for cause in result.causes} - {"limit", "effort"}
+    softdyn.load(back, floating=floating)
+
+
+def test_what_a_urdf_cannot_say_is_listed(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><option gravity="0 0 -3"/><worldbody><body><joint name="b" type="ball"/>'
+        '<geom size="0.1"/><body pos="0 0 1"><joint name="h"/><geom size="0.1"/></body></body>'
+        '</worldbody><actuator><position name="servo" joint="h" kp="3"/>'
+        '<motor name="m" joint="h" ctrllimited="true" ctrlrange="-1 2" gear="3"/></actuator>'
+        "</mujoco>"
+    )
+    _, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    said = "\n".join(lost)
+    for word in ("ball joint 'b'", "gravity", "'servo'"):
+        assert word in said
+    model = softdyn.load(tmp_path / "out.urdf")
+    assert (model.nv, model.nu) == (1, 1)
+    state = model.state(model.q0, np.zeros(1))
+    assert state.B.tolist() == [[3.0]]
+    assert neutral(tmp_path / "out.urdf").parts[0].name == "h"
+
+
+def test_the_command(tmp_path):
+    command = [sys.executable, str(SCRIPTS / "export.py"), "finger", "--mjcf", "out.xml"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "agree" in done.stdout
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4

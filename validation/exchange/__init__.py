@@ -1,0 +1,1 @@
+"""Robots written in the other format: `to_mjcf` for MuJoCo, `to_urdf` as an annotated URDF."""
