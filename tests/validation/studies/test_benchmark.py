@@ -310,11 +310,13 @@ def test_a_changed_robot_redoes_its_cases_alone(call, folder):
 
 def test_what_belongs_to_a_controller(tmp_path):
     (tmp_path / "pack").mkdir()
+    (tmp_path / "softdyn").mkdir()
     for name, text in {
-        "mine.py": "import numpy, a\nfrom pack import part\nfrom b import x",
+        "mine.py": "import numpy, a\nfrom softdyn.controllers import Gains\nfrom pack import part\nfrom b import x",
         "a.py": "import a, c.d",
         "b.py": "",
         "other.py": "",
+        "softdyn/__init__.py": "",
         "pack/__init__.py": "",
         "pack/part.py": "",
     }.items():

@@ -55,7 +55,7 @@ class Source:
     def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
         """The files at `paths`, the main one first."""
         main = paths[0].resolve()
-        found = [(path.resolve().relative_to(main.parent).as_posix(), path) for path in paths]
+        found = [(p.relative_to(main.parent).as_posix(), p) for p in (main, *paths[1:])]
         return cls(text, str(main), tuple((name, digest(path)) for name, path in found), own)
 
     def contents(self) -> dict[str, bytes]:
@@ -110,7 +110,10 @@ def of_controller(text: str, folder: Path = Path()) -> Source | None:
 
 
 def imported(file: Path) -> list[Path]:
-    """A Python file and the modules beside it that it imports, and those that these import."""
+    """A Python file and the modules beside it that it imports, and those that these import.
+
+    softdyn is none of them, also where it lies beside the file: it is a part of every fingerprint.
+    """
     root = file.resolve().parent
     found: list[Path] = []
     todo = [file.resolve()]
@@ -121,6 +124,8 @@ def imported(file: Path) -> list[Path]:
         found.append(path)
         for node in ast.walk(ast.parse(path.read_bytes())):
             for module in _modules(node):
+                if module.partition(".")[0] == "softdyn":
+                    continue
                 base = root.joinpath(*module.split("."))
                 todo += [p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file()]
     return sorted(found)
