@@ -7,7 +7,7 @@ are compiled with a placeholder, and their masses and moments are written afterw
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
@@ -20,7 +20,9 @@ from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Setting
 TASK_SITE = "task"
 
 
-def build(robot: Robot, tree: Tree, settings: Settings) -> tuple[mujoco.MjModel, np.ndarray]:
+def build(
+    robot: Robot, tree: Tree, settings: Settings, amend: Callable[[mujoco.MjSpec], None]
+) -> tuple[mujoco.MjModel, np.ndarray]:
     """Compile a robot for MuJoCo.
 
     Parameters
@@ -31,6 +33,8 @@ def build(robot: Robot, tree: Tree, settings: Settings) -> tuple[mujoco.MjModel,
         Its bodies, from `read_bodies`.
     settings : Settings
         MuJoCo's options.
+    amend : Callable[[mujoco.MjSpec], None]
+        Changes what is compiled, after everything else.
 
     Returns
     -------
@@ -44,6 +48,7 @@ def build(robot: Robot, tree: Tree, settings: Settings) -> tuple[mujoco.MjModel,
     """
     spec = _specify(robot, tree)
     settings.apply(spec)
+    amend(spec)
     try:
         model = spec.compile()
     except ValueError as error:

@@ -111,11 +111,14 @@ class Twin:
         self.skipped = tree.skipped
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
-        self.model, self._rest = build(self.robot, tree, settings)
+        self.model, self._rest = build(self.robot, tree, settings, self.amend)
         self.data = mujoco.MjData(self.model)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         self.task_site = self.model.site(TASK_SITE).id
         self.reset()
+
+    def amend(self, spec: mujoco.MjSpec) -> None:
+        """Change what is compiled; a plant with other shapes or options overrides it."""
 
     @property
     def qpos(self) -> np.ndarray:
