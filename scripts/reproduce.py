@@ -13,6 +13,12 @@ by + are switched on together, e.g. stale+plant-step. Without --robots and --con
 the cells it is meant to explain. Beside it stand ours, from the grid of benchmark.py (what is
 missing there is run), and the published value. A run that was interrupted goes on where it stopped.
 
+hulls needs --files, a checkout of the reference implementation. With --records, a folder of runs
+that it recorded at every step (ROBOT_CONTROLLER_thetaT.npz with q, v, ctrl, target), nothing is
+integrated: at each recorded state the emulated law's input and the emulated plant's next state are
+compared with the recorded ones. The experiments are then all that the recorded commit has, hulls
+too where there are --files, or those asked for.
+
 scs and clf-objective need cvxpy and scs (pip install cvxpy scs), angular and exact quadprog, which
 the test extra installs.
 
@@ -31,6 +37,8 @@ parser.add_argument("--omegas", nargs="*", type=cli.positive, metavar="W", help=
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 parser.add_argument("--out", default="results/reproduction", metavar="DIR")
 parser.option("--grid", str, "DIR", "benchmark.py's folder", "results")
+parser.add_argument("--records", metavar="DIR", help="one-step table of the runs recorded in DIR")
+parser.add_argument("--files", metavar="DIR", help="the reference implementation, for hulls")
 cli.add_json(parser)
 
 
@@ -48,6 +56,8 @@ def command(arguments: cli.Arguments) -> int:
         known |= reproduction.ALIASES
         cli.write_report({"experiments": known}, arguments.json, columns(list(known.items())))
         return cli.PASSED
+    if arguments.records is not None:
+        return one_step_table(arguments)
     for name in arguments.controllers or ():
         if name not in CONTROLLERS:
             raise InputError("controller", f"one of {', '.join(CONTROLLERS)}", repr(name))
@@ -65,10 +75,42 @@ def command(arguments: cli.Arguments) -> int:
     cli.check_outputs(arguments.json)
     ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
-    reproduction.run(wanted, out, jobs)
+    reproduction.run(wanted, out, jobs, files(arguments))
     rows = reproduction.rows(wanted, out, grid)
     write_text(out / "table.md", reproduction.markdown(rows))
     cli.write_report({"rows": rows}, arguments.json, reproduction.text(rows))
+    return cli.PASSED
+
+
+def files(arguments: cli.Arguments) -> Path | None:
+    """The reference's folder, if one is given."""
+    return Path(arguments.files).resolve() if arguments.files is not None else None
+
+
+def one_step_table(arguments: cli.Arguments) -> int:
+    """Each record under each experiment; one row of each goes to the table as it is done."""
+    from tqdm import tqdm
+
+    from softdyn.validation.files import write_text
+    from softdyn.validation.studies import one_step
+
+    cli.check_outputs(arguments.json)
+    asked = [
+        (record, name)
+        for record in one_step.records(Path(arguments.records))
+        if arguments.robots is None or {record.robot, record.case.robot} & {*arguments.robots}
+        if arguments.controllers is None or record.case.controller in arguments.controllers
+        for name in arguments.experiments
+        or [record.experiment + ("+hulls" if arguments.files is not None else "")]
+    ]
+    out = Path(arguments.out)
+    cli.make_folder(out)
+    rows = [
+        one_step.row(record, name, files(arguments))
+        for record, name in tqdm(asked, disable=None, leave=False, unit="run")
+    ]
+    write_text(out / "one_step.md", one_step.markdown(rows))
+    cli.write_report({"rows": rows}, arguments.json, one_step.table(rows))
     return cli.PASSED
 
 

@@ -11,7 +11,7 @@ cvxpy, scs and quadprog are no dependencies of this project: ``pip install cvxpy
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -27,12 +27,13 @@ from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
 INPUT_WEIGHT = 0.5  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
+DIFFERENCE = 1e-6  # s, over which the reference differentiates J
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite programme
 TaskOf = Callable[[State, Reference], Task]
 
 
 def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) -> Controller:
-    """The law `name` with options out of exact, angular, scs and clf.
+    """The law `name` with options out of exact, angular, difference, scs and clf.
 
     Raises
     ------
@@ -40,7 +41,9 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
         A law that the reference implementation does not have, or a missing package.
     """
     options = set(options)
-    task = AngularTask(model) if "angular" in options else tip
+    task: TaskOf = AngularTask(model) if "angular" in options else tip
+    if "difference" in options:
+        task = Differenced(task)
     if name in ("ic", "uic"):
         return ClosedForm(model, gains, task, project=name == "uic")
     if name not in ("clf-qp", "soft-id-clf-qp", "ic-qp"):
@@ -79,6 +82,20 @@ class AngularTask:
             np.concatenate((task.edot, turning[:, dofs] @ state.v)),
             np.concatenate((task.yddot, none)),
         )
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """A task whose J̇ is (J(q + q̇ h) - J(q)) / h, h = 1 µs."""
+
+    task: TaskOf
+
+    def __call__(self, state: State, reference: Reference) -> Task:
+        """The task's rows with that J̇."""
+        model, found = state.model, self.task(state, reference)
+        ahead = model.state(model.integrate(state.q, DIFFERENCE * state.v), state.v)
+        J = self.task(ahead, reference).J
+        return replace(found, Jdot=(J - found.J) / DIFFERENCE)
 
 
 def reference_inertia(mobility: np.ndarray) -> np.ndarray:

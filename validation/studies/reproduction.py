@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import Ellipse, InputError, Reference, SoftModel, State
+from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.oracles import reference_laws
 from softdyn.validation.studies import benchmark, benchmark_table, paper
 from softdyn.validation.studies.benchmark_table import TITLES
@@ -82,35 +83,57 @@ def always(view: View) -> View:
 # -- another reference -----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Lowered:
-    """A reference moved down by `drop` (m)."""
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A reference moved by a vector (3,) (m)."""
 
     inner: Callable[[float], Reference]
-    drop: float
+    by: np.ndarray
 
     def __call__(self, t: float) -> Reference:
         """The reference at t (s)."""
         at = self.inner(t)
-        return Reference(at.y - [0.0, 0.0, self.drop], at.ydot, at.yddot)
+        return Reference(at.y + self.by, at.ydot, at.yddot)
 
 
-def reference_ellipse(robot: str, omega: float) -> Lowered:
-    """The ellipse that the reference implementation's own tracking logs follow.
+# The ellipse's length (m) where it is not the robot's: SpiRob's, whose base stands at 0.50 m
+SPIROB_LENGTH = {"set_point": 0.48, "tracking": 0.45}
+PHI = math.pi / 4
 
-    Read off the `xd_log` of its published `results/`: b is L/6, not the paper's L/8, and SpiRob's
-    L is 0.45 m, about a point 0.45 m, not 0.50 m, above the ground.
+
+def reference_target(
+    robot: str, experiment: Experiment, shift: tuple[float, float] = (0.0, 0.0)
+) -> Callable[[float], Reference]:
+    """What the reference implementation asks of the tip, as its own logs have it.
+
+    b is L/6, not the paper's L/8; SpiRob's L is 0.48 m at set points and 0.45 m in trajectories,
+    and its ellipse hangs from a point that high above the ground, not from the base at 0.50 m.
+    `shift` moves the ellipse along its axes a and b (m).
     """
-    length = {"finger": 0.24, "helix": 0.45}.get(robot, 0.45)
-    reach = paper.setup(robot).reach
-    a, b = length / 3, length / 6
-    drop = 0.0 if robot in ("finger", "helix") else 0.05
-    return Lowered(Ellipse(a=a, b=b, c=reach * length - b, omega=omega), drop)
+    setup = paper.setup(robot)
+    length = SPIROB_LENGTH[experiment.kind] if robot.startswith("spirob") else setup.length
+    (a, b), (cos, sin) = shift, (math.cos(PHI), math.sin(PHI))
+    by = np.array([a * cos - b * sin, 0.0, a * sin + b * cos + length - setup.length])
+    ellipse = Ellipse(
+        a=length / 3, b=length / 6, c=setup.reach * length - length / 6,
+        omega=experiment.omega or 0.0,
+    )  # fmt: skip
+    if experiment.theta is None:
+        return Moved(ellipse, by)
+    return SetPoint(ellipse.point(experiment.theta) + by)
 
 
-def another_law(name: str, model: SoftModel, options: tuple[str, ...]) -> Any:
-    """A law of `reference_laws` with the published gains."""
-    return reference_laws.make_law(name, model, PUBLISHED[model.bundled or ""][name], options)
+def shifted_target(robot: str, experiment: Experiment) -> Callable[[float], Reference]:
+    """The same in the repository's last versions: 0.1 m back, and 0.05 m up but for SpiRob."""
+    return reference_target(robot, experiment, (-0.1, 0.0 if robot.startswith("spirob") else 0.05))
+
+
+def another_law(
+    name: str, model: SoftModel, options: tuple[str, ...], gains: Mapping[str, float]
+) -> Any:
+    """A law of `reference_laws` with the published gains but for some."""
+    own = replace(PUBLISHED[model.bundled or ""][name], **gains)
+    return reference_laws.make_law(name, model, own, options)
 
 
 # -- the experiments -------------------------------------------------------------------------------
@@ -132,7 +155,12 @@ class Change:
         Makers of views that join those of the link.
     law : str
         What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
-        rows), "angular" (the same with the tip's angular velocity as three more), "scs", "clf".
+        rows), "angular" (the same with the tip's angular velocity as three more), "difference",
+        "scs", "clf".
+    gains : mapping
+        Gains that are not the published ones; the law is then one of `reference_laws`.
+    hulls : bool
+        Whether links touch as in the reference's own model files.
     """
 
     what: str
@@ -143,6 +171,8 @@ class Change:
     link: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[Callable[[], View], ...] = ()
     law: str = ""
+    gains: Mapping[str, float] = field(default_factory=dict)
+    hulls: bool = False
 
 
 CHANGES = {
@@ -162,6 +192,10 @@ CHANGES = {
         "MuJoCo's default joint limits", ("helix", "spirob"), plant={"soft_stops": True}
     ),
     "contacts": Change("links touch", ("helix", "spirob"), plant={"contacts": True}),
+    "hulls": Change(
+        "links touch with the reference's own meshes (--files), those next to the base too",
+        ("helix", "spirob"), hulls=True,
+    ),
     "friction": Change(
         "0.1 N m of dry friction in the plant alone", ("spirob",), plant={"dry_friction": 0.1}
     ),
@@ -169,8 +203,11 @@ CHANGES = {
         "SpiRob of 48 DOF, the reference's file", ("spirob",), case={"robot": "spirob48"}
     ),
     "ellipse": Change(
-        "trajectories on the ellipse of the reference's logs",
-        case={"trajectory": reference_ellipse},
+        "set points and trajectories on the ellipse of the reference's logs",
+        case={"target": reference_target},
+    ),
+    "shifted": Change(
+        "the same ellipse shifted, as in its last versions", case={"target": shifted_target}
     ),
     "late": Change("the first control step gives zero input", link={"late": True}),
     "sampled": Change(
@@ -184,12 +221,22 @@ CHANGES = {
     "angular": Change(
         "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
     ),
+    "jdot": Change("J̇ by a difference over 1 µs", law="difference"),
+    "w2": Change(
+        "w2 = 0.2 as at 37d7d0f", ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2}
+    ),
+    "kp": Change("K_p = 500 as at 37d7d0f", ("spirob",), ("ic-qp",), gains={"Kp": 500.0}),
     "scs": Change("the programme through cvxpy and SCS", controllers=QP, law="scs"),
     "clf-objective": Change(
         "the reference's CLF-QP, with V̇² and ‖u‖₁² in the objective, through SCS",
         ("finger", "spirob"), ("clf-qp",), law="clf",
     ),
 }  # fmt: skip
+# Where the reference's files say what touches what; its finger's links never meet.
+HULLS = {
+    "helix": "mujoco_models/helix/helix_control.xml",
+    "spirob48": "mujoco_models/spirob/spirob.xml",
+}
 
 # What the reference implementation has, robot by robot; `{law}` depends on the controller.
 _COMMON = "ellipse+sampled+late+stale+no-coriolis+plant-step+soft-stops+contacts"
@@ -243,24 +290,39 @@ def cases(
     return found
 
 
-def changed(cell: Case, name: str) -> Case:
-    """A cell of the grid with an experiment's changes."""
-    case = cell
+def changed(cell: Case, name: str, files: Path | None = None) -> Case:
+    """A cell of the grid with an experiment's changes; `files` is the reference's folder.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or one that needs the reference's files, and none are given.
+    """
+    case, gains = cell, dict[str, float]()
     changes = parse(name, cell.robot)
     for change in changes:
         link = replace(case.link, **change.link, views=(*case.link.views, *change.views))
         case = replace(case, **change.case, plant=replace(case.plant, **change.plant), link=link)
+        gains |= change.gains
+    if any(change.hulls for change in changes) and case.robot in HULLS:
+        if files is None:
+            raise InputError("files", "the reference's folder, which hulls needs", None)
+        case = replace(case, plant=replace(case.plant, shapes=files / HULLS[case.robot]))
     laws = tuple(change.law for change in changes if change.law)
-    return replace(case, law=partial(another_law, options=laws)) if laws else case
+    if not laws and not gains:
+        return case
+    return replace(case, law=partial(another_law, options=laws, gains=gains))
 
 
 # -- running ---------------------------------------------------------------------------------------
 
 
-def run(wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1) -> None:
+def run(
+    wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1, files: Path | None = None
+) -> None:
     """Run what is missing or out of date below `folder`; a bar on a terminal."""
     for name, cells in _by_name(wanted).items():
-        tasks = benchmark.tasks([changed(cell, name) for cell in cells], cells)
+        tasks = benchmark.tasks([changed(cell, name, files) for cell in cells], cells)
         executors.follow(benchmark.store(folder / name).run(tasks, executors.strict(jobs)), tasks)
 
 

@@ -53,8 +53,8 @@ class Case:
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
         Every initial velocity (rad/s, m/s).
-    trajectory : Callable[[str, float], Callable[[float], Reference]], optional
-        (robot, ω) → what a trajectory follows instead of the paper's ellipse.
+    target : Callable[[str, Experiment], Callable[[float], Reference]], optional
+        (robot, the paper's experiment) → what the tip is to follow instead.
     law : Callable[[str, SoftModel], Any], optional
         (controller, model) → what runs instead of the controller of that name.
     sampled : bool
@@ -76,7 +76,7 @@ class Case:
     link: Link = field(default_factory=Link)
     shrink: float = 1.0
     nudge: float = 0.0
-    trajectory: Callable[[str, float], Callable[[float], Reference]] | None = None
+    target: Callable[[str, Experiment], Callable[[float], Reference]] | None = None
     law: Callable[[str, SoftModel], Any] | None = None
     sampled: bool = False
     sample: int | None = None
@@ -97,9 +97,8 @@ class Case:
         setup = replace(paper.setup_of(model), shrink=self.shrink)
         setup = setup if self.period is None else replace(setup, period=self.period)
         experiment = KINDS[self.kind](setup, self.value)
-        if self.trajectory is not None and experiment.omega is not None:
-            reference = self.trajectory(self.robot, experiment.omega)
-            experiment = replace(experiment, reference=reference)
+        if self.target is not None:
+            experiment = replace(experiment, reference=self.target(self.robot, experiment))
         return experiment
 
     def cost(self, model: SoftModel) -> float:

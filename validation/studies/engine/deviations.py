@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -11,6 +12,7 @@ import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Command
+from softdyn.validation.twin.borrowed import BorrowedShapes
 from softdyn.validation.twin.twin import Twin
 
 View = Callable[[State], State]
@@ -30,6 +32,8 @@ class Plant:
         Dry friction of every joint (N m or N) instead of the file's, where it is not 0.
     soft_stops : bool
         Joint limits and dry friction as soft as MuJoCo has them by default.
+    shapes : Path, optional
+        An MJCF file whose collision geometry stands in for the robot's own.
     mass, stiffness, damping : float
         Factors on all masses and moments of inertia (armature apart), on all springs, on all
         damping.
@@ -39,13 +43,17 @@ class Plant:
     friction: bool = False
     dry_friction: float = 0.0
     soft_stops: bool = False
+    shapes: Path | None = None
     mass: float = 1.0
     stiffness: float = 1.0
     damping: float = 1.0
 
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """`Twin` with these differences; contacts and friction are among its own options."""
-        twin = Twin(*arguments, **options)
+        if self.shapes is None:
+            twin = Twin(*arguments, **options)
+        else:
+            twin = BorrowedShapes(self.shapes, *arguments, **options)
         model = twin.model
         if self.dry_friction:
             model.dof_frictionloss[:] = self.dry_friction
@@ -66,7 +74,8 @@ class Plant:
     def options(self) -> dict[str, Any]:
         """The arguments of `simulate` that are the plant's."""
         friction = self.friction or self.dry_friction > 0
-        return {"twin": self.twin, "contacts": self.contacts, "friction": friction}
+        contacts = self.contacts or self.shapes is not None
+        return {"twin": self.twin, "contacts": contacts, "friction": friction}
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ def fingerprint(case: Case, *parts: Any) -> str:
 
     softdyn counts as it is on disk when this process first asks.
     """
-    calls = case.law or case.trajectory or case.link.views
+    calls = case.law or case.target or case.link.views
     everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
     return hashlib.sha256(json.dumps(plain(everything)).encode()).hexdigest()
 

@@ -1,0 +1,93 @@
+"""A twin whose links touch as those of another MJCF file do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softdyn.exceptions import InputError
+from softdyn.validation.twin.twin import Twin
+
+
+class BorrowedShapes(Twin):
+    """A twin with the collision geometry of an MJCF file of the same robot in place of its own.
+
+    Its meshes act by their convex hulls. As MuJoCo 3 has it, links touch the static base even where
+    they are its neighbours, and two geoms have one contact point; friction cone and tolerances are
+    the file's. All else stays as in `Twin`.
+
+    Parameters
+    ----------
+    shapes : Path
+        An MJCF file with as many joints, in the same order, and a base that is only shifted.
+    *arguments, **options
+        Those of `Twin`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or its joints are not as many.
+    """
+
+    def __init__(self, shapes: Path, *arguments: Any, **options: Any) -> None:
+        self._shapes = shapes
+        super().__init__(*arguments, **options)
+
+    def amend(self, spec: mujoco.MjSpec) -> None:
+        """Put the file's geoms in place of the robot's."""
+        try:
+            source = mujoco.MjSpec.from_file(str(self._shapes))
+            model = source.compile()
+        except ValueError as error:
+            raise InputError(str(self._shapes), "an MJCF file", error) from None
+        joints = list(spec.joints)
+        if model.nv != len(joints):
+            raise InputError(str(self._shapes), f"{len(joints)} joints", model.nv)
+        for geom in list(spec.geoms):
+            spec.delete(geom)
+        for exclude in list(spec.excludes):
+            if "world" in (exclude.bodyname1, exclude.bodyname2):
+                spec.delete(exclude)
+        folder = self._shapes.parent / source.meshdir
+        for mesh in source.meshes:
+            added = spec.add_mesh()
+            added.name = mesh.name or Path(mesh.file).stem
+            added.file = str((folder / mesh.file).resolve())
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        base = data.xpos[model.jnt_bodyid[0]] - joints[0].parent.pos
+        for geom in source.geoms:
+            if model.geom_contype[geom.id]:
+                _copy(geom, model, data, spec, joints, base)
+        option = spec.option
+        option.cone, option.tolerance = model.opt.cone, model.opt.tolerance
+        option.ls_tolerance = model.opt.ls_tolerance
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+
+
+def _copy(
+    geom: mujoco.MjsGeom,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    spec: mujoco.MjSpec,
+    joints: list[mujoco.MjsJoint],
+    base: np.ndarray,
+) -> None:
+    """Add a geom of the source to the body of ours that the same joints move."""
+    body = model.geom_bodyid[geom.id]
+    pos, quat, target = np.array(geom.pos), np.array(geom.quat), spec.worldbody
+    if model.body_dofnum[body]:
+        target = joints[model.body_dofadr[body] + model.body_dofnum[body] - 1].parent
+    else:  # static: in the world's frame
+        turned, rotated = np.zeros(4), np.zeros(3)
+        mujoco.mju_mulQuat(turned, data.xquat[body], quat / np.linalg.norm(quat))
+        mujoco.mju_rotVecQuat(rotated, pos, data.xquat[body])
+        pos, quat = rotated + data.xpos[body] - base, turned
+    added = target.add_geom()
+    added.type, added.size, added.meshname = geom.type, geom.size, geom.meshname
+    added.pos, added.quat, added.mass = pos, quat, 0.0
+    added.contype = added.conaffinity = 1
+    added.friction, added.condim = model.geom_friction[geom.id], model.geom_condim[geom.id]
