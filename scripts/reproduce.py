@@ -91,6 +91,7 @@ def one_step_table(arguments: cli.Arguments) -> int:
     """Each record under each experiment; one row of each goes to the table as it is done."""
     from tqdm import tqdm
 
+    from softdyn import InputError
     from softdyn.validation.files import write_text
     from softdyn.validation.studies import one_step
 
@@ -103,6 +104,8 @@ def one_step_table(arguments: cli.Arguments) -> int:
         for name in arguments.experiments
         or [record.experiment + ("+hulls" if arguments.files is not None else "")]
     ]
+    if not asked:
+        raise InputError(arguments.records, "a record of these robots and controllers", "none")
     out = Path(arguments.out)
     cli.make_folder(out)
     rows = [

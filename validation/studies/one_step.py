@@ -19,7 +19,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.controllers.registry import make_controller
-from softdyn.validation.studies import paper
+from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.names import experiment_title
@@ -174,17 +174,16 @@ def state_differences(record: Record, case: Case, model: SoftModel) -> tuple[np.
 
     The solver starts from its last answer, as it does in a run.
     """
-    options = case.plant.options()
-    make = options.pop("twin")
-    period = paper.setup(record.robot).period
-    step = period if case.timestep is None else min(case.timestep, period)
-    twin = make(model.robot, timestep=step, **options)
+    options, plan = case.plant.options(), case.experiment(model)
+    step = None if case.timestep is None else min(case.timestep, plan.period)
+    grid = TimeGrid.plan(plan.duration, plan.period, step)
+    twin = options.pop("twin")(model.robot, timestep=grid.timestep, **options)
     states, data = StateMap(model, twin), twin.data
     found, touching = np.zeros(len(record.q) - 1), 0
     for k in range(len(found)):
         data.qpos[:], data.qvel[:] = states.to_twin(record.q[k], record.v[k])
         data.ctrl[:] = np.clip(record.u[k], model.u_min, model.u_max)
-        mujoco.mj_step(twin.model, data, round(period / step))
+        mujoco.mj_step(twin.model, data, grid.plant_steps(0))
         touching += data.ncon > 0
         q, v = states.from_twin(data.qpos, data.qvel)
         found[k] = max(np.abs(q - record.q[k + 1]).max(), np.abs(v - record.v[k + 1]).max())

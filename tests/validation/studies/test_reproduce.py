@@ -18,7 +18,7 @@ from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.oracles.programmes import clf_qp
-from softdyn.validation.oracles.reference_laws import AngularTask, make_law
+from softdyn.validation.oracles.reference_laws import AngularTask, Differenced, make_law
 from softdyn.validation.oracles.solvers import optional
 from softdyn.validation.studies import paper, reproduction
 from softdyn.validation.studies.engine import case as engine
@@ -31,7 +31,6 @@ from softdyn.validation.studies.reproduction import (
     changed,
     no_coriolis,
     parse,
-    reference_ellipse,
     wrong_sign,
 )
 from tests.support.printed import printed, solve_quadprog, with_input
@@ -268,19 +267,73 @@ def test_options_of_robot_period_and_nudge(prepare):
     ],
 )
 def test_ellipse_is_that_of_the_published_logs(robot, above_ground, start, prepare):
-    at = reference_ellipse(robot, 0.5)
+    plain = robot.removesuffix("48")
+    case = Case(plain, "ic", "tracking", 0.5)
+    at = prepare(case, "ellipse")["experiment"].reference
     np.testing.assert_allclose(at(0.0).y + np.array([0, 0, above_ground]), start, rtol=1e-12)
     step = 1e-4
     velocity = (at(0.3 + step).y - at(0.3 - step).y) / (2 * step)
     np.testing.assert_allclose(at(0.3).ydot, velocity, atol=1e-8)
-    plain = robot.removesuffix("48")
-    case = Case(plain, "ic", "tracking", 0.5)
-    used = prepare(case, "ellipse")["experiment"]
-    assert np.abs(used.reference(0.0).y - paper.tracking(plain, 0.5).reference(0.0).y).max() > 1e-3
-    still = prepare(replace(case, kind="set_point"), "ellipse")["experiment"]
-    np.testing.assert_array_equal(
-        still.reference(0.0).y, paper.set_point(plain, 0.5).reference(0.0).y
+    assert np.abs(at(0.0).y - paper.tracking(plain, 0.5).reference(0.0).y).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("robot", "name", "first"),
+    [  # the first error (cm) of the set-point logs of 37d7d0f, and of 2016806
+        ("finger", "ellipse", (9.47, 17.00, 25.15, 18.37)),
+        ("helix", "ellipse", (46.70, 31.32, 17.43, 34.16)),
+        ("spirob", "dof48+ellipse", (48.77, 34.89, 17.17, 32.74)),
+        ("finger", "shifted", (19.07, 27.62, 35.03, 27.05)),
+        ("helix", "shifted", (36.31, 22.20, 6.40, 23.00)),
+        ("spirob", "dof48+shifted", (38.82, 25.81, 7.98, 22.82)),
+    ],
+)
+def test_set_points_are_those_of_the_published_logs(robot, name, first, prepare):
+    for theta, expected in zip(paper.THETAS, first, strict=True):
+        asked = prepare(Case(robot, "ic", "set_point", theta), name)
+        model = asked["model"]
+        tip = model.state(model.q0, np.zeros(model.nv)).y
+        found = 100 * np.linalg.norm(tip - asked["experiment"].reference(0.0).y)
+        assert found == pytest.approx(expected, abs=0.0051)
+
+
+def test_gains_of_another_commit(models):
+    state = models["helix"].state(*random_state(models["helix"], 40))
+    target = Reference(state.y + 0.01, np.zeros(3), np.zeros(3))
+    case = Case("helix", "ic-qp", "set_point", 1.0)
+    gains, answers = {}, {}
+    for name in ("exact", "w2"):
+        law = changed(case, name).law("ic-qp", models["helix"])
+        gains[name], answers[name] = law.gains, law(state, target).u
+    assert gains["w2"] == replace(gains["exact"], w2=0.2)
+    assert gains["exact"] == PUBLISHED["helix"]["ic-qp"]
+    assert np.abs(answers["w2"] - answers["exact"]).max() > 1e-3
+    kp = changed(Case("spirob", "ic-qp", "set_point", 1.0), "kp").law("ic-qp", models["spirob"])
+    assert kp.gains.Kp == 500
+
+
+def test_hulls_need_the_reference_s_files(tmp_path):
+    cell = Case("helix", "ic", "set_point", 1.0)
+    with pytest.raises(InputError, match="files"):
+        changed(cell, "hulls")
+    assert changed(cell, "hulls", tmp_path).plant.shapes.parent == (
+        tmp_path / "mujoco_models" / "helix"
     )
+    finger = Case("finger", "ic", "set_point", 1.0)  # its links never meet
+    assert changed(finger, "hulls").plant.shapes is None
+
+
+@pytest.mark.parametrize("robot", ["finger", "helix"])
+def test_a_differenced_jacobian_rate_is_the_rate(models, robot):
+    model = models[robot]
+    state = model.state(*random_state(model, 41))
+    target = Reference([0.1, 0.0, 0.0], np.zeros(3), np.zeros(3))
+    task = AngularTask(model)
+    true, found = task(state, target), Differenced(task)(state, target)
+    assert np.abs(found.Jdot - true.Jdot).max() < 1e-5 * max(1.0, np.abs(true.Jdot).max())
+    assert np.any(found.Jdot != true.Jdot)
+    for name in ("J", "e", "edot", "yddot"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(true, name))
 
 
 def test_sampled_is_the_plain_mean_of_every_fifth_error():
@@ -434,6 +487,8 @@ def test_command_writes_the_table_and_reuses_it(call, tmp_path):
         ("stale", "--controllers", "lqr"),
         ("stale", "--jobs", "0"),
         ("stale", "--json", "nowhere/file.json"),
+        ("hulls", "--robots", "helix"),
+        ("--records", "nowhere"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(call, arguments):
