@@ -9,6 +9,7 @@
 - `hold`: the soft law over several horizons.
 - `tuning`: CMA-ES on the gains of `best`.
 - `reproduction`: what the paper's reference implementation does otherwise.
+- `one_step`: where that emulation leaves its recorded runs, one step at a time.
 - `obstacle`: the tip meets a ball, with and without barriers.
 - `names`: what robots, controllers and experiments are called in tables and figures.
 """

@@ -77,8 +77,11 @@ def _copy(
     base: np.ndarray,
 ) -> None:
     """Add a geom of the source to the body of ours that the same joints move."""
-    body = model.geom_bodyid[geom.id]
-    pos, quat, target = np.array(geom.pos), np.array(geom.quat), spec.worldbody
+    body, target = model.geom_bodyid[geom.id], spec.worldbody
+    if geom.meshname:  # compiling moves it to the mesh's centre, here again
+        pos, quat, size = np.array(geom.pos), np.array(geom.quat), np.zeros(3)
+    else:
+        pos, quat, size = (a[geom.id] for a in (model.geom_pos, model.geom_quat, model.geom_size))
     if model.body_dofnum[body]:
         target = joints[model.body_dofadr[body] + model.body_dofnum[body] - 1].parent
     else:  # static: in the world's frame
@@ -87,7 +90,7 @@ def _copy(
         mujoco.mju_rotVecQuat(rotated, pos, data.xquat[body])
         pos, quat = rotated + data.xpos[body] - base, turned
     added = target.add_geom()
-    added.type, added.size, added.meshname = geom.type, geom.size, geom.meshname
+    added.type, added.size, added.meshname = geom.type, size, geom.meshname
     added.pos, added.quat, added.mass = pos, quat, 0.0
     added.contype = added.conaffinity = 1
     added.friction, added.condim = model.geom_friction[geom.id], model.geom_condim[geom.id]

@@ -1,0 +1,77 @@
+"""A twin with the collision geometry of another MJCF file."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.validation import Twin
+from softdyn.validation.studies.engine.deviations import Plant
+from softdyn.validation.twin.borrowed import BorrowedShapes
+
+LINK = """<body name="b{k}" pos="{x} 0 0"><joint axis="0 1 0"/>
+<inertial pos="0.03 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>
+<geom type="capsule" fromto="0.02 0 0 0.04 0 0" size="0.{size}" friction="0.7" condim="1"/>
+<geom type="sphere" size="0.05" contype="0" conaffinity="0"/>{inner}</body>"""
+
+
+def chain(path, size="004", joints=4):
+    """The finger's links 0.5 m up, each with a capsule and a sphere that is only seen."""
+    inner = ""
+    for k in range(joints, 0, -1):
+        inner = LINK.format(k=k, x=0.06 if k > 1 else 0.0, size=size, inner=inner)
+    path.write_text(
+        f'<mujoco><option cone="pyramidal" tolerance="1e-7"/><worldbody><body pos="0 0 0.5">'
+        f'<geom type="box" size="0.01 0.01 0.01"/>{inner}</body></worldbody></mujoco>'
+    )
+    return path
+
+
+def test_the_file_s_geoms_stand_where_it_has_them(tmp_path):
+    path = chain(tmp_path / "chain.xml")
+    twin = BorrowedShapes(path, "finger", contacts=True)
+    source = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(source)
+    q = np.array([0.3, -0.2, 0.5, 0.1])
+    twin.set_state(q, np.zeros(4))
+    data.qpos[:] = q
+    mujoco.mj_forward(source, data)
+    touching = source.geom_contype > 0
+    assert twin.model.ngeom == touching.sum() == 5
+    np.testing.assert_allclose(
+        twin.data.geom_xpos, data.geom_xpos[touching] - [0, 0, 0.5], atol=1e-12
+    )
+    np.testing.assert_array_equal(twin.model.geom_size, source.geom_size[touching])
+    assert (twin.model.geom_friction[1:, 0] == 0.7).all()
+    assert twin.model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    assert twin.model.opt.tolerance == 1e-7
+    assert twin.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MULTICCD
+
+
+def test_all_else_is_the_twin_s(tmp_path):
+    plain = Twin("finger")
+    plant = Plant(shapes=chain(tmp_path / "chain.xml"))
+    twin = plant.options()["twin"]("finger", contacts=plant.options()["contacts"])
+    assert plant.options()["contacts"]
+    for name in ("body_mass", "body_inertia", "dof_damping", "jnt_stiffness", "jnt_range"):
+        np.testing.assert_array_equal(getattr(twin.model, name), getattr(plain.model, name))
+    for each in (plain, twin):
+        each.advance(np.array([0.1, -0.05]), 20)
+    np.testing.assert_allclose(twin.qpos, plain.qpos, atol=1e-12)  # nothing meets yet
+
+
+def test_neighbours_of_the_base_touch_it(tmp_path):
+    path = chain(tmp_path / "chain.xml", size="019")
+    twin = BorrowedShapes(path, "finger", contacts=True)
+    first = twin.model.body("link1").id
+    pairs = {tuple(sorted(twin.model.geom_bodyid[c.geom])) for c in twin.data.contact}
+    assert (0, first) in pairs
+    assert not Twin("finger", contacts=True).data.ncon
+
+
+def test_files_that_do_not_fit_are_refused(tmp_path):
+    with pytest.raises(InputError, match="4 joints"):
+        BorrowedShapes(chain(tmp_path / "three.xml", joints=3), softdyn.load("finger"))
+    with pytest.raises(InputError, match="an MJCF file"):
+        BorrowedShapes(tmp_path / "none.xml", "finger")
