@@ -87,15 +87,17 @@ def _displacement(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
     one, other = a.parts[k], b.parts[k]
     votes = list(_votes(a, b, k))
     turns = [Pose()]
-    frames = _own_frames(a, b, k)
+    solid = _first_solid(a, k)
+    frames = _own_frames(a, b, k) or _own_frames(a, b, solid)
     moves = [_between(p, q) for p, q in frames]
     moves += [Pose(translation=q.translation - p.translation) for p, q in frames]
     if one.kind in ("hinge", "slide", "ball"):
         turns += _zeros(a, b, k)
     for child in a.children(k):
         turns += _zeros(a, b, k, child)
-    if one.inertia.mass and other.inertia.mass:
-        moves.append(Pose(translation=other.inertia.com - one.inertia.com))
+    bodies = a.parts[solid].inertia, b.parts[solid].inertia
+    if all(body.mass for body in bodies):
+        moves.append(Pose(translation=bodies[1].com - bodies[0].com))
     # a pose takes the joint's own axis along, a zero does not change it
     own = _line_votes(one, other, 1.5) if one.kind != "free" else []
     move = _elect([*turns, *moves], [*votes, *own])
@@ -120,6 +122,13 @@ def _displacement(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
             "pose", one.name, (vector(one.point), vector(other.point)), _described(move),
             lambda robot: robot.displaced(k, back, joint=along),
         )  # fmt: skip
+
+
+def _first_solid(a: Neutral, k: int) -> int:
+    """The first part from k on that has a mass, as far as there are no branches."""
+    while not a.parts[k].inertia.mass and len(below := a.children(k)) == 1:
+        k = below[0]
+    return k
 
 
 def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
