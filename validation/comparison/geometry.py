@@ -163,6 +163,8 @@ def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
                     pose=one.pose if tied else robot.parts[k].pose,
                 ),
             ),
+            # a wheel that turns the other way changes neither M nor g, and matters
+            1.0 if "reversed" in words else 0.0,
         )  # fmt: skip
 
 
