@@ -312,7 +312,7 @@ def test_what_belongs_to_a_controller(tmp_path):
     (tmp_path / "pack").mkdir()
     (tmp_path / "softdyn").mkdir()
     for name, text in {
-        "mine.py": "import numpy, a\nfrom softdyn.controllers import Gains\nfrom pack import part\nfrom b import x",
+        "mine.py": "import numpy, a\nfrom softdyn import load\nfrom pack import part\nfrom b import x",
         "a.py": "import a, c.d",
         "b.py": "",
         "other.py": "",
