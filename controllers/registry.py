@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -89,20 +91,46 @@ def make_controller(
 def one_line_errors(name: str, expected: str) -> Iterator[None]:
     """What the code of FILE.py:CLASS, or of FILE.py, raises inside becomes an `InputError`.
 
-    It names the line of the file. Errors of softdyn, and of its own controllers, pass.
+    It names the line of the file. Errors of softdyn, and of its own controllers, pass, and so does
+    Ctrl-C: a KeyboardInterrupt without the signal is the code's own.
     """
     try:
-        yield
-    except SoftdynError:
+        with _interrupts() as signals:
+            yield
+    except (SoftdynError, GeneratorExit):
         raise
-    except (Exception, SystemExit) as error:  # a user's code may raise anything
+    except BaseException as error:  # a user's code may raise anything
         file, own, _ = name.partition(".py")
-        if not own:
+        ours = type(error).__module__.startswith("softdyn.")  # how a command ends itself
+        if not own or signals or ours:
             raise
         frames = traceback.extract_tb(error.__traceback__)
         lines = [frame.lineno for frame in frames if Path(frame.filename).stem == Path(file).name]
         line = f" in line {lines[-1]}" if lines else ""
         raise InputError(name, expected, f"{type(error).__name__}{line}: {error}") from error
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """The interrupts (SIGINT) that arrived inside, raised as always; only the main thread gets any.
+
+    Where somebody else handles them they raise something else than KeyboardInterrupt.
+    """
+    arrived: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield arrived
+        return
+
+    def handle(number: int, frame: Any) -> None:
+        arrived.append(number)
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield arrived
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def is_own(name: str) -> bool:

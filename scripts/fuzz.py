@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fuzzing: thousands of damaged robot files, each loaded in a process that may die of it."""
+"""Fuzzing: thousands of damaged files, each loaded in a process that may die of it."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ own that is killed after 5 s of processor time. A finding is
   lost content     accepted, but a second reading of the file by another parser says otherwise
   engines differ   accepted, but MuJoCo computes another robot (one input in three is asked)
 
+--data damages logs, a store's results, a tuning's summary, a sweep and a schedule instead, and
+reads them as their commands do; lost content is then what the reader accepted and json, tomllib or
+numpy.load find to be something else (validation/fuzzing/data.py).
+
 Inputs behind findings are written to --out.
 
 exit codes: 0 no finding; 1 some; 2 bad input.
@@ -35,6 +39,9 @@ parser.add_argument(
     "--corpus", type=Path, default=CORPUS, metavar="DIR", help="where base files are"
 )
 parser.add_argument("--out", type=Path, metavar="DIR", help="folder for inputs with a finding")
+parser.add_argument(
+    "--data", action="store_true", help="logs, stores and TOML instead of robot files"
+)
 cli.add_json(parser)
 
 
@@ -42,14 +49,17 @@ def command(arguments: cli.Arguments) -> int:
     """Fuzz, count, report."""
     from tqdm import tqdm
 
-    from softdyn.validation.fuzzing import campaign
+    from softdyn.validation.fuzzing import campaign, data
 
     if arguments.out is not None:
         cli.make_folder(arguments.out)
-    bases = campaign.base_files(arguments.corpus)
+    bases = data.kinds() if arguments.data else campaign.base_files(arguments.corpus)
+    judge = (data.work, data.kept) if arguments.data else (campaign.work, campaign.robot_file)
     numbers = range(arguments.first, arguments.first + arguments.count)
     with tqdm(total=len(numbers), disable=None, leave=False, unit="file") as bar:
-        report = campaign.campaign(bases, arguments.seed, numbers, arguments.out, bar.update)
+        report = campaign.campaign(
+            bases, arguments.seed, numbers, arguments.out, bar.update, *judge
+        )
     cli.write_report(report, arguments.json, campaign.summary(report))
     return cli.FAILED if report["inputs_with_findings"] else cli.PASSED
 

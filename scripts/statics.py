@@ -122,8 +122,11 @@ def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
     from softdyn.validation import Log
 
     log = Log.load(path)
-    if log.joint_names != model.joint_names or not log.steps:
+    same = (log.q.shape[1], log.u.shape[1]) == (model.nq, model.nu)
+    if log.joint_names != model.joint_names or not same or not log.steps:
         raise InputError(path, f"a run of {model.name}", f"one of {log.robot}")
+    if log.finite_samples < len(log.q):
+        raise InputError(path, "a run that ended in a finite state", log.reason)
     return log.q[-1], log.u[-1]
 
 

@@ -28,9 +28,13 @@ def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -m
             result = math.inf
         if math.isfinite(result) and result >= lower and result > above:
             return result
+    try:
+        got = repr(value)
+    except ValueError:  # Python refuses to write thousands of digits
+        got = "a number of thousands of digits"
     bound = f" >= {lower:g}" if lower > -math.inf else ""
     bound += f" > {above:g}" if above > -math.inf else ""
-    raise InputError(name, f"a finite number{bound}", repr(value))
+    raise InputError(name, f"a finite number{bound}", got)
 
 
 def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True) -> np.ndarray:
@@ -39,8 +43,11 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
     Raises
     ------
     InputError
-        For text, complex numbers, ragged lists, another shape, NaN and infinities.
+        For text, complex numbers, ragged lists, another shape, NaN and infinities, and for a masked
+        array that hides some of its numbers.
     """
+    if np.ma.is_masked(value):
+        raise _not_an_array(name, finite, shape, "a mask that hides some")
     try:
         given = np.asarray(value)
     except ValueError:  # ragged
@@ -66,7 +73,7 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     InputError
         For text, complex numbers, ragged lists, another shape, NaN and infinities.
     """
-    if isinstance(value, np.ndarray) and value.dtype is FLOAT and value.shape == (size,):
+    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (size,):
         result = np.array(value)
         # one dot product instead of a temporary: what it overflows for is decided below
         if math.isfinite(result.dot(result)):

@@ -50,7 +50,7 @@ class InputError(SoftdynError, ValueError):
 
     def __init__(self, name: str, expected: str, got: object) -> None:
         self.name, self.expected, self.got = name, expected, one_line(got)
-        super().__init__(f"{name}: expected {expected}, got {self.got}")
+        super().__init__(f"{one_line(name, 1000)}: expected {expected}, got {self.got}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
         return type(self), (self.name, self.expected, self.got)

@@ -64,3 +64,18 @@ def test_vectors_are_copies_to_write_to():
 
 def test_infinities_on_request():
     assert math.isinf(array("x", [math.inf], (1,), finite=False)[0])
+
+
+def test_a_mask_that_hides_something_is_refused():
+    hidden = np.ma.masked_array([1.0, 2.0], [True, False])
+    for value in (hidden, hidden[::-1]):
+        with pytest.raises(InputError, match="expected finite numbers of shape"):
+            array("x", value, (2,))
+    with pytest.raises(InputError, match="a mask that hides some"):
+        vector("x", hidden, 2)
+    assert array("x", np.ma.masked_array([1.0, 2.0]), (2,)).tolist() == [1.0, 2.0]
+
+
+def test_a_number_of_thousands_of_digits_is_refused():
+    with pytest.raises(InputError, match="thousands of digits"):
+        number("x", 10**5000)

@@ -8,8 +8,8 @@
 - `timing`: what a control step costs
 - `report`: figures and pages
 - `fuzzing`: hostile files
-- `files`, `processes`, `plain`, `tables`: files that appear whole, runs in processes, values as
-  JSON, tables of text
+- `files`, `arrays`, `processes`, `plain`, `tables`: files that appear whole, NPZ files of anyone,
+  runs in processes, values as JSON, tables of text
 
 Imports point one way: report, timing and fuzzing → studies → oracles → loop and crosschecks → twin.
 """

@@ -20,6 +20,7 @@ from typing import Any, BinaryIO
 from softdyn import InputError
 
 MAX_TOML = 1_000_000  # bytes
+MAX_JSON = 64_000_000  # bytes
 
 
 @contextmanager
@@ -131,6 +132,40 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(str(path), "a TOML file", error) from None
 
 
+def read_json(path: str | Path, expected: str) -> dict[str, Any]:
+    """The object in a JSON file that `write_json` may have written.
+
+    Parameters
+    ----------
+    path : str or Path
+    expected : str
+        What the file should be, for the error.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, has more than `MAX_JSON` bytes, or is no JSON object that Python can
+        hold, with names that are there once and numbers that are finite.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(MAX_JSON + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(str(path), "a readable file", reason) from None
+    try:
+        if len(content) > MAX_JSON:
+            raise ValueError(f"more than {MAX_JSON} bytes")
+        value = json.loads(content, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+        if not isinstance(value, dict):
+            raise ValueError(f"a {type(value).__name__}")
+        if _holds_infinity(value):
+            raise ValueError("a number that is not finite")
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise InputError(str(path), expected, error) from None
+    return value
+
+
 def to_json(value: Any) -> str:
     """`value` as strict JSON on indented lines; figures that are not finite become null."""
     return json.dumps(_finite(value), indent=2, allow_nan=False)
@@ -152,6 +187,25 @@ def _holds_large_integer(value: Any) -> bool:
         parts = value.values() if isinstance(value, dict) else value
         return any(_holds_large_integer(part) for part in parts)
     return isinstance(value, int) and not -(2**63) <= value < 2**63
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a name that is there twice")
+    return found
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name}, which is no JSON")
+
+
+def _holds_infinity(value: Any) -> bool:
+    """Whether there is a number such as 1e999."""
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return any(_holds_infinity(part) for part in parts)
+    return isinstance(value, float) and not math.isfinite(value)
 
 
 def _is_stream(path: Path) -> bool:

@@ -10,12 +10,16 @@ from typing import Any
 
 import numpy as np
 
+LARGEST = 2**63
+
 
 def plain(value: Any) -> Any:
     """`value` with dataclasses, arrays and sets spelt out, and what JSON has no word for as text.
 
     Addresses in memory are left out of such a text, and sets are sorted: neither is the same twice.
     """
+    if isinstance(value, int) and abs(value) > LARGEST:
+        return hex(value)  # Python refuses to write thousands of digits
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if is_dataclass(value) and not isinstance(value, type):

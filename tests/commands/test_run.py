@@ -326,3 +326,133 @@ def test_the_script_and_the_library_agree(call):
     log = simulate(model, SoftIdClfQp(model), paper.set_point("finger", 1.0), duration=0.2)
     _, out, _ = call("finger", "soft-id-clf-qp", "--theta", 1, "--duration", 0.2, "--json", "-")
     assert figures(out)["final_error_cm"] == log.final_error_cm
+
+
+HOSTILE = """
+import sys
+from types import SimpleNamespace
+import numpy as np
+
+class Still:
+    def __init__(self, model):
+        self.nu = model.nu
+    def u(self):
+        return np.zeros(self.nu)
+    def __call__(self, state, reference):
+        return SimpleNamespace(u=self.u())
+
+class Exits(Still):
+    def __call__(self, state, reference):
+        sys.exit(0)
+
+class Interrupts(Still):
+    def __call__(self, state, reference):
+        raise KeyboardInterrupt
+
+class Stops(Still):
+    def __call__(self, state, reference):
+        raise type("Stop", (BaseException,), {})
+
+class Unbuildable(Still):
+    def __init__(self, model):
+        raise KeyboardInterrupt
+
+class ResetRaises(Still):
+    def reset(self, period):
+        raise KeyboardInterrupt
+
+class ResetTakesNothing(Still):
+    def reset(self):
+        pass
+
+class GainsExit(Still):
+    @property
+    def gains(self):
+        sys.exit(0)
+
+class Text(Still):
+    not_solved = "many"
+
+class Changes(Still):
+    def __call__(self, state, reference):
+        setattr(self, *self.change)
+        return super().__call__(state, reference)
+
+class TextLater(Changes):
+    not_solved, change = 0, ("not_solved", "many")
+
+class NanLater(Changes):
+    change = "fallbacks", float("nan")
+
+class Huge(Changes):
+    change = "fallbacks", 10**5000
+
+class Violation(Still):
+    max_bound_violation = float("nan")
+
+class Masked(Still):
+    def __call__(self, state, reference):
+        return SimpleNamespace(u=np.ma.masked_array(self.u(), np.arange(self.nu) < 1))
+
+class Array(Still):
+    def __call__(self, state, reference):
+        return self.u()
+
+class Short(Still):
+    def __call__(self, state, reference):
+        return np.zeros(self.nu + 1)
+
+class Name(Still):
+    name = np.zeros(3)
+
+class Words(Still):
+    gains = {"a": 10**6000, "b": float("nan")}
+    def __call__(self, state, reference):
+        return SimpleNamespace(u=self.u(), V=10**5000, status="x" * 100_000)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "message"),
+    [
+        ("Exits", 2, "got SystemExit in line 16: 0"),
+        ("Interrupts", 2, "got KeyboardInterrupt in line 20"),
+        ("Stops", 2, "got Stop in line 24"),
+        ("Unbuildable", 2, "expected a controller, got KeyboardInterrupt"),
+        ("ResetRaises", 2, "got KeyboardInterrupt"),
+        ("ResetTakesNothing", 2, "takes 1 positional argument but 2 were given"),
+        ("GainsExit", 2, "got SystemExit"),
+        ("Text", 2, "the controller's not_solved: expected a finite number, got 'many'"),
+        ("TextLater", 1, "the controller's not_solved: expected a finite number, got 'many'"),
+        ("NanLater", 1, "the controller's fallbacks: expected a finite number, got nan"),
+        ("Huge", 1, "the controller's fallbacks: expected a finite number, got a number of"),
+        ("Violation", 1, "the controller's max_bound_violation: expected a finite number >= 0"),
+        ("Masked", 1, "its u is a masked array"),
+        ("Short", 1, "expected finite numbers of shape (2,), got shape (3,)"),
+        ("Array", 0, "done: "),
+        ("Name", 0, "done: "),
+        ("Words", 0, "done: "),
+    ],
+)
+def test_a_user_s_code_fails_in_one_line(call, folder, name, code, message):
+    (folder / "hostile.py").write_text(HOSTILE)
+    options = ["--theta", "0.5", "--duration", "0.02", "--log", "run.npz"]
+    ended, out, err = call("finger", f"hostile.py:{name}", *options)
+    assert ended == code, err
+    assert message in out + err
+    assert "Traceback" not in out + err
+    if code == 2:
+        assert len(err.splitlines()) == 1
+    else:
+        log = Log.load(folder / "run.npz")
+        assert log.failed == (code == 1)
+        assert log.controller == f"hostile.py:{name}"
+
+
+def test_ctrl_c_is_no_fault_of_a_user_s_code(call, folder):
+    text = "import os, signal\n" + HOSTILE.replace(
+        "raise KeyboardInterrupt", "os.kill(os.getpid(), signal.SIGINT)", 1
+    )
+    (folder / "hostile.py").write_text(text)
+    code, _, err = call("finger", "hostile.py:Interrupts", "--theta", "0.5")
+    assert (code, err) == (130, "error: interrupted\n")

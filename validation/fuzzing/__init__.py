@@ -3,6 +3,7 @@
 ========== ==============================================================
 `inputs`   a base file, a seed and a number in, a damaged file out
 `verdict`  refused in one line, accepted and read alike, or a finding
+`data`     the same of logs, stores, summaries and TOML: inputs and verdicts
 `campaign` many of them, each in a process that may die of it; the report
 ========== ==============================================================
 """

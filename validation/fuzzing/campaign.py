@@ -54,27 +54,36 @@ def base_files(corpus: Path) -> list[Base]:
 
 
 def campaign(
-    bases: Sequence[Base],
+    bases: Sequence[Any],
     seed: int,
     numbers: range,
     keep: Path | None = None,
     tick: Callable[[], Any] = lambda: None,
+    worker: Callable[..., None] | None = None,
+    kept: Callable[..., tuple[str, bytes]] | None = None,
 ) -> dict[str, Any]:
     """Judge the inputs with these numbers; returns the report.
 
     Parameters
     ----------
     bases : sequence of Base
+        Or whatever `worker` and `kept` take.
     seed : int
     numbers : range
     keep : Path, optional
         A folder for the inputs with a finding.
     tick : callable
         Called after every input.
+    worker : callable, optional
+        Judges inputs in a process of its own; `work` by default, for robot files.
+    kept : callable, optional
+        (bases, seed, number) → end of a file's name and content of an input.
     """
     kinds, refusals = Counter[str](), Counter[str]()
     findings, deep, slowest, began = [], 0, (0.0, -1), time.perf_counter()
-    for index, (kind, detail, compared), seconds in in_a_process(bases, seed, numbers):
+    for index, (kind, detail, compared), seconds in in_a_process(
+        bases, seed, numbers, worker or work
+    ):
         kinds[kind] += 1
         deep += compared
         slowest = max(slowest, (seconds, index))
@@ -83,10 +92,9 @@ def campaign(
         elif kind != verdict.ACCEPTED:
             findings.append({"index": index, "kind": kind, "detail": detail})
             if keep is not None:
-                base = mutant(bases, seed, index)
-                kind_of_file = "urdf" if base.of is None else "xml"
-                with atomic(keep / f"{seed}-{index}.{kind_of_file}") as file:
-                    file.write(base.data)
+                ending, data = (kept or robot_file)(bases, seed, index)
+                with atomic(keep / f"{seed}-{index}.{ending}") as file:
+                    file.write(data)
         tick()
     return {
         "seed": seed,
@@ -122,32 +130,48 @@ def summary(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def robot_file(bases: Sequence[Base], seed: int, index: int) -> tuple[str, bytes]:
+    """Ending of the name and content of an input."""
+    base = mutant(bases, seed, index)
+    return "urdf" if base.of is None else "xml", base.data
+
+
 def work(pipe: Any, bases: Sequence[Base], seed: int) -> None:
     """Judge inputs by their numbers until the pipe closes: a process of `in_a_process`."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+
+        def judge(index: int) -> Verdict:
+            base = mutant(bases, seed, index)
+            return verdict.judge(base.data, path, index % DEEP == 0, base.of)
+
+        verdict.judge(bases[0].data, path, True)
+        serve(pipe, judge)
+
+
+def serve(pipe: Any, judge: Callable[[int], Verdict]) -> None:
+    """Answer numbers by verdicts until the pipe closes, inside limits of time and memory."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the engines' own complaints
     _, ceiling = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        verdict.judge(bases[0].data, path, True)
-        pipe.send("ready")
-        while True:
-            try:
-                index = pipe.recv()
-            except EOFError:
-                return
-            base, began = mutant(bases, seed, index), time.process_time()
-            resource.setrlimit(resource.RLIMIT_CPU, (int(began) + CPU_LIMIT + 2, ceiling))
-            found = verdict.judge(base.data, path, index % DEEP == 0, base.of)
-            seconds = time.process_time() - began
-            if seconds > CPU_LIMIT:
-                found = Verdict(verdict.HANG, f"{seconds:.1f} s")
-            pipe.send((found, seconds))
+    pipe.send("ready")
+    while True:
+        try:
+            index = pipe.recv()
+        except EOFError:
+            return
+        began = time.process_time()
+        resource.setrlimit(resource.RLIMIT_CPU, (int(began) + CPU_LIMIT + 2, ceiling))
+        found = judge(index)
+        seconds = time.process_time() - began
+        if seconds > CPU_LIMIT:
+            found = Verdict(verdict.HANG, f"{seconds:.1f} s")
+        pipe.send((found, seconds))
 
 
 def in_a_process(
-    bases: Sequence[Base], seed: int, numbers: range, worker: Callable[..., None] = work
+    bases: Sequence[Any], seed: int, numbers: range, worker: Callable[..., None] = work
 ) -> Iterator[Outcome]:
     """The outcome of each input, by a process that is replaced when it dies."""
     context = multiprocessing.get_context("spawn")

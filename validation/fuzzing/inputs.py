@@ -63,12 +63,12 @@ def mutant(bases: Sequence[Base], seed: int, index: int) -> Base:
     base = rng.choice(bases)
     data = base.data
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 4))):
-        change = rng.choices((_bytes, _tokens, _number, _tree), (1, 1, 3, 7))[0]
+        change = rng.choices((changed_bytes, _tokens, _number, _tree), (1, 1, 3, 7))[0]
         data = change(rng, data)
     return Base(data, base.of)
 
 
-def _bytes(rng: random.Random, data: bytes) -> bytes:
+def changed_bytes(rng: random.Random, data: bytes) -> bytes:
     """Flip, insert, cut, truncate or repeat bytes."""
     if not data:
         return data

@@ -60,7 +60,7 @@ class ClosedLoop:
 
     A run is *failed* when
 
-    - an answer is not a finite (nu,) array,
+    - an answer is not a finite (nu,) array, or a count of the controller no number,
     - the plant diverges: a state that is not finite, a MuJoCo warning, or a tip farther from its
       reference than twice the robot's length (each of these ends the run and is in the log), or
     - the final ‖e‖ is not below the initial one (and not below a micrometre either).
@@ -70,10 +70,10 @@ class ClosedLoop:
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
     controller : Callable[[State, Reference], Answer]
-        Gives an object with `u` (nu,) and optionally V, delta, status. Integer attributes
-        `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on its `guard`) and
-        `gains` (or `parameters`) are recorded where they exist. A method `reset` is called once
-        before the run with the control period (s). Its exceptions pass through.
+        Gives an array u (nu,), or an object with `u` and optionally V, delta, status. Integer
+        attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on its
+        `guard`) and `gains` (or `parameters`) are recorded where they exist. A method `reset` is
+        called once before the run with the control period (s). Its exceptions pass through.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`.
     duration, period : float, optional
@@ -148,6 +148,8 @@ class ClosedLoop:
         if not callable(controller):
             expected = "a callable (state, reference) -> command"
             raise InputError("controller", expected, repr(controller))
+        if not isinstance(name, str | None):
+            raise InputError("name", "text", repr(name))
         q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
         v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
         self.plant = twin(
@@ -249,6 +251,8 @@ class ClosedLoop:
     def log(self) -> Log:
         """The run up to its end, or to where `control` last read the plant; then not complete."""
         model, controller, experiment = self.model, self.controller, self.experiment
+        (not_solved, fallbacks, violation), fault = self._counts.told()
+        reason = self.reason or fault
         steps = self.steps if self.done else max(self.steps - 1, 0)
         return Log(
             **self._record.arrays(steps),
@@ -265,11 +269,11 @@ class ClosedLoop:
             joint_names=model.joint_names,
             contacts=self._contacts,
             complete=self._complete,
-            failed=self.reason is not None,
-            reason=self.reason,
-            not_solved=self._counts.since("not_solved"),
-            fallbacks=self._counts.since("fallbacks"),
-            max_bound_violation=max(self._record.violation(steps), self._counts.violation()),
+            failed=reason is not None,
+            reason=reason,
+            not_solved=not_solved,
+            fallbacks=fallbacks,
+            max_bound_violation=max(self._record.violation(steps), violation),
             gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
             versions=dict(_versions()),
         )
@@ -374,8 +378,9 @@ def _desired(reference: Any, t: float) -> Reference:
 
 
 def _name(controller: Any) -> str:
-    named = getattr(controller, "name", None) or getattr(controller, "__name__", None)
-    return named if isinstance(named, str) else type(controller).__name__
+    named = (getattr(controller, attribute, None) for attribute in ("name", "__name__"))
+    texts = (text for text in named if isinstance(text, str) and text)
+    return next(texts, type(controller).__name__)
 
 
 @cache

@@ -9,8 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.checks import array
+from softdyn.checks import array, number
 from softdyn.validation.loop.log import SHAPES
+
+LONGEST = 200  # characters of a status
+LARGEST = 2**53  # of a count: whole numbers that a float can tell apart
 
 
 class Answer(Protocol):
@@ -60,7 +63,10 @@ class Record:
     def answer(self, k: int, answer: Answer, nanoseconds: int) -> str | None:
         """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
         try:
-            u = array("u", answer.u, self.u_min.shape)
+            u = answer if isinstance(answer, np.ndarray) else answer.u
+            if isinstance(u, np.ma.MaskedArray):
+                return "its u is a masked array"
+            u = array("u", u, self.u_min.shape)
         except AttributeError:
             return "its answer has no u"
         except InputError as error:
@@ -70,7 +76,7 @@ class Record:
         self.V[k] = _scalar(getattr(answer, "V", None))
         self.delta[k] = _scalar(getattr(answer, "delta", None))
         status = getattr(answer, "status", "")
-        self._statuses.append(str(status.value if isinstance(status, Enum) else status))
+        self._statuses.append(str(status.value if isinstance(status, Enum) else status)[:LONGEST])
         self.step_us[k] = nanoseconds / 1e3
         return None
 
@@ -90,7 +96,13 @@ class Record:
 
 
 class Counts:
-    """What a controller, or the `guard` it has, counts itself since this was made."""
+    """What a controller, or the `guard` it has, counts itself since this was made.
+
+    Raises
+    ------
+    InputError
+        When something else than a number stands there, at the begin or when it is asked for.
+    """
 
     def __init__(self, controller: object) -> None:
         has_own = hasattr(controller, "not_solved") or hasattr(controller, "fallbacks")
@@ -98,7 +110,18 @@ class Counts:
         self._before = {name: self._count(name) for name in ("not_solved", "fallbacks")}
 
     def _count(self, name: str) -> int:
-        return int(getattr(self._source, name, 0))
+        value = number(f"the controller's {name}", getattr(self._source, name, 0))
+        if not value.is_integer() or abs(value) > LARGEST:
+            raise InputError(f"the controller's {name}", "a whole number", repr(value))
+        return int(value)
+
+    def told(self) -> tuple[tuple[int, int, float], str | None]:
+        """Both increases and the violation, or zeros and which of them is no number."""
+        try:
+            counts = self.since("not_solved"), self.since("fallbacks"), self.violation()
+        except InputError as error:
+            return (0, 0, 0.0), str(error)
+        return counts, None
 
     def since(self, name: str) -> int:
         """Increase of ``not_solved`` or ``fallbacks``."""
@@ -106,12 +129,13 @@ class Counts:
 
     def violation(self) -> float:
         """Largest violation of the bounds that the controller itself clipped."""
-        return float(getattr(self._source, "max_bound_violation", 0.0))
+        name = "max_bound_violation"
+        return number(f"the controller's {name}", getattr(self._source, name, 0.0), lower=0.0)
 
 
 def _scalar(value: Any) -> float:
     """A diagnostic as a float; NaN when there is none or it is not a number."""
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return math.nan

@@ -106,7 +106,8 @@ def track(
     log: Log, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
 ) -> Track:
     """A log as a track of at most `rate` frames a second and `MOST` in all."""
-    if log.joint_names != model.joint_names or log.q.shape[1] != model.nq:
+    same = (log.q.shape[1], log.u.shape[1]) == (model.nq, model.nu)
+    if log.joint_names != model.joint_names or not same:
         raise InputError("log", f"one of {model.name!r}", repr(log))
     last = log.finite_samples
     kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))

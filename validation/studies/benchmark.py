@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
-from softdyn.controllers.registry import make_controller
+from softdyn.controllers.registry import make_controller, one_line_errors
 from softdyn.validation.loop.metrics import mean_std
 from softdyn.validation.plain import plain
 from softdyn.validation.studies import paper
@@ -72,13 +72,17 @@ def tasks(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[Ta
     cells = cases if cells is None else list(cells)
     heads = [{n: getattr(c, n) for n in ("robot", "controller", "kind", "value")} for c in cells]
     with redirect_stdout(sys.stderr):  # what a user's controller prints
-        gains = {
-            pair: plain(getattr(make_controller(pair[1], load_model(pair[0])), "gains", None))
-            for pair in dict.fromkeys((case.robot, case.controller) for case in cells)
-        }
+        pairs = dict.fromkeys((case.robot, case.controller) for case in cells)
+        gains = {pair: _gains(*pair) for pair in pairs}
         also = [gains[cell.robot, cell.controller] for cell in cells]
         names = [cell.name for cell in cells]
         return worker.tasks(cases, names=names, heads=heads, also=also, log=True)
+
+
+def _gains(robot: str, controller: str) -> Any:
+    law = make_controller(controller, load_model(robot))
+    with one_line_errors(controller, "a controller"):
+        return plain(getattr(law, "gains", None))
 
 
 def report(cases: Sequence[Case], folder: Path) -> dict[str, Any]:
@@ -111,11 +115,11 @@ def rows(cases: Iterable[Case], folder: Path) -> list[dict[str, Any]]:
     Raises
     ------
     InputError
-        A case without a result.
+        A case without a result, or with a log that is not the result's.
     """
     groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
     for case in cases:
-        result = store(folder).result(case.name)
+        result = store(folder).figures(case, case.name)
         if result is None:
             where = str(store(folder).result_path(case.name))
             raise InputError(where, "the result of a run", "none")

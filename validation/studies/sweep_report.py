@@ -64,7 +64,9 @@ class Setting:
 
 def rows(tasks: Iterable[Task], store: Store) -> list[Row]:
     """Cases with their results, in the sweep's order; what never ran has none and is left out."""
-    found = ((task.case, store.result(task.name)) for task in tasks)
+    found = (
+        (t.case, store.figures(t.case, t.name) if t.log else store.result(t.name)) for t in tasks
+    )
     return [(case, result) for case, result in found if result is not None]
 
 

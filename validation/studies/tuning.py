@@ -8,10 +8,9 @@ decide.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from softdyn import InputError
 from softdyn.controllers import Schedule, SoftIdClfQp, Stage
 from softdyn.controllers.programmes.horizon import default_horizon
 from softdyn.controllers.schedule import make_schedule, tuned
+from softdyn.validation.files import read_json
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
@@ -183,12 +183,30 @@ def read(path: str | Path) -> Search:
     InputError
         A file that cannot be read, or is no such summary.
     """
+    expected = "a summary that tune.py wrote"
+    settings = read_json(path, expected).get("settings")
+    if not isinstance(settings, dict) or set(settings) != {f.name for f in fields(Search)}:
+        raise InputError(str(path), expected, "other settings")
+    wanted = Search(**settings)
+    generations = wanted.generations
+    counts = {"population": 1, "finalists": 0, "seed": 1}
+    if not (
+        isinstance(wanted.robot, str)
+        and isinstance(generations, dict)
+        and set(generations) == set(STAGES)
+        and all(_is_count(number, 0) for number in generations.values())
+        and all(_is_count(settings[name], least) for name, least in counts.items())
+    ):
+        raise InputError(str(path), expected, "settings of another kind")
     try:
-        return Search(**json.loads(Path(path).read_bytes())["settings"])
-    except OSError as error:
-        raise InputError(str(path), "a readable file", error.strerror or error) from None
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(str(path), "a summary that tune.py wrote", error) from None
+        make_schedule(wanted.start)
+    except (InputError, TypeError, AttributeError) as error:
+        raise InputError(str(path), expected, error) from None
+    return wanted
+
+
+def _is_count(value: Any, least: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value < 2**32
 
 
 def search(

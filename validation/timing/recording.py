@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
+from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
@@ -74,12 +74,20 @@ class Recording:
         InputError
             When the file is missing or something else.
         """
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {field.name: file[field.name] for field in fields(cls)}
-        except (OSError, KeyError, ValueError, BadZipFile) as error:
-            raise InputError(str(path), "recorded states", error) from None
-        return cls(**arrays | {"digest": str(arrays["digest"])})
+        found: dict[str, Any] = {**read_npz(path, "recorded states")}
+        kinds = {field.name: "f" for field in fields(cls)} | {"loop": "U", "digest": "U"}
+        if {name: array.dtype.kind for name, array in found.items()} != kinds:
+            raise InputError(str(path), "recorded states", "other arrays")
+        count = found["t"].size
+        shapes = {"t": (count,), "loop": (count,), "digest": ()}
+        shapes |= dict.fromkeys(("y", "ydot", "yddot"), (count, 3))
+        shapes |= {name: (count, found[name].shape[-1]) for name in ("q", "v") if found[name].ndim}
+        for name, array in found.items():
+            if array.shape != shapes.get(name):
+                raise InputError(str(path), f"{name} of {count} states", f"shape {array.shape}")
+            if kinds[name] == "f" and not np.isfinite(array).all():
+                raise InputError(str(path), f"finite numbers in {name}", "others")
+        return cls(**found | {"digest": str(found["digest"])})
 
 
 def record(

@@ -11,7 +11,8 @@ import pytest
 
 from softdyn import Robot, SoftdynError, parse
 from softdyn.commands import fuzz
-from softdyn.validation.fuzzing import campaign
+from softdyn.validation import Log
+from softdyn.validation.fuzzing import campaign, data
 from softdyn.validation.fuzzing.inputs import mutant
 from softdyn.validation.fuzzing.verdict import (
     ACCEPTED,
@@ -23,6 +24,7 @@ from softdyn.validation.fuzzing.verdict import (
     judge,
 )
 from softdyn.validation.oracles.second_reading import differences
+from softdyn.validation.studies.engine import store
 from tests.support.fragile import fragile
 from tests.support.misuses import ARM, MISUSES
 from tests.support.random_robots import random_urdf
@@ -202,3 +204,32 @@ def test_inputs_behind_findings_are_kept(tmp_path: Path, monkeypatch, capsys) ->
 def test_bad_arguments(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert fuzz.main(["--corpus", str(tmp_path)]) == 2
     assert "base/*.urdf" in capsys.readouterr().err
+
+
+# -- logs, stores and TOML ---------------------------------------------------------------------
+
+
+def test_a_short_run_on_data_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fuzz.main(["--data", "--count", "300", "--seed", "5", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["refused"] + report["accepted"] == report["count"] == 300
+    assert report["accepted"] > 5
+    assert report["kinds_of_refusal"] > 20
+
+
+def test_data_of_every_kind_is_accepted_and_its_loss_is_seen(tmp_path, monkeypatch) -> None:
+    bases = data.kinds()
+    for kind in bases:
+        assert data.judge(kind, kind.base, tmp_path).kind == ACCEPTED, kind.name
+        assert data.judge(kind, b"[" * 10_000, tmp_path).kind == REFUSED, kind.name
+    drawn = [data.mutant(bases, 3, k)[1] for k in range(30)]
+    assert [data.mutant(data.kinds(), 3, k)[1] for k in range(30)] == drawn
+    log, result = bases[:2]
+    load = Log.load
+    monkeypatch.setattr(Log, "load", lambda path: replace(load(path), robot="other"))
+    assert data.judge(log, log.base, tmp_path).kind == LOST
+    monkeypatch.setattr(store, "_seal", lambda content: content.get("sha256"))
+    monkeypatch.setattr(store, "_read", lambda path: json.loads(path.read_bytes()))
+    assert data.judge(result, result.base.replace(b"1.5", b"123.456"), tmp_path).kind == LOST
+    monkeypatch.setattr(store, "_read", lambda path: 1 / 0)
+    assert data.judge(result, result.base, tmp_path).kind == EXCEPTION

@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import os
 from dataclasses import fields, replace
 from pathlib import Path
@@ -111,6 +112,68 @@ def test_an_inconsistent_log_is_refused(log, tmp_path, change):
     np.savez(path, **{**content, **change})
     with pytest.raises(InputError, match=r"run\.npz: expected"):
         Log.load(path)
+
+
+def parts(path):
+    with np.load(path) as file:
+        content = {name: file[name] for name in file.files}
+    return json.loads(str(content.pop("about"))), content
+
+
+def with_first(array, value):
+    return np.concatenate(([np.full_like(array[0], value)], array[1:]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robot": None}, {"robot": 1}, {"controller": ["ic"]}, {"theta": "0.5"}, {"theta": True},
+        {"duration": math.nan}, {"duration": "long"}, {"duration": 9.0}, {"period": 0.0},
+        {"timestep": None}, {"length": -1.0}, {"joint_names": "x"}, {"joint_names": [1]},
+        {"joint_names": {}}, {"contacts": 0}, {"complete": "yes"}, {"failed": True},
+        {"failed": None}, {"reason": "why"}, {"reason": 3}, {"not_solved": "many"},
+        {"not_solved": 1.5}, {"not_solved": True}, {"fallbacks": 10**60}, {"versions": None},
+        {"versions": {"mujoco": 3}}, {"max_bound_violation": math.nan},
+        {"max_bound_violation": -1.0}, {"u_unit": None}, {"another": 1}, {"gains": ...},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_a_log_says_of_its_run_is_checked(log, tmp_path, change):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    about, arrays = parts(path)
+    about = {name: value for name, value in (about | change).items() if value is not ...}
+    np.savez(path, about=np.array(json.dumps(about)), **arrays)
+    with pytest.raises(InputError, match=r"run\.npz: expected") as error:
+        Log.load(path)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("t", lambda t: with_first(t, math.nan)), ("t", lambda t: t[::-1]), ("t", np.zeros_like),
+        ("t", lambda t: t + 1), ("q", lambda q: with_first(q, math.nan)),
+        ("v", lambda v: with_first(v, math.inf)), ("error", lambda e: e + 1.0),
+        ("y", lambda y: y + 1.0), ("u", lambda u: with_first(u, math.nan)),
+        ("u", lambda u: with_first(u, 1e9)), ("u_min", lambda u: u + 1e9),
+        ("step_us", lambda s: -1 - s), ("step_us", lambda s: with_first(s, math.inf)),
+        ("t", lambda t: t.astype(">f8")), ("q", lambda q: q.astype(np.float32)),
+        ("about", lambda _: np.array("[" * 10_000 + "]" * 10_000)),
+        ("about", lambda _: np.array('{"format": ' + "9" * 5000 + "}")),
+        ("extra", lambda _: np.zeros(2)), ("V", lambda _: None),
+    ],
+)  # fmt: skip
+def test_arrays_that_no_run_has_are_refused(log, tmp_path, name, change):
+    path = tmp_path / "run.npz"
+    log.save(path)
+    about, arrays = parts(path)
+    arrays["about"] = np.array(json.dumps(about))
+    arrays[name] = change(arrays.get(name))
+    np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
+    with pytest.raises(InputError, match=r"run\.npz: expected") as error:
+        Log.load(path)
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_a_log_of_an_older_version_is_named(log, tmp_path):

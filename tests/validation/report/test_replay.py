@@ -12,6 +12,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.validation import Log, simulate
+from softdyn.validation.loop.log import SHAPES
 from softdyn.validation.report.replay import comparison, replay, replays, track
 from softdyn.validation.report.time_figures import compare
 from softdyn.validation.studies import paper
@@ -162,9 +163,11 @@ def test_replay_compares_saved_runs(call, log, tmp_path):
 
 def test_replay_draws_saved_runs(call, log, tmp_path):
     log.save("a.npz")
-    error = np.zeros_like(log.error)
-    error[:, 2], error[2:] = 1.0, np.nan
-    lost = replace(log, error=error, u=np.ones_like(log.u), failed=True)
+    rows = {"samples": 3, "steps": 2}  # the last of them not finite
+    cut = {name: getattr(log, name)[: rows.get(axes[0])] for name, axes in SHAPES.items()}
+    error = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [np.nan] * 3])
+    cut |= {"error": error, "y": error, "y_ref": np.zeros((3, 3)), "u": np.ones_like(cut["u"])}
+    lost = replace(log, **cut, complete=False, failed=True, reason="it diverged")
     lost.save("lost.npz")
     code, out, err = call("replay", "a.npz", "lost.npz", "--labels", "x", "y", "--plot", "p.png")
     assert (code, out, err) == (0, "p.png\n", "")
@@ -173,7 +176,7 @@ def test_replay_draws_saved_runs(call, log, tmp_path):
     assert len(inputs) == 2
     assert [line.get_label() for line in errors.lines] == ["x", "y (failed)"]
     np.testing.assert_allclose(errors.lines[1].get_ydata(), [100, 100])  # cm, while finite
-    np.testing.assert_array_equal(inputs[1].lines[0].get_ydata()[:3], 1)
+    np.testing.assert_array_equal(inputs[1].lines[0].get_ydata()[:2], 1)
 
 
 @pytest.mark.parametrize("arguments", [

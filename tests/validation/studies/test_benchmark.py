@@ -17,7 +17,7 @@ import pytest
 from softdyn import InputError
 from softdyn.validation.processes import WorkerKilled, in_processes
 from softdyn.validation.studies import benchmark, paper
-from softdyn.validation.studies.engine import sources
+from softdyn.validation.studies.engine import sources, store
 from softdyn.validation.studies.engine.case import Case, number_text
 from tests.support import ROOT, SCRIPTS
 
@@ -140,6 +140,11 @@ def stamps(out):
     return {str(p): p.stat().st_mtime_ns for p in sorted(Path(out).rglob("runs/**/*.json"))}
 
 
+def edit(path, name, value):
+    """Change one entry of a JSON file by hand."""
+    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}, indent=2))
+
+
 @pytest.fixture(scope="session")
 def reference(tmp_path_factory):
     """The short grid run once, without interruption."""
@@ -192,6 +197,12 @@ def test_a_second_run_does_nothing(call, folder, reference):
         ("runs/finger/soft-id-clf-qp/tracking_20.npz", Path.unlink),
         ("runs/finger/soft-id-clf-qp/tracking_20.npz", lambda p: os.truncate(p, 1000)),
         ("times/finger/soft-id-clf-qp/tracking_20.json", lambda p: p.write_text("")),
+        ("runs/finger/soft-id-clf-qp/tracking_20.json", lambda p: edit(p, "mse_cm2", 123.456)),
+        ("runs/finger/soft-id-clf-qp/tracking_20.json", lambda p: edit(p, "failed", None)),
+        ("runs/finger/soft-id-clf-qp/tracking_20.json", lambda p: edit(p, "extra", 10**60)),
+        ("runs/finger/soft-id-clf-qp/tracking_20.json", lambda p: p.write_text("[" * 10_000)),
+        ("times/finger/soft-id-clf-qp/tracking_20.json", lambda p: edit(p, "median", "fast")),
+        ("times/finger/soft-id-clf-qp/tracking_20.json", lambda p: edit(p, "median", 123.456)),
     ],
 )
 def test_a_lost_or_damaged_file_redoes_its_case_alone(call, reference, name, damage):
@@ -205,6 +216,27 @@ def test_a_lost_or_damaged_file_redoes_its_case_alone(call, reference, name, dam
     assert redone.endswith("soft-id-clf-qp/tracking_20.json")
     assert differences("out", reference) == []
     assert contents("out").keys() == contents(reference).keys()
+
+
+def test_figures_come_from_the_logs(call, reference):
+    """Even a result whose own hash is right is not believed where there is a log."""
+    shutil.copytree(reference, "out")
+    path = Path("out/runs/finger/soft-id-clf-qp/tracking_20.json")
+    content = json.loads(path.read_text()) | {"mse_cm2": 123.456, "not_solved": 77}
+    store._write(path, {name: value for name, value in content.items() if name != "sha256"})
+    assert call(*GRID, *CONTROLLERS, "--out", "out")[0] == 0
+    assert "123.456" in path.read_text()
+    for name in ("table.md", "table.tex", "results.json"):
+        assert Path("out", name).read_bytes() == (reference / name).read_bytes()
+
+
+def test_a_log_of_another_run_is_no_log(call, reference):
+    shutil.copytree(reference, "out")
+    name = Case("finger", "soft-id-clf-qp", "tracking", 20.0)
+    path = benchmark.store(Path("out")).log_path(name.name)
+    shutil.copy(path.with_name("tracking_25.npz"), path)
+    with pytest.raises(InputError, match=r"tracking_20\.npz: expected the log of"):
+        benchmark.rows([name], Path("out"))
 
 
 # --- interrupted --------------------------------------------------------------------------------
@@ -312,7 +344,8 @@ def test_what_belongs_to_a_controller(tmp_path):
     (tmp_path / "pack").mkdir()
     (tmp_path / "softdyn").mkdir()
     for name, text in {
-        "mine.py": "import numpy, a\nfrom softdyn import load\nfrom pack import part\nfrom b import x",
+        "mine.py": "import numpy, a\nfrom softdyn import load\n"
+        "from pack import part\nfrom b import x",
         "a.py": "import a, c.d",
         "b.py": "",
         "other.py": "",

@@ -422,7 +422,9 @@ def test_a_sweep_goes_on_where_it_stopped(folder, call):
 
     damaged = next(Path("out").rglob("cases/**/*.json"))
     whole = damaged.read_bytes()
-    for content in (b"", whole[:40], b"[]", b'{"outcome": "done"}'):
+    edited = json.dumps(json.loads(whole) | {"final_error_cm": 123.456}).encode()
+    deep = b"[" * 10_000
+    for content in (b"", whole[:40], b"[]", b'{"outcome": "done"}', edited, deep):
         damaged.write_bytes(content)
         assert run("[3, 1, 2]")["ran"] == 1
         assert damaged.read_bytes() == whole

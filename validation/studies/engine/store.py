@@ -3,14 +3,15 @@
 A case has ``runs/NAME.json``, its result, with a fingerprint of all that it depends on and the hash
 of its log; where logs are kept ``runs/NAME.npz``; and where step times are ``times/NAME.json``,
 the only part of a run that is not the same twice. The result is written last: a run that is killed
-leaves nothing that is taken for one. This process alone writes, so that workers on other machines
-need no folder in common; two runs of one case write the same bytes.
+leaves nothing that is taken for one. Results and step times have a hash of their own content: what
+is damaged or was edited counts as missing, and is run again. This process alone writes, so that
+workers on other machines need no folder in common; two runs of one case write the same bytes.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from hashlib import sha256
@@ -18,13 +19,17 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError
-from softdyn.validation.files import atomic, write_json
+from softdyn.validation.files import atomic, read_json, to_json, write_json
+from softdyn.validation.loop.log import STEP_TIMES, Log
+from softdyn.validation.studies.engine import case as cases
+from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import has_digest
 from softdyn.validation.studies.engine.worker import Answer, Task
 
 # Yields (position in the list, answer) as tasks end, in any order.
 Executor = Callable[[list[Task]], Iterator[tuple[int, Answer]]]
 OUTCOMES = ("done", "failed", "raised", "not_run")
+SEAL = "sha256"  # of all else in a file
 
 
 @dataclass(frozen=True)
@@ -58,9 +63,28 @@ class Store:
         whole = found is not None and found.get("outcome") in OUTCOMES and "fingerprint" in found
         return found if whole else None
 
+    def figures(self, case: Case, name: str) -> dict[str, Any] | None:
+        """The result of a case, its figures those of its log where there is one.
+
+        Raises
+        ------
+        InputError
+            A log that is damaged, or not the result's.
+        """
+        found = self.result(name)
+        if found is None or "log_sha256" not in found:
+            return found
+        path = self.log_path(name)
+        if not has_digest(path, found["log_sha256"]):
+            raise InputError(str(path), f"the log of {self.result_path(name)}", "another, or none")
+        log = Log.load(path)
+        figures = json.loads(to_json(cases.figures(case, log)))
+        return found | {key: figures[key] for key in figures if key != "step_us"}
+
     def step_times(self, name: str) -> dict[str, Any] | None:
         """Step times of a case (µs): median, p99, p999, max; None when they are not there."""
-        return _read(self.folder / (self.times or "") / f"{name}.json")
+        found = _read(self.folder / (self.times or "") / f"{name}.json")
+        return found if found is None or set(found) <= {*STEP_TIMES} else None
 
     def load(self, task: Task) -> dict[str, Any] | None:
         """The result of a case; None without one of this fingerprint and all files whole."""
@@ -97,8 +121,8 @@ class Store:
         if self.times:
             times = self.folder / self.times / f"{task.name}.json"
             _make_folder(times.parent)
-            write_json(times, answer.step_us)
-        write_json(path, result)
+            _write(times, answer.step_us)
+        _write(path, result)
 
     def run(
         self, tasks: Sequence[Task], executor: Executor
@@ -125,12 +149,23 @@ class Store:
                 yield order[index], answer
 
 
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    """`content` and a hash of it: what is changed by hand is not taken for a result."""
+    kept = json.loads(to_json(dict(content)))
+    write_json(path, {**kept, SEAL: _seal(kept)})
+
+
 def _read(path: Path) -> dict[str, Any] | None:
+    """What `_write` wrote; None where there is nothing, or anything else."""
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
+        content = read_json(path, "a result")
+    except InputError:
         return None
-    return content if isinstance(content, dict) else None
+    return content if content.pop(SEAL, None) == _seal(content) else None
+
+
+def _seal(content: dict[str, Any]) -> str:
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _make_folder(path: Path) -> None:
