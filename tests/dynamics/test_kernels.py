@@ -24,8 +24,9 @@ FIELDS = (
 def both(model, q, v):
     """The State of either path, from the same Data."""
     state = model.state(q, v)
-    return model._by_kernel(state.q.copy(), state.v.copy()), model._in_numpy(
-        state.q.copy(), state.v.copy()
+    scratch = model._scratch
+    return model._by_kernel(state.q.copy(), state.v.copy(), scratch), model._in_numpy(
+        state.q.copy(), state.v.copy(), scratch
     )
 
 
