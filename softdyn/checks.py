@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from numbers import Real
 from typing import Any
 
@@ -75,10 +76,15 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     """
     if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (size,):
         result = np.array(value)
-        # one dot product instead of a temporary: what it overflows for is decided below
-        if math.isfinite(result.dot(result)):
+        # one dot product instead of a temporary; it overflows for no number, so nothing warns
+        if math.isfinite(result.dot(_small(size))):
             return result
     return array(name, value, (size,)).copy()
+
+
+@cache
+def _small(size: int) -> np.ndarray:
+    return np.full(size, 1e-150)
 
 
 def read_only(values: Any) -> np.ndarray:

@@ -100,6 +100,17 @@ def test_ranks_that_fail(name: str, which: str) -> None:
     assert ask(controller, still, SetPoint(still.y)).status is Status.OK  # at rest on the target
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_huge_numbers_are_no_warnings() -> None:
+    model = robot("finger")
+    huge = model.state(np.full(4, 1e200), np.full(4, 1e308))
+    far = SetPoint(np.full(3, 1e308))
+    for name in sorted(CONTROLLERS):
+        ask(controller_of(name, "finger"), huge, far)
+    log = simulate(model, CONTROLLERS["ic"](model), SetPoint(np.full(3, 1e200)), duration=0.02)
+    assert "from its reference" in log.reason
+
+
 # -- wrong kinds of arguments --------------------------------------------------------------------
 
 

@@ -58,7 +58,7 @@ class Record:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
         error = np.subtract(y, y_ref, out=self.error[k])
         self.y[k], self.y_ref[k] = y, y_ref
-        return math.sqrt(error @ error)
+        return math.hypot(*error.tolist())  # no overflow
 
     def answer(self, k: int, answer: Answer, nanoseconds: int) -> str | None:
         """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
