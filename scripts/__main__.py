@@ -10,7 +10,7 @@ from softdyn._version import __version__
 from softdyn.commands import cli
 
 COMMANDS = {
-    "look at a robot": ("check_urdf", "crosscheck", "view", "statics"),
+    "look at a robot": ("check_urdf", "crosscheck", "compare", "export", "view", "statics"),
     "close the loop": ("run", "replay", "obstacle"),
     "many loops": ("benchmark", "sweep", "robustness", "hold", "beyond", "tune", "reproduce"),
     "time and break": ("step_time", "compare_steps", "worst_step", "fuzz"),
