@@ -20,13 +20,6 @@ from softdyn.controllers.gains import Gains
 from softdyn.controllers.programmes.linear_algebra import dot
 
 
-def elastic_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
-    """K' = ∂K/∂q (n, n); constant, and cheap, where no tendon is elastic."""
-    if model.tendon_stiffness.any():
-        return model.tangent_stiffness(q)
-    return np.diag(model.stiffness)
-
-
 class Horizon:
     """M and h of the dynamics over a horizon, in memory that its next call uses again.
 
@@ -40,6 +33,7 @@ class Horizon:
 
     def __init__(self, model: SoftModel, tau: float) -> None:
         self._model, self._tau = model, tau
+        # K' where no tendon is elastic: constant then
         self._constant = None if model.tendon_stiffness.any() else np.diag(model.stiffness)
         n = model.nv
         self._M, self._h = np.empty((n, n)), np.empty(n)
@@ -58,7 +52,7 @@ class Horizon:
             return state.M, state.h
         stiffness = self._constant
         if stiffness is None:
-            stiffness = elastic_stiffness(self._model, state.q)
+            stiffness = self._model.tangent_stiffness(state.q)
         _over(state.M, state.h, state.D, state.v, stiffness, self._tau, self._M, self._h)
         return self._answer
 

@@ -13,7 +13,7 @@ from softdyn import InputError
 from softdyn.compiled import COMPILES
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.programmes import horizon, soft_inverse_dynamics
-from softdyn.controllers.programmes.horizon import Horizon, elastic_stiffness
+from softdyn.controllers.programmes.horizon import Horizon
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.oracles import gradient, relative
 from tests.support.printed import printed, solve_quadprog
@@ -60,7 +60,7 @@ def test_the_stiffness_is_the_gradient_of_the_springs(seed: int | str, tmp_path:
     low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
     q = model.configuration(rng.uniform(low, high))
     numeric = gradient(model, lambda q: model.state(q, np.zeros(model.nv)).K, q, 2e-4)
-    assert relative(elastic_stiffness(model, q), numeric) < 1e-7
+    assert relative(model.tangent_stiffness(q), numeric) < 1e-7
 
 
 @pytest.mark.parametrize("tau", [0.002, 0.05])
