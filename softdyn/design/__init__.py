@@ -1,7 +1,26 @@
-"""From a few parameters to a robot's file and meshes.
+"""From material to a robot's file, and a few parameters to meshes.
 
+    from softdyn import design
+
+    rubber = design.Material(youngs_modulus=0.25e6, density=1070)
+    arm = design.Arm((design.Section(0.2, (0.012, 0.008), rubber),), name="rod")
+    text = design.urdf(arm)                      # annotated URDF
+    made = design.read(tomllib.load(file))       # the same from a table, as `softdyn new` does
+
+- `rods`: material, sections, cables, plates, mount, as frozen data;
+- `quadrature`: where in a section the joints are;
+- `layout`: bodies and springs of the straight arm, its mass matrix and frequencies;
+- `plausible`: what no soft arm has;
+- `arm_file`: the annotated URDF of an arm, its looks included;
+- `strains`: piecewise constant or polynomial strains, for `softdyn.reduce`;
+- `log_spiral`, `finger`: presets;
+- `units`, `arm_table`, `preset_tables`, `source`: all from a table whose keys name their units;
 - `urdf_text`: annotated URDF as text, link by link;
 - `shapes`: lattices, log-spiral blocks and bones as meshes.
 
-Which numbers make which robot is data of the caller: `scripts/make_robots.py` for the bundled ones.
+The public names are imported when they are used, as `__init__.pyi` lists them.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,6 +9,8 @@ from xml.sax.saxutils import quoteattr
 
 Vector = Sequence[float]
 ORIGIN = (0.0, 0.0, 0.0)
+X_TO_Z = (0.0, math.pi / 2, 0.0)
+"""Turns a cylinder, which lies along z, to x."""
 
 
 def num(x: float) -> str:
@@ -74,6 +76,11 @@ def origin(xyz: Vector = ORIGIN, angles: Vector = ORIGIN) -> str:
     return f'<origin xyz="{vec(xyz)}"{turn}/>'
 
 
+def sphere(radius: float) -> str:
+    """Return a sphere [m]."""
+    return f'<sphere radius="{num(radius)}"/>'
+
+
 def cylinder(radius: float, length: float) -> str:
     """Return a cylinder about local z [m]."""
     return f'<cylinder radius="{num(radius)}" length="{num(length)}"/>'
@@ -124,6 +131,8 @@ class Joint:
         Lower and upper, rad or m.
     armature : float
         Added to the diagonal of the mass matrix, kg m^2 or kg.
+    rest : float
+        Where the spring rests, rad or m.
     """
 
     name: str
@@ -133,6 +142,7 @@ class Joint:
     kind: str = "revolute"
     limits: Vector = (-math.pi, math.pi)
     armature: float = 0.0
+    rest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +158,7 @@ class Robot:
     """URDF text in the making; lines are kept in the order of the calls.
 
     It begins with the links ``world`` and, welded to it, ``base`` with these `parts`. Every further
-    link is joined to the last one.
+    link is joined to the last one. A color is red, green, blue and, where it is given, opacity.
     """
 
     name: str
@@ -193,7 +203,7 @@ class Robot:
                 ' effort="100" velocity="100"/>',
                 "  </joint>",
                 f'  <gazebo reference="{joint.name}"><springStiffness>{num(joint.stiffness)}'
-                "</springStiffness><springReference>0</springReference></gazebo>",
+                f"</springStiffness><springReference>{num(joint.rest)}</springReference></gazebo>",
             ]
             if joint.armature:
                 self.annotations.append(
@@ -226,7 +236,7 @@ class Robot:
                 f' lower="{low}" upper="{high}"/>'
             )
         materials = [
-            f'  <material name="{name}"><color rgba="{vec((*color, 1.0))}"/></material>'
+            f'  <material name="{name}"><color rgba="{vec((*color, 1.0)[:4])}"/></material>'
             for name, color in self.colors.items()
         ]
         return "\n".join(

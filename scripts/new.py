@@ -1,0 +1,43 @@
+#!/usr/bin/env python3
+"""Write a robot's file from what it is made of: sections, material, cables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softdyn.commands import cli
+
+EPILOG = """\
+FILE is TOML with a [material], one [[section]] or more, and [[cable]]s; or a preset, [log_spiral]
+or [finger]. Every key ends in its unit: length_mm, youngs_modulus_MPa. docs/design.md lists them.
+
+exit codes: 0 written; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("file", metavar="FILE", help="TOML")
+parser.add_argument("--out", metavar="URDF", help="what to write (default: FILE with .urdf)")
+cli.add_json(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Read, judge, write."""
+    from softdyn import InputError, design
+    from softdyn.validation.files import atomic
+
+    out = Path(arguments.out or Path(arguments.file).with_suffix(".urdf"))
+    if out == Path(arguments.file):
+        raise InputError("--out", "another file than FILE", out)
+    cli.check_outputs(str(out), arguments.json)
+    made = design.read(cli.read_toml(arguments.file), arguments.file)
+    for name, content in {**made.meshes, out.name: made.text.encode()}.items():
+        cli.make_folder((out.parent / name).parent)
+        with atomic(out.parent / name) as file:
+            file.write(content)
+    report = {"file": str(out), "name": made.name, **made.figures}
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in made.figures.items())
+    cli.write_report(report, arguments.json, f"{out}: {figures}")
+    return cli.PASSED
+
+
+main = cli.program(parser, command, __name__)

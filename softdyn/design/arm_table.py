@@ -1,0 +1,210 @@
+"""An arm from a table, as `softdyn new` reads it from TOML; ``docs/design.md`` lists the keys."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from softdyn.design.layout import FREEDOMS
+from softdyn.design.quadrature import RULES
+from softdyn.design.rods import (
+    Arm,
+    Cable,
+    Damping,
+    Material,
+    Mount,
+    Payload,
+    Plate,
+    Section,
+)  # fmt: skip
+from softdyn.design.units import REQUIRED, Table
+from softdyn.exceptions import InputError
+
+ROUTINGS = {"channel": False, "discs": True}
+"""Whether a cable runs straight from disc to disc."""
+MOTIONS = {name: name for name in ("bend", *FREEDOMS, "shear")}  # two of them stand for a pair
+PAIRS = {"bend": ("bend_y", "bend_z"), "shear": ("shear_y", "shear_z")}
+
+
+def read_arm(table: Table) -> Arm:
+    """An arm of sections.
+
+    Raises
+    ------
+    InputError
+        It names file, table and key, what was expected and what was got.
+    """
+    material = _material(table.table("material"), None)
+    sections = tuple(
+        _section(item, k, material) for k, item in enumerate(table.tables("section"), 1)
+    )
+    if not sections:
+        raise InputError(table.where, "[[section]]", "none")
+    names = [section.name for section in sections]
+    if len(set(names)) < len(names):
+        raise InputError(table.where, "a unique name of each [[section]]", ", ".join(names))
+    cables: list[Cable] = []
+    for k, item in enumerate(table.tables("cable"), 1):
+        cables += _cables(item, k, names)
+    labels = [cable.name for cable in cables]
+    if len(set(labels)) < len(labels):
+        raise InputError(table.where, "a unique name of each cable", ", ".join(labels))
+    with placed(table.where):
+        return Arm(
+            sections=sections,
+            cables=tuple(cables),
+            damping=_damping(table.table("damping")),
+            mount=read_mount(table.table("mount")),
+            payload=_payload(table.table("payload")),
+            tip=table.vector("tip", "length", (0.0, 0.0, 0.0)),
+            rule=table.choice("joints", RULES, "gauss"),
+            unusual=table.flag("unusual"),
+            name=read_name(table),
+        )
+
+
+def read_name(table: Table) -> str:
+    """The robot's name."""
+    name: str = table.text("name", "arm")
+    if not name or not name.isprintable():
+        raise table.error("name", "a name of printable letters", repr(name))
+    return name
+
+
+def read_mount(table: Table | None) -> Mount:
+    """Where it is mounted: hanging down from the origin by default."""
+    if table is None:
+        return Mount()
+    with placed(table.where):
+        mount = Mount(
+            table.vector("position", "length", (0.0, 0.0, 0.0)),
+            table.vector("direction", "none", (0.0, 0.0, -1.0)),
+            table.quantity("roll", "angle", 0.0),
+        )
+    table.finish()
+    return mount
+
+
+@contextmanager
+def placed(where: str) -> Iterator[None]:
+    """Errors of what is built inside begin with the place in the file."""
+    try:
+        yield
+    except InputError as error:
+        if error.name.startswith(where.split(":")[0]):
+            raise
+        raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
+
+
+def _material(table: Table | None, default: Material | None) -> Material | None:
+    if table is None:
+        return default
+    with placed(table.where):
+        material = Material(
+            table.quantity("youngs_modulus", "modulus", 1.0 if default is None else REQUIRED),
+            table.quantity("poissons_ratio", "none", 0.49),
+            table.quantity("density", "density", 1070.0),
+        )
+    table.finish()
+    return material
+
+
+def _section(table: Table, k: int, material: Material | None) -> Section:
+    own = _material(table.table("material"), material)
+    if own is None:
+        raise InputError(table.where, "[material], here or above all sections", "none")
+    words = table.words("freedoms", MOTIONS, ["bend"])
+    freedoms = tuple(name for word in words for name in PAIRS.get(word, (word,)))
+    rest = table.table("rest_strain")
+    strains = {}
+    if rest is not None:
+        for name, freedom in FREEDOMS.items():
+            kind = "curvature" if freedom.turns else "none"
+            strains[name] = rest.quantity(name, kind, 0.0)
+        rest.finish()
+    with placed(table.where):
+        section = Section(
+            length=table.quantity("length", "length"),
+            radius=table.profile("radius", "length"),
+            material=own,
+            segments=table.count("segments", 10),
+            freedoms=freedoms,
+            inner_radius=table.profile("inner_radius", "length", 0.0),
+            bending_stiffness=table.profile("bending_stiffness", "rigidity", None),
+            torsional_stiffness=table.profile("torsional_stiffness", "rigidity", None),
+            mass=table.quantity("mass", "mass", None),
+            rest=strains,
+            discs=table.count("discs", 0, 0),
+            disc=_plate(table.table("disc"), own),
+            plate=_plate(table.table("plate"), own),
+            name=table.text("name", f"section_{k}"),
+        )
+    table.finish()
+    return section
+
+
+def _plate(table: Table | None, material: Material) -> Plate | None:
+    """A plate of a measured mass, or of a density, the section's by default."""
+    if table is None:
+        return None
+    radius, thickness = (table.quantity(name, "length") for name in ("radius", "thickness"))
+    density = table.quantity("density", "density", material.density)
+    mass = table.quantity("mass", "mass", density * math.pi * radius * radius * thickness)
+    with placed(table.where):
+        plate = Plate(radius, thickness, mass)
+    table.finish()
+    return plate
+
+
+def _damping(table: Table | None) -> Damping:
+    if table is None:
+        return Damping(ratio=0.1)
+    with placed(table.where):
+        damping = Damping(
+            table.quantity("ratio", "none", None),
+            table.quantity("time_constant", "time", None),
+            table.quantity("viscosity", "viscosity", None),
+        )
+    table.finish()
+    return damping
+
+
+def _payload(table: Table | None) -> Payload | None:
+    if table is None:
+        return None
+    with placed(table.where):
+        payload = Payload(
+            table.quantity("mass", "mass"),
+            table.quantity("radius", "length"),
+            table.quantity("ahead", "length", 0.0),
+        )
+    table.finish()
+    return payload
+
+
+def _cables(table: Table, k: int, sections: list[str]) -> list[Cable]:
+    """The cables of one table: `count` of them, evenly around."""
+    count = table.count("count", 1)
+    name, first = table.text("name", f"cable_{k}"), table.quantity("angle", "angle", 0.0)
+    places = {section: index for index, section in enumerate(sections)}
+    common: dict[str, Any] = {
+        "offset": table.profile("offset", "length"),
+        "straight": table.choice("routing", ROUTINGS),
+        "max_tension": table.quantity("max_tension", "force"),
+        "start": table.choice("from", places, sections[0]),
+        "end": table.choice("to", places, sections[-1]),
+        "turns": table.quantity("turns", "none", 0.0),
+    }
+    with placed(table.where):
+        found = [
+            Cable(
+                angle=first + 2 * math.pi * i / count,
+                name=name if count == 1 else f"{name}_{i + 1}",
+                **common,
+            )
+            for i in range(count)
+        ]
+    table.finish()
+    return found

@@ -1,0 +1,290 @@
+"""An arm as rigid bodies on compliant joints, still straight and still numbers.
+
+At each joint stand all freedoms of its section. Neighbouring joints have them in opposite order:
+finite rotations about two axes do not commute, and in one order the error would add up to first
+order in the segments' length, as a twist that nobody applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from softdyn.description.inertia import Inertia
+from softdyn.design.rods import Arm, Cable, Plate, Section
+from softdyn.exceptions import InputError
+
+SLICE = np.polynomial.legendre.leggauss(12)  # for integrals over the cross-section's profile
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """One strain of a rod, and the joint that stands for it.
+
+    Attributes
+    ----------
+    axis : ndarray, (3,)
+        Of the joint.
+    turns : bool
+        Whether it is a rotation.
+    rigidity : callable
+        Section, s / length → N m², or N of a translation.
+    """
+
+    axis: np.ndarray
+    turns: bool
+    rigidity: Callable[[Section, float], float]
+
+
+X, Y, Z = np.eye(3)
+FREEDOMS = {
+    "bend_y": Freedom(Y, True, Section.bending),
+    "bend_z": Freedom(Z, True, Section.bending),
+    "twist": Freedom(X, True, Section.torsion),
+    "extension": Freedom(X, False, Section.stretching),
+    "shear_y": Freedom(Y, False, Section.shearing),
+    "shear_z": Freedom(Z, False, Section.shearing),
+}
+"""Rotation about y and z bends the arm; along x it is stretched."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """One compliant joint of the layout.
+
+    Attributes
+    ----------
+    name : str
+        Of the joint in the file.
+    freedom : Freedom
+    section : int
+    at, weight : float
+        Where in the section, s / length, and how long a piece of rod it stands for (m).
+    stiffness, damping : float
+        N m/rad and N m s/rad, or N/m and N s/m.
+    rest : float
+        rad, m.
+    strain : str
+        Its freedom's name.
+    """
+
+    name: str
+    freedom: Freedom
+    section: int
+    at: float
+    weight: float
+    stiffness: float
+    damping: float
+    rest: float
+    strain: str
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Stations along the arm, with the springs at each and the body behind it.
+
+    Attributes
+    ----------
+    arm : Arm
+    stations : ndarray, (bodies,)
+        Where each body begins (m): the first at 0, welded to the base; the others at their joints.
+    springs : tuple of tuple of Spring
+        Of each body, none for the first.
+    bodies : tuple of Inertia
+        In the frame of its station, whose x is the arm's axis.
+    """
+
+    arm: Arm
+    stations: np.ndarray
+    springs: tuple[tuple[Spring, ...], ...]
+    bodies: tuple[Inertia, ...]
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Where each body ends (m)."""
+        return np.append(self.stations[1:], self.arm.length)
+
+    def body_at(self, x: float) -> int:
+        """The body that carries the point x of the arm."""
+        return max(int(np.searchsorted(self.stations, x, side="right")) - 1, 0)
+
+    @cached_property
+    def all_springs(self) -> tuple[Spring, ...]:
+        """From base to tip, the order of q."""
+        return tuple(spring for group in self.springs for spring in group)
+
+    @cached_property
+    def mass_matrix(self) -> np.ndarray:
+        """M (n, n) of the straight arm."""
+        place = [x for x, group in zip(self.stations, self.springs, strict=True) for _ in group]
+        M = np.zeros((len(place), len(place)))
+        axes = np.array([spring.freedom.axis for spring in self.all_springs])
+        turns = np.array([spring.freedom.turns for spring in self.all_springs])
+        first = 0
+        for x, group, body in zip(self.stations, self.springs, self.bodies, strict=True):
+            first += len(group)
+            a, arm = axes[:first], x * X + body.com - np.outer(place[:first], X)
+            v = np.where(turns[:first, None], np.cross(a, arm), a)
+            w = np.where(turns[:first, None], a, 0.0)
+            M[:first, :first] += body.mass * v @ v.T + w @ body.tensor @ w.T
+        return M
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """Natural angular frequencies (n,) of the straight, weightless arm, ascending (rad/s)."""
+        root = np.linalg.inv(np.linalg.cholesky(self.mass_matrix))
+        stiffness = np.array([spring.stiffness for spring in self.all_springs])
+        return np.sqrt(np.linalg.eigvalsh(root @ (stiffness[:, None] * root.T)))
+
+    def coefficients(self, cable: Cable) -> np.ndarray:
+        """∂ℓ/∂q (n,) of a cable that is led along its whole way, at q = 0.
+
+        With t the unit tangent of the cable and p its place in the cross-section, a rotation about
+        a changes its length by t · (a × p), a translation along a by t · a. Of a cable at a
+        constant offset that is its whole length's dependence on bends, not the first order's alone.
+        """
+        start, end = self.arm.way(cable)
+        found = []
+        for x, group in zip(self.stations, self.springs, strict=True):
+            for spring in group:
+                at = (x - start) / (end - start)
+                if not 0 <= at <= 1:
+                    found.append(0.0)
+                    continue
+                h = 1e-6
+                low, high = max(at - h, 0.0), min(at + h, 1.0)
+                slope = (cable.place(high) - cable.place(low)) / (high - low) / (end - start)
+                tangent, axis = X + slope, spring.freedom.axis
+                moved = np.cross(axis, cable.place(at)) if spring.freedom.turns else axis
+                found.append(float(tangent @ moved / np.linalg.norm(tangent)))
+        return np.array(found)
+
+
+def lay_out(arm: Arm) -> Layout:
+    """Bodies and springs of an arm, by its rule.
+
+    Raises
+    ------
+    InputError
+        For an unknown freedom.
+    """
+    stations = [0.0]
+    springs: list[tuple[Spring, ...]] = [()]
+    for k, section in enumerate(arm.sections):
+        nodes, weights = arm.rule(section.segments)
+        for node, weight in zip(nodes, weights, strict=True):
+            stations.append(float(arm.starts[k] + node * section.length))
+            springs.append(_springs(section, k, float(node), float(weight), len(springs)))
+    masses = _masses(arm, np.array(stations))
+    straight = Layout(arm, np.array(stations), tuple(springs), masses)
+    return _damped(straight)
+
+
+def _springs(
+    section: Section, index: int, at: float, weight: float, count: int
+) -> tuple[Spring, ...]:
+    found = []
+    for name in section.freedoms:
+        if name not in FREEDOMS:
+            raise InputError("freedoms", " or ".join(FREEDOMS), name)
+        freedom, share = FREEDOMS[name], weight * section.length
+        stiffness = freedom.rigidity(section, at) / share
+        rest = section.rest.get(name, 0.0) * share
+        joint = f"{name}_{count}"
+        found.append(Spring(joint, freedom, index, at, share, stiffness, 0.0, rest, name))
+    return tuple(found if count % 2 else reversed(found))
+
+
+def _damped(layout: Layout) -> Layout:
+    """The same with dampers: τ times the stiffness."""
+    damping, sections = layout.arm.damping, layout.arm.sections
+
+    def time_constant(spring: Spring) -> float:
+        if damping.time_constant is not None:
+            return damping.time_constant
+        if damping.ratio is not None:
+            return 2 * damping.ratio / float(layout.rates[0])
+        section = sections[spring.section]
+        modulus = section.bending(spring.at) / section.second_moment(spring.at)
+        return float(damping.viscosity or 0.0) / modulus
+
+    groups = tuple(
+        tuple(
+            Spring(**{**vars(spring), "damping": time_constant(spring) * spring.stiffness})
+            for spring in group
+        )
+        for group in layout.springs
+    )
+    return Layout(layout.arm, layout.stations, groups, layout.bodies)
+
+
+# --- masses -------------------------------------------------------------------------------------
+
+
+def _masses(arm: Arm, stations: np.ndarray) -> tuple[Inertia, ...]:
+    """Inertia of each body in its station's frame."""
+    bodies = [Inertia.zero() for _ in stations]
+
+    def add(x: float, inertia: Inertia, k: int) -> None:
+        bodies[k] += inertia.moved(np.eye(3), (x - stations[k]) * X)
+
+    def carrier(x: float) -> int:
+        return int(np.searchsorted(stations, x, side="right")) - 1
+
+    ends = np.append(stations[1:], arm.length)
+    for start, section in zip(arm.starts, arm.sections, strict=False):
+        stop = start + section.length
+        density = section.material.density
+        if section.mass is not None:
+            density *= section.mass / _slice(section, 0, section.length).mass
+        for k, (low, high) in enumerate(zip(stations, ends, strict=True)):
+            low, high = max(low, start), min(high, stop)
+            if high > low:
+                piece = _slice(section, low - start, high - start, density)
+                add(float(start), piece, k)
+        for j in range(section.discs):
+            if section.disc is not None:
+                x = float(start + section.length * (j + 1) / section.discs)
+                add(x, _cylinder(section.disc), carrier(x))
+        if section.plate is not None:
+            add(stop + section.plate.thickness / 2, _cylinder(section.plate), carrier(stop))
+    if arm.payload is not None:
+        moment = 2 / 5 * arm.payload.mass * arm.payload.radius**2
+        ball = Inertia(arm.payload.mass, arm.payload.ahead * X, moment * np.eye(3))
+        add(arm.length, ball, len(stations) - 1)
+    return tuple(bodies)
+
+
+def _slice(section: Section, low: float, high: float, density: float | None = None) -> Inertia:
+    """The rod from low to high (m from the section's start), seen from there."""
+    nodes, weights = SLICE
+    # an interval a kink of the profile: Gauss's rule is exact between kinks
+    kinks = {low, high}
+    for profile in (section.radius, section.inner_radius):
+        if not callable(profile) and np.size(profile) > 2:
+            kinks |= {section.length * x for x in np.linspace(0, 1, np.size(profile))}
+    edges = sorted(x for x in kinks if low <= x <= high)
+    total = Inertia.zero()
+    density = section.material.density if density is None else density
+    mass, first, second, axial = 0.0, 0.0, 0.0, 0.0
+    for a, b in pairwise(edges):
+        for node, weight in zip(nodes, weights, strict=True):
+            x = a + (b - a) * (1 + node) / 2
+            scale = density * weight * (b - a) / 2
+            dm = scale * section.area(x / section.length)
+            mass, first, second = mass + dm, first + dm * x, second + dm * x * x
+            axial += scale * section.second_moment(x / section.length)
+    centre = first / mass
+    across = second - mass * centre * centre + axial
+    return total + Inertia(mass, centre * X, np.diag([2 * axial, across, across]))
+
+
+def _cylinder(plate: Plate) -> Inertia:
+    """A plate about its centre."""
+    m, r, h = plate.mass, plate.radius, plate.thickness
+    across = m * (3 * r * r + h * h) / 12
+    return Inertia(m, np.zeros(3), np.diag([m * r * r / 2, across, across]))

@@ -1,0 +1,115 @@
+"""Numbers that no soft arm has: most often a unit that slipped by 10³ or 10⁶.
+
+Three figures without a unit tell: how a rod hangs through under its own weight when it is held
+level, how far its cables can bend it, and how fast sound is in its material.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softdyn.checks import number
+from softdyn.design.layout import Layout
+from softdyn.design.rods import Arm, Cable, Section, along
+from softdyn.exceptions import InputError
+
+MODULUS = 5e3, 1e12
+"""Young's modulus (Pa): gels to diamond."""
+DENSITY = 20.0, 25e3
+"""kg/m³: foams to platinum."""
+SOUND = 14e3
+"""m/s, √(E/ρ): faster than in any fibre."""
+SAG = 0.04, 1e4
+"""ρ g A L³ / EI of an arm that no cable bends; 8 times the level rod's sag over its length."""
+BEND = 0.03, 300.0
+"""Angle (rad) by which a cable at full tension bends its weightless arm."""
+HINT = "or unusual = true for what is meant"
+
+
+def check(layout: Layout) -> None:
+    """Refuse cables outside the body, and unless `arm.unusual` all that no soft arm has.
+
+    Raises
+    ------
+    InputError
+        It names the section or cable, what was expected and what was got.
+    """
+    arm = layout.arm
+    for cable in arm.cables:
+        _check_place(arm, cable)
+    if arm.unusual:
+        return
+    for section in arm.sections:
+        where, material = f"section {section.name!r}", section.material
+        if section.mass is None:
+            _within(f"{where}: density", material.density, DENSITY, "kg/m^3")
+        if section.bending_stiffness is None:
+            E = material.youngs_modulus
+            _within(f"{where}: Young's modulus", E, MODULUS, "Pa")
+            sound = math.sqrt(E / material.density)
+            _within(f"{where}: sqrt(E / density)", sound, (0.0, SOUND), "m/s")
+    for cable in arm.cables:
+        bend = _bend(layout, cable)
+        if bend:
+            what = f"cable {cable.name!r}: bend at max_tension, by Young's modulus and radius"
+            _within(what, bend, BEND, "rad")
+    # a cable says more than the weight: short arms and light ones hardly sag
+    low = 0.0 if arm.cables else SAG[0]
+    what = "weight against stiffness, m g L^2 / EI, by Young's modulus, density and size"
+    _within(what, _weight(layout), (low, SAG[1]), "")
+
+
+def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> None:
+    number(what, value)
+    low, high = limits
+    if not low <= value <= high:
+        bounds = f"{low:g} to {high:g}".replace("0 to", "at most") if low == 0 else (
+            f"{low:g} to {high:g}"
+        )  # fmt: skip
+        raise InputError(what, f"{bounds} {unit} ({HINT})".replace("  ", " "), f"{value:.3g}")
+
+
+def _check_place(arm: Arm, cable: Cable) -> None:
+    """A led cable lies inside the rod, a straight one inside the discs, of which there are some."""
+    start, end = arm.way(cable)
+    for k in range(cable.start, cable.end % len(arm.sections) + 1):
+        section, where = (
+            arm.sections[k],
+            f"cable {cable.name!r} in section {arm.sections[k].name!r}",
+        )
+        if cable.straight and not section.discs:
+            raise InputError(where, "discs that lead it", "a section without discs")
+        for at in np.linspace(0, 1, 17):
+            offset = along(
+                cable.offset, (arm.starts[k] + at * section.length - start) / (end - start)
+            )
+            limit = along(section.radius, at)
+            if cable.straight and section.disc is not None:
+                limit = max(limit, section.disc.radius)
+            if offset > limit * (1 + 1e-9):
+                inside = f"an offset inside the body, at most {limit:.4g} m there"
+                raise InputError(where, inside, f"{offset:.4g} m")
+
+
+def _bend(layout: Layout, cable: Cable) -> float:
+    """Angle (rad) by which a cable alone bends the weightless arm; 0 where nothing can bend."""
+    bends = [
+        cable.max_tension * arm / spring.stiffness
+        for spring, arm in zip(layout.all_springs, layout.coefficients(cable), strict=True)
+        if spring.freedom.rigidity is Section.bending
+    ]
+    return float(np.abs(bends).sum())
+
+
+def _weight(layout: Layout) -> float:
+    """m g L² / EI, with the mean compliance of the arm's sections."""
+    arm = layout.arm
+    at = np.linspace(0, 1, 33)
+    compliance = sum(
+        section.length * float(np.mean([1 / section.bending(x) for x in at]))
+        for section in arm.sections
+    )
+    mass = sum(body.mass for body in layout.bodies)
+    return mass * 9.81 * arm.length * compliance

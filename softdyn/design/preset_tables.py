@@ -1,0 +1,80 @@
+"""Presets from a table: a log-spiral arm, a finger."""
+
+from __future__ import annotations
+
+import math
+
+from softdyn.design import finger, log_spiral
+from softdyn.design.arm_table import MOTIONS, PAIRS, placed, read_mount, read_name
+from softdyn.design.shapes import phalanx_mesh, spiral_mesh, stl
+from softdyn.design.units import Table
+from softdyn.design.urdf_text import Input
+
+TURNS = {name: name for name in MOTIONS if name in ("bend", "bend_y", "bend_z", "twist")}
+Files = tuple[str, str, dict[str, bytes]]
+"""Name, URDF, meshes by their path beside it."""
+
+
+def read_spiral(table: Table) -> Files:
+    """A log-spiral arm, from ``[log_spiral]``."""
+    name, own = read_name(table), table.table("log_spiral")
+    mount = read_mount(table.table("mount"))
+    table.finish()
+    assert own is not None
+    count, first = own.count("cables", 3), own.quantity("angle", "angle", 0.0)
+    words = own.words("freedoms", TURNS, ["bend", "twist"])
+    with placed(own.where):
+        spiral = log_spiral.LogSpiral(
+            length=own.quantity("length", "length"),
+            mass=own.quantity("mass", "mass"),
+            segments=own.count("segments", 10, 2),
+            ratio=own.quantity("ratio", "none"),
+            radius=own.quantity("radius", "length"),
+            stiffness=own.quantity("joint_stiffness", "stiffness"),
+            damping=own.quantity("joint_damping", "damping"),
+            armature=own.quantity("joint_armature", "inertia", 0.0),
+            freedoms=tuple(one for word in words for one in reversed(PAIRS.get(word, (word,)))),
+            cable_angles=tuple(math.degrees(first) + 360 * i / count for i in range(count)),
+            cable=Input(-1.0, (0, own.quantity("max_tension", "force"))),
+            mount=mount,
+            name=name,
+        )
+    own.finish()
+    return name, log_spiral.urdf(spiral), {"meshes/spiral.stl": stl(spiral_mesh())}
+
+
+def read_finger(table: Table) -> Files:
+    """A finger, from ``[finger]`` and its ``[[tendon]]``s."""
+    name, own = read_name(table), table.table("finger")
+    mount = table.table("mount")
+    tendons = []
+    for k, item in enumerate(table.tables("tendon"), 1):
+        with placed(item.where):
+            tendons.append(
+                finger.FingerTendon(
+                    joints=tuple(
+                        int(j) if j.is_integer() else j for j in item.numbers("joints", "none")
+                    ),
+                    moment_arms=item.numbers("moment_arm", "length"),
+                    max_tension=item.quantity("max_tension", "force"),
+                    pair=item.flag("pair"),
+                    name=item.text("name", f"tendon_{k}"),
+                )
+            )
+        item.finish()
+    table.finish()
+    assert own is not None
+    with placed(own.where):
+        made = finger.Finger(
+            lengths=own.numbers("lengths", "length"),
+            radius=own.profile("radius", "length"),
+            density=own.quantity("density", "density"),
+            stiffness=own.profile("joint_stiffness", "stiffness"),
+            damping=own.profile("joint_damping", "damping"),
+            tendons=tuple(tendons),
+            limit=own.quantity("joint_limit", "angle", math.pi / 2),
+            mount=finger.FORWARD if mount is None else read_mount(mount),
+            name=name,
+        )
+    own.finish()
+    return name, finger.urdf(made), {"meshes/phalanx.stl": stl(phalanx_mesh())}

@@ -1,0 +1,29 @@
+"""Where a rod's joints go: a quadrature of its compliance.
+
+A slender rod under the moment m(s) turns by ∫ m ds / EI. Joints at s_i with the compliances
+w_i / EI(s_i) make a sum of that integral, and the joints' places and compliances are the nodes and
+weights of a quadrature. What each rule costs and gives is measured in ``docs/design.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+Rule = Callable[[int], tuple[np.ndarray, np.ndarray]]
+"""n → nodes in (0, 1) and weights, (n,) each; the weights add up to 1."""
+
+
+def midpoint(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """n equal segments with a joint in the middle of each: second order."""
+    return (np.arange(n) + 0.5) / n, np.full(n, 1 / n)
+
+
+def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss–Legendre nodes: exact for small loads; natural frequencies are of fourth order."""
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    return (1 + nodes) / 2, weights / 2
+
+
+RULES: dict[str, Rule] = {"gauss": gauss_legendre, "midpoint": midpoint}

@@ -1,0 +1,98 @@
+"""From a table to a robot's files: an arm of sections, or one of the presets."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from softdyn.design.arm_file import urdf
+from softdyn.design.arm_table import placed, read_arm
+from softdyn.design.layout import lay_out
+from softdyn.design.plausible import check
+from softdyn.design.preset_tables import Files, read_finger, read_spiral
+from softdyn.design.rods import Arm
+from softdyn.design.units import Table
+from softdyn.exceptions import InputError
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is written for one robot.
+
+    Attributes
+    ----------
+    name : str
+        The robot's.
+    text : str
+        Its annotated URDF.
+    meshes : mapping of str to bytes
+        Files it refers to, by their path below the URDF's folder.
+    figures : mapping of str to float
+        What it amounts to, by name and unit.
+    """
+
+    name: str
+    text: str
+    meshes: Mapping[str, bytes] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+PRESETS: dict[str, Callable[[Table], Files]] = {
+    "log_spiral": read_spiral,
+    "finger": read_finger,
+}
+"""By the name of the table that asks for one."""
+
+
+def read(values: Mapping[str, Any], file: str = "table") -> Design:
+    """The robot that a table describes, as `softdyn new` reads it from TOML.
+
+    Parameters
+    ----------
+    values : mapping
+        The table.
+    file : str
+        Where it is from, for errors.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the table and the key, what was expected and what was got.
+    """
+    table = Table(values, file)
+    for name, preset in PRESETS.items():
+        if name in values:
+            return Design(*preset(table))
+    if "section" not in values:
+        slips = [difflib.get_close_matches(key, ("section", *PRESETS), 1, 0.7) for key in values]
+        near = [f"{name}?" for found in slips for name in found]
+        expected = near[0] if near else f"[[section]] or [{'] or ['.join(PRESETS)}]"
+        raise InputError(file, expected, ", ".join(values) or "nothing")
+    return design(arm_of(values, file))
+
+
+def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
+    """The arm of sections that a table describes; see `read`."""
+    table = Table(values, file)
+    arm = read_arm(table)
+    table.finish()
+    with placed(file):
+        check(lay_out(arm))
+    return arm
+
+
+def design(arm: Arm) -> Design:
+    """The files of an arm, and what it amounts to."""
+    layout = lay_out(arm)
+    figures = {
+        "length_m": arm.length,
+        "mass_kg": sum(body.mass for body in layout.bodies),
+        "degrees_of_freedom": len(layout.all_springs),
+        "inputs": len(arm.cables),
+        "first_frequency_Hz": float(layout.rates[0]) / 2 / math.pi,
+        "fastest_mode_rad_s": float(layout.rates[-1]),
+    }
+    return Design(arm.name, urdf(arm), {}, figures)

@@ -1,0 +1,102 @@
+"""The file of an arm says what the arm is: against the engine, the twin and plain geometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from softdyn import design
+from softdyn.validation import crosscheck
+from tests.support.arms import EVERYTHING, RUBBER, loaded
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return loaded(EVERYTHING, tmp_path_factory.mktemp("arm"))
+
+
+def test_two_engines_agree_about_every_kind_of_part(model):
+    result = crosscheck(model, samples=4, trajectories=False)
+    assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+    assert max(check.max_error for check in result.checks) < 1e-10
+
+
+def test_the_layout_s_mass_matrix_is_the_engine_s(model):
+    layout = design.lay_out(EVERYTHING)
+    assert tuple(spring.name for spring in layout.all_springs) == model.joint_names
+    M = model.state(model.q0, np.zeros(model.nv)).M
+    np.testing.assert_allclose(layout.mass_matrix, M, atol=1e-12 * np.abs(M).max())
+
+
+def test_where_it_is_mounted(model):
+    length, tip = 0.1 + 0.004 + 0.08, np.array(EVERYTHING.tip)
+    roll, pitch, yaw = 0.4, math.asin(0.5 / math.sqrt(5.25)), math.atan2(2.0, 1.0)
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
+    R = (
+        np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    )
+    np.testing.assert_allclose(R[:, 0], np.array([1, 2, -0.5]) / math.sqrt(5.25), atol=1e-12)
+    y = model.state(model.q0, np.zeros(model.nv)).y
+    np.testing.assert_allclose(y, [0.1, 0.2, 0.3] + R @ np.add(tip, (length, 0, 0)), atol=1e-12)
+
+
+def test_masses_and_rest_are_those_of_the_parts(model):
+    masses = {link.name: link.inertia.mass for link in model.robot.links}
+    cone = math.pi / 3 * 0.05 * (0.015**2 + 0.015 * 0.012 + 0.012**2)
+    hollow = cone + math.pi * 0.05 * 0.012**2 - math.pi * 0.1 * 0.004**2
+    total = 1070 * hollow + 0.01 + 0.02 + 4 * 0.001 + 0.01
+    assert sum(masses.values()) == pytest.approx(total, rel=1e-9)
+    bends = [k for k, name in enumerate(model.joint_names) if name in ("bend_y_3", "bend_y_4")]
+    weights = np.array([5 / 18, 8 / 18]) * 0.08
+    np.testing.assert_allclose(model.rest[bends], 3.0 * weights, rtol=1e-12)
+    np.testing.assert_allclose(model.damping, 0.02 * model.stiffness, rtol=1e-12)
+
+
+def test_a_straight_cable_is_as_long_as_its_chords(model):
+    lengths = dict(zip(model.tendons.names, model.tendon_lengths(model.q0), strict=True))
+    # half a turn over 80 mm in four steps, at 13 mm
+    chord = math.hypot(0.02, 2 * 0.013 * math.sin(math.pi / 8))
+    assert lengths["straight"] == pytest.approx(4 * chord, rel=1e-12)
+
+
+def test_moment_arms_of_a_helical_channel_are_slopes_of_its_length():
+    """The curve itself, bent at one joint, measured as a polygon; no formula of ours."""
+    cable = EVERYTHING.cables[1]
+    layout = design.lay_out(EVERYTHING)
+    coefficients = layout.coefficients(cable)
+    start, end = EVERYTHING.way(cable)
+    x = np.linspace(start, end, 8001)
+    curve = np.array([cable.place((s - start) / (end - start)) for s in x])
+    curve[:, 0] = x
+    k = 0
+    for station, group in zip(layout.stations, layout.springs, strict=True):
+        for spring in group:
+            # the strain spread over a short piece of rod about the joint
+            inside, change = np.abs(x - station) < 1e-3, []
+            width = inside.sum() * (x[1] - x[0])
+            for q in (1e-5, -1e-5):
+                tangents = np.gradient(curve, x, axis=0)
+                if spring.freedom.turns:
+                    rate = np.cross(spring.freedom.axis, curve * [0, 1, 1]) / width
+                else:
+                    rate = np.broadcast_to(spring.freedom.axis / width, curve.shape)
+                strained = tangents + q * rate * inside[:, None]
+                change.append(np.trapezoid(np.linalg.norm(strained, axis=1), x))
+            assert coefficients[k] == pytest.approx(
+                (change[0] - change[1]) / 2e-5, rel=3e-4, abs=3e-6
+            ), k
+            k += 1
+
+
+def test_damping_by_ratio_and_by_viscosity():
+    rod = design.Section(0.2, 0.01, RUBBER, 5)
+    by_ratio = design.lay_out(design.Arm((rod,), design.Damping(ratio=0.2)))
+    tau = [s.damping / s.stiffness for s in by_ratio.all_springs]
+    assert tau == pytest.approx([2 * 0.2 / by_ratio.rates[0]] * 10)
+    by_viscosity = design.lay_out(design.Arm((rod,), design.Damping(viscosity=1000.0)))
+    tau = [s.damping / s.stiffness for s in by_viscosity.all_springs]
+    assert tau == pytest.approx([1000 / 0.25e6] * 10)
