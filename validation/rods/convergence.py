@@ -1,0 +1,130 @@
+"""How many joints an arm needs: its sag, its frequencies, its shape under a cable against n."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softdyn import design
+from softdyn.validation.rods.arms import counts_for, frequencies, model_of, refined, tip
+from softdyn.validation.rods.ladder import Ladder
+from softdyn.validation.tables import columns
+
+BEND = math.pi / 2
+"""Angle (rad) to which the shape under a cable is taken, where the cable can pull so hard."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """What `converge` found.
+
+    Attributes
+    ----------
+    ladders : tuple of Ladder
+        The figures; tip errors are relative to the arm's length.
+    tolerance : float
+        Relative.
+    """
+
+    ladders: tuple[Ladder, ...]
+    tolerance: float
+
+    @property
+    def needed(self) -> int | None:
+        """Joints in each section that keep every figure within the tolerance."""
+        found = [ladder.needed(self.tolerance) for ladder in self.ladders]
+        return None if None in found else max(n for n in found if n is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "tolerance": self.tolerance,
+            "joints_needed": self.needed,
+            "quantities": [ladder.to_dict(self.tolerance) for ladder in self.ladders],
+        }
+
+    def __str__(self) -> str:
+        counts = self.ladders[0].counts
+        titles = ["error of", *(f"n = {n}" for n in counts), "order", f"n for {self.tolerance:g}"]
+        lines = [titles]
+        for ladder in self.ladders:
+            order, needed = ladder.order, ladder.needed(self.tolerance)
+            lines.append(
+                [
+                    ladder.name,
+                    *(f"{error:.1e}" for error in ladder.errors),
+                    "-" if order is None else f"{order:.1f}",
+                    "-" if needed is None else str(needed),
+                ]
+            )
+        verdict = f"joints in each section for {self.tolerance:g}: {self.needed or 'unknown'}"
+        table = columns(lines, range(1, len(titles)))
+        return f"{table}\nerrors against the extrapolated limit\n{verdict}"
+
+
+def converge(arm: design.Arm, counts: Sequence[int], tolerance: float) -> Convergence:
+    """Measure an arm at several numbers of joints in each section.
+
+    Its tip at rest as it is mounted and held level, its first three natural frequencies, and its
+    tip with each table of cables' first one at the tension that alone would bend it by 90°, or at
+    its largest.
+
+    Parameters
+    ----------
+    arm : Arm
+    counts : sequence of int
+        Those beyond what a file may hold are left out.
+    tolerance : float
+        Relative; of tips to the arm's length.
+    """
+    counts = counts_for(arm, counts)
+    level = replace(arm, mount=design.Mount(direction=(1.0, 0.0, 0.0)))
+    measured: dict[str, list[np.ndarray]] = {}
+
+    def note(name: str, value: np.ndarray) -> None:
+        measured.setdefault(name, []).append(np.atleast_1d(value))
+
+    pulls = _pulls(arm)
+    for n in counts:
+        model = model_of(refined(arm, n))
+        note("tip at rest", tip(model))
+        note("tip held level", tip(model_of(refined(level, n))))
+        for k, frequency in enumerate(frequencies(model, 3), 1):
+            note(f"frequency {k}", frequency)
+        for index, tension in pulls:
+            u = np.zeros(model.nu)
+            u[index] = tension
+            note(f"tip, {arm.cables[index].name} at {tension:.3g} N", tip(model, u.tolist()))
+    ladders = []
+    for name, values in measured.items():
+        if len(values) < len(counts):  # a mode that the coarsest arm does not have
+            continue
+        scale = float(values[-1][0]) if name.startswith("frequency") else arm.length
+        ladders.append(Ladder(name, counts, np.array(values), scale))
+    return Convergence(tuple(ladders), tolerance)
+
+
+def _pulls(arm: design.Arm) -> list[tuple[int, float]]:
+    """Cables to pull, one of each start and end, and their tensions (N)."""
+    layout = design.lay_out(arm)
+    found: dict[tuple[int, int], tuple[int, float]] = {}
+    for index, cable in enumerate(arm.cables):
+        bend = float(
+            np.abs(
+                [
+                    c / spring.stiffness
+                    for spring, c in zip(
+                        layout.all_springs, layout.coefficients(cable), strict=True
+                    )
+                    if spring.strain.startswith("bend")
+                ]
+            ).sum()
+        )
+        if bend > 0:
+            tension = min(cable.max_tension, BEND / bend)
+            found.setdefault((cable.start, cable.end % len(arm.sections)), (index, tension))
+    return list(found.values())
