@@ -1,0 +1,161 @@
+"""Measurements of a robot: inputs, and joints, tip or cables, over time."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softdyn.checks import array
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+
+MAX_ROWS = 1_000_000
+AXES = ("x", "y", "z")
+NEAR = 0.02  # of a joint's range: what is that close to a stop may be pressed against it
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """What was measured, N samples.
+
+    Attributes
+    ----------
+    t : ndarray, (N,)
+        Times (s), increasing, in any steps.
+    u : ndarray, (N, m)
+        Inputs, each held from its sample to the next one.
+    names : tuple of str
+        Of the measured outputs: ``q.JOINT``, ``tip.x``, ``length.TENDON``.
+    outputs : ndarray, (N, len(names))
+        Their values (rad or m, m, m).
+
+    Raises
+    ------
+    InputError
+        Other shapes, numbers that are not finite, times that do not increase, nothing that moves.
+    """
+
+    t: np.ndarray
+    u: np.ndarray
+    names: tuple[str, ...]
+    outputs: np.ndarray
+
+    def __post_init__(self) -> None:
+        samples = len(self.t)
+        if samples < 3 or not self.names:
+            raise InputError("data", "three samples of an output or more", f"{samples}")
+        object.__setattr__(self, "t", array("t", self.t, (samples,)))
+        object.__setattr__(self, "u", array("u", self.u, (samples, np.shape(self.u)[-1])))
+        shape = (samples, len(self.names))
+        object.__setattr__(self, "outputs", array("outputs", self.outputs, shape))
+        late = np.flatnonzero(np.diff(self.t) <= 0)
+        if late.size:
+            k = int(late[0])
+            raise InputError("t", "increasing times", f"{self.t[k]:g}, then {self.t[k + 1]:g}")
+        if not np.ptp(self.outputs, axis=0).any():
+            raise InputError("data", "outputs that move: excite the robot", "constant ones")
+
+    def part(self, begin: int, end: int) -> Measurements:
+        """The samples from `begin` to `end`."""
+        keep = slice(begin, end)
+        return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep])
+
+    def joints(self, model: SoftModel) -> np.ndarray | None:
+        """Joint coordinates (N, n) where all were measured, else None."""
+        wanted = [f"q.{name}" for name in model.joint_names]
+        if not set(wanted) <= set(self.names):
+            return None
+        return self.outputs[:, [self.names.index(name) for name in wanted]]
+
+
+def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
+    """Whether each joint (N, n) is so near a stop that the stop may push it.
+
+    A sample counts with its two neighbours: a stop is left and met between samples.
+    """
+    margin = NEAR * (model.upper - model.lower)
+    with np.errstate(invalid="ignore"):
+        near = (joints < model.lower + margin) | (joints > model.upper - margin)
+    near[:, ~np.isfinite(margin)] = False
+    wide = near.copy()
+    wide[1:] |= near[:-1]
+    wide[:-1] |= near[1:]
+    return wide
+
+
+def read_csv(path: str | Path, model: SoftModel) -> Measurements:
+    """Measurements from a CSV file whose header names the columns.
+
+    ``t`` in seconds; ``u.NAME`` for every input; any of ``q.JOINT`` (rad, m), ``tip.x``, ``tip.y``,
+    ``tip.z`` and ``length.TENDON`` (m).
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    model : SoftModel
+        Whose joints, tendons and inputs it names.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
+        number.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = [row for _, row in zip(range(MAX_ROWS + 2), csv.reader(file), strict=False)]
+    except OSError as error:
+        raise InputError(str(path), "a readable CSV file", error.strerror or error) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), "a CSV file", error) from None
+    rows = [row for row in rows if row]
+    if len(rows) > MAX_ROWS + 1:
+        raise InputError(str(path), f"at most {MAX_ROWS} rows", "more")
+    header = [name.strip() for name in rows[0]] if rows else []
+    inputs = tuple(f"u.{actuator.name}" for actuator in model.robot.actuators)
+    known = (
+        "t", *inputs, *(f"q.{name}" for name in model.joint_names),
+        *(f"tip.{axis}" for axis in AXES), *(f"length.{name}" for name in model.tendons.names),
+    )  # fmt: skip
+    for name in header:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            meant = f"{near[0]}?" if near else f"one of {', '.join(known)}"
+            raise InputError(f"{path}: column {name!r}", meant, name)
+    for name in ("t", *inputs):
+        if header.count(name) != 1:
+            raise InputError(str(path), f"one column {name}", f"{header.count(name)} of them")
+    if len(set(header)) < len(header):
+        raise InputError(str(path), "each column once", "one that is there twice")
+    table = np.array([_numbers(path, header, k, row) for k, row in enumerate(rows[1:], 2)])
+    column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
+    outputs = tuple(name for name in known[1 + len(inputs) :] if name in header)
+    if not outputs or not column:
+        expected = "rows, and a column of q.JOINT, tip.x or length.TENDON"
+        raise InputError(str(path), expected, f"{len(table)} rows of {', '.join(header)}")
+    stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
+               for names in (inputs, outputs)]  # fmt: skip
+    try:
+        return Measurements(column["t"], stacked[0], outputs, stacked[1])
+    except InputError as error:
+        raise InputError(f"{path}: {error.name}", error.expected, error.got) from None
+
+
+def _numbers(path: str | Path, header: list[str], line: int, row: list[str]) -> list[float]:
+    if len(row) != len(header):
+        raise InputError(f"{path}:{line}", f"{len(header)} cells", f"{len(row)}")
+    values = []
+    for name, text in zip(header, row, strict=True):
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InputError(f"{path}:{line}: column {name}", "a finite number", repr(text))
+        values.append(value)
+    return values

@@ -1,0 +1,239 @@
+"""What may be unknown about a robot: each kind's column in r = M q̈ + h - B u, and its setter."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softdyn.description.robot import Robot
+from softdyn.dynamics.derivatives import mass_columns
+from softdyn.dynamics.mimic import build
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.tree import tree_of
+from softdyn.exceptions import InputError
+
+
+class Moment(NamedTuple):
+    """A state with its acceleration and input, and the model with the file's inertias."""
+
+    state: State
+    a: np.ndarray
+    u: np.ndarray
+    file: SoftModel
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of parameter of which a robot has several members.
+
+    Attributes
+    ----------
+    name, unit : str
+        What it is.
+    members : callable
+        SoftModel → names of the members.
+    nominal : callable
+        SoftModel → their values in the file (members,).
+    columns : callable
+        Moment → ∂r/∂value (n, members), r = M a + h - B u.
+    amended : callable
+        (Robot, {name: value}) → the robot with these values; masses are set in the engine.
+    lower : float
+        The least value that makes sense.
+    """
+
+    name: str
+    unit: str
+    members: Callable[[SoftModel], Sequence[str]]
+    nominal: Callable[[SoftModel], np.ndarray]
+    columns: Callable[[Moment], np.ndarray]
+    amended: Callable[[Robot, dict[str, float]], Robot]
+    lower: float = 0.0
+
+
+def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot]:
+    """A setter of one attribute of the robot's joints, tendons or actuators."""
+
+    def amended(robot: Robot, values: dict[str, float]) -> Robot:
+        parts: tuple[Any, ...] = getattr(robot, field)
+        changed = tuple(
+            replace(part, **{attribute: values[part.name]}) if part.name in values else part
+            for part in parts
+        )
+        found: Robot = replace(robot, **{field: changed})  # type: ignore[arg-type]
+        return found
+
+    return amended
+
+
+def _joints(model: SoftModel) -> Sequence[str]:
+    return model.joint_names
+
+
+def _tendons(model: SoftModel) -> Sequence[str]:
+    return model.tendons.names
+
+
+def _inputs(model: SoftModel) -> Sequence[str]:
+    return [actuator.name for actuator in model.robot.actuators]
+
+
+def _coordinates(moment: Moment) -> np.ndarray:
+    return moment.state.model.coordinates(moment.state.q)
+
+
+def _stretch(moment: Moment) -> np.ndarray:
+    return _coordinates(moment) - moment.state.model.rest
+
+
+def _mass_columns(moment: Moment) -> np.ndarray:
+    state = moment.state
+    return mass_columns(moment.file, state.q, state.v, moment.a)
+
+
+def _gear_columns(moment: Moment) -> np.ndarray:
+    tree = tree_of(moment.state.model)
+    return -(moment.state.moment_arms[tree.actuated] * moment.u[:, None]).T
+
+
+def _tendon_spring(moment: Moment) -> np.ndarray:
+    model, state = moment.state.model, moment.state
+    return (state.moment_arms * (state.lengths - model.tendon_rest)[:, None]).T
+
+
+def _tendon_damper(moment: Moment) -> np.ndarray:
+    arms = moment.state.moment_arms
+    return (arms * (arms @ moment.state.v)[:, None]).T
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
+             lambda moment: np.diag(_stretch(moment)), _in("joints", "stiffness")),
+        Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
+             lambda moment: np.diag(moment.state.v), _in("joints", "damping")),
+        Kind("rest", "rad, m", _joints, lambda model: model.rest,
+             lambda moment: -np.diag(moment.state.model.stiffness), _in("joints", "rest"), -np.inf),
+        Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,
+             lambda moment: np.diag(moment.a), _in("joints", "armature")),
+        Kind("mass", "of the file's", _joints, lambda model: np.ones(model.nv),
+             _mass_columns,
+             lambda robot, values: robot),
+        Kind("gear", "N per unit of u", _inputs, lambda model: tree_of(model).gear,
+             _gear_columns, _in("actuators", "gear"), -np.inf),
+        Kind("tendon_stiffness", "N/m", _tendons, lambda model: model.tendon_stiffness,
+             _tendon_spring, _in("tendons", "stiffness")),
+        Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
+             _tendon_damper, _in("tendons", "damping")),
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Parameter:
+    """One unknown number θ: the members of a kind are `weights` · θ where `weights` is not zero.
+
+    Attributes
+    ----------
+    kind : Kind
+    label : str
+        For people: ``stiffness joint1``, ``damping, all``.
+    weights : ndarray, (members,)
+        One member, or the file's values of all: θ is then a factor.
+    nominal : float
+        θ in the file.
+    """
+
+    kind: Kind
+    label: str
+    weights: np.ndarray
+    nominal: float
+
+    @property
+    def unit(self) -> str:
+        """Of θ."""
+        return "of the file's" if np.count_nonzero(self.weights) > 1 else self.kind.unit
+
+
+def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Parameter, ...]:
+    """The unknowns of one kind: one for each member that the file gives, or one factor for all.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints and floating base.
+    kind : str
+        Of `KINDS`.
+    shared : bool
+        One factor on the file's values of all members.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or one of which the file gives no value.
+    """
+    if kind not in KINDS:
+        near = difflib.get_close_matches(kind, KINDS, 1)
+        raise InputError("kind", f"{near[0]}?" if near else f"one of {', '.join(KINDS)}", kind)
+    known = KINDS[kind]
+    nominal, names = np.asarray(known.nominal(model)), known.members(model)
+    present = np.flatnonzero(nominal) if known is not KINDS["rest"] else np.arange(len(names))
+    if not present.size:
+        raise InputError(kind, "a first guess in the robot's file", "none of it")
+    if shared and known is KINDS["rest"]:
+        raise InputError(kind, "rest positions joint by joint", "one factor for all")
+    if shared:
+        return (Parameter(known, f"{kind}, all", nominal.copy(), 1.0),)
+    units = np.eye(len(names))
+    return tuple(
+        Parameter(known, f"{kind} {names[int(k)]}", units[k], float(nominal[k])) for k in present
+    )
+
+
+def columns_of(unknowns: Sequence[Parameter], moment: Moment, count: int) -> np.ndarray:
+    """∂r/∂z (n, count): the unknowns' columns, then zeros."""
+    found = np.zeros((len(moment.a), count))
+    at = 0
+    for _, group in groupby(unknowns, lambda parameter: parameter.kind.name):
+        same = list(group)
+        weights = np.stack([parameter.weights for parameter in same], 1)
+        found[:, at : at + len(same)] = same[0].kind.columns(moment) @ weights
+        at += len(same)
+    return found
+
+
+def member_values(
+    model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """By kind and member, the values that θ gives; members without an unknown are left out."""
+    found: dict[str, dict[str, float]] = {}
+    for parameter, value in zip(unknowns, theta, strict=True):
+        names = parameter.kind.members(model)
+        members = found.setdefault(parameter.kind.name, {})
+        for k in np.flatnonzero(parameter.weights):
+            members[names[int(k)]] = float(parameter.weights[k] * value)
+    return found
+
+
+def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray) -> SoftModel:
+    """The model with θ in place of the file's values."""
+    values = member_values(model, unknowns, theta)
+    robot = model.robot
+    for name, members in values.items():
+        robot = KINDS[name].amended(robot, members)
+    changed = build(robot)
+    if "mass" in values:  # in the engine: the text of the file stays as it is
+        engine = tree_of(changed).pin_model
+        for name, factor in values["mass"].items():
+            body = engine.getJointId(name)
+            inertia = engine.inertias[body]
+            inertia.mass = factor * inertia.mass
+            inertia.inertia = factor * inertia.inertia
+            engine.inertias[body] = inertia
+    return changed

@@ -1,0 +1,104 @@
+"""What an identification found, with its intervals and what the data do not tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from softdyn.dynamics.model import SoftModel
+from softdyn.identification.parameters import Parameter, member_values
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One parameter: value, standard deviation, 95 % interval; not identified: the file's value."""
+
+    parameter: Parameter
+    value: float
+    deviation: float
+    identified: bool
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % by the normal distribution."""
+        half = norm.ppf(0.975) * self.deviation
+        return self.value - half, self.value + half
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What the data say.
+
+    Attributes
+    ----------
+    model : SoftModel
+        With the values found.
+    estimates : tuple of Estimate
+    names : tuple of str
+        Of the outputs.
+    residuals : ndarray, (N, outputs)
+        Measured less simulated; NaN where a stop may have pushed the joint.
+    noise : ndarray, (outputs,)
+        Standard deviation of each output's residual.
+    autocorrelation : ndarray, (LAGS, outputs)
+        Of the residuals; white ones stay within 2/√N.
+    white : float
+        Probability of a larger Ljung–Box statistic if all residuals were white.
+    held_out : float
+        Rms of the residuals over `noise` in the part of the data that the fit did not see.
+    vague : tuple of str
+        The directions that the data do not tell, as text.
+    """
+
+    model: SoftModel
+    estimates: tuple[Estimate, ...]
+    names: tuple[str, ...]
+    residuals: np.ndarray
+    noise: np.ndarray
+    autocorrelation: np.ndarray
+    white: float
+    held_out: float
+    vague: tuple[str, ...]
+
+    def values(self) -> dict[str, dict[str, float]]:
+        """What was identified, by kind and member, as `rewritten` takes it."""
+        known = [one for one in self.estimates if one.identified]
+        theta = np.array([one.value for one in known])
+        return member_values(self.model, [one.parameter for one in known], theta)
+
+    def report(self) -> dict[str, Any]:
+        """The figures as plain data."""
+        return {
+            "parameters": [
+                {"kind": one.parameter.kind.name, "label": one.parameter.label,
+                 "unit": one.parameter.unit, "identified": one.identified, "value": one.value,
+                 "deviation": one.deviation, "interval": one.interval,
+                 "file": one.parameter.nominal}
+                for one in self.estimates
+            ],
+            "noise": dict(zip(self.names, self.noise.tolist(), strict=True)),
+            "white": self.white, "held_out": self.held_out, "not_told": list(self.vague),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        width = max(len(one.parameter.label) for one in self.estimates)
+        lines = []
+        for one in self.estimates:
+            line = f"{one.parameter.label:{width}}  {one.value:12.6g} {one.parameter.unit}"
+            if one.identified:
+                low, high = one.interval
+                change = one.value / one.parameter.nominal - 1 if one.parameter.nominal else np.nan
+                line += f"   95 %: {low:.6g} … {high:.6g}   file {change:+.1%}"
+            else:
+                line += "   NOT IDENTIFIED: the file's value"
+            lines.append(line)
+        lines += [f"not told by these data: {text}" for text in self.vague]
+        low, high = self.noise.min(), self.noise.max()
+        lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
+        lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
+        if self.white < 0.01:
+            lines.append("the residuals are not white: the model lacks something")
+        return "\n".join(lines)

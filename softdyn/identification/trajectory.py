@@ -1,0 +1,178 @@
+"""The model's motion under a measured input, and its derivatives by the unknown parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.dynamics.derivatives import residual_derivatives
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import SoftdynError
+from softdyn.identification.data import Measurements
+from softdyn.identification.parameters import Moment, Parameter, columns_of
+
+# Two stages of equal diagonal, order 2, L-stable and stiffly accurate (Alexander 1977, "Diagonally
+# implicit Runge-Kutta methods for stiff ODEs"): joint damping is stiff, inputs jump.
+GAMMA = 1 - np.sqrt(0.5)
+STAGES = ((GAMMA,), (1 - GAMMA, GAMMA))
+ITERATIONS = 30
+TOLERANCE = 1e-11
+
+
+class TrajectoryError(SoftdynError, ArithmeticError):
+    """The model's equations could not be followed: parameters far from anything that moves so."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Joints that follow their measurement for a while, because a stop holds them.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, (N, n)
+        Which, sample by sample.
+    q, v : ndarray, (N, n)
+        Smoothed measurements (rad, m; per second).
+    """
+
+    mask: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The state at the first sample and its derivatives by all unknowns (n, P).
+
+    Attributes
+    ----------
+    q, v : ndarray, (n,)
+    by_q, by_v : ndarray, (n, P)
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    by_q: np.ndarray
+    by_v: np.ndarray
+
+
+def follow(
+    model: SoftModel,
+    unknowns: Sequence[Parameter],
+    data: Measurements,
+    start: Start,
+    held: Held | None = None,
+    step: float = np.inf,
+    file: SoftModel | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint coordinates (N, n) at the samples, and their derivatives (N, n, P).
+
+    Each interval between samples is one step of a diagonally implicit Runge–Kutta method, or
+    several of at most `step` seconds, under the input of its beginning. The derivatives are those
+    of the discrete equations: with r(q, v, a; θ) = 0 in each stage,
+    (M + hγ ∂r/∂v + h²γ² ∂r/∂q) da = -(∂r/∂q dq + ∂r/∂v dv + ∂r/∂θ).
+
+    Parameters
+    ----------
+    model : SoftModel
+        With the values of the parameters in place.
+    unknowns : sequence of Parameter
+        The first of the P unknowns.
+    data : Measurements
+        Times and inputs.
+    start : Start
+    held : Held, optional
+    step : float
+        Longest step (s).
+    file : SoftModel, optional
+        With the file's masses, where `model` has others.
+
+    Raises
+    ------
+    TrajectoryError
+        When the equations of a step have no solution.
+    """
+    n, count = model.nv, start.by_q.shape[1]
+    q, v = start.q.copy(), start.v.copy()
+    dq, dv = start.by_q.copy(), start.by_v.copy()
+    path, sensitivities = np.empty((len(data.t), n)), np.empty((len(data.t), n, count))
+    a = np.zeros(n)
+    free = np.arange(n)
+    for k in range(len(data.t)):
+        if held is not None:
+            on = held.mask[k]
+            q[on], v[on], dq[on], dv[on] = held.q[k, on], held.v[k, on], 0.0, 0.0
+            free = np.flatnonzero(~on)
+        path[k], sensitivities[k] = q, dq
+        if k + 1 == len(data.t):
+            break
+        interval = data.t[k + 1] - data.t[k]
+        pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
+        forced = np.zeros(n)
+        if held is not None:
+            forced[on] = (held.v[k + 1, on] - held.v[k, on]) / interval
+        for _ in range(pieces):
+            q, v, dq, dv, a = _step(
+                (model, file or model),
+                unknowns,
+                q,
+                v,
+                dq,
+                dv,
+                a,
+                data.u[k],
+                interval / pieces,
+                free,
+                forced,
+            )
+    return path, sensitivities
+
+
+def _step(
+    models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
+    q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
+    h: float, free: np.ndarray, forced: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """One step: the state at its end, its derivatives, and the last stage's acceleration."""
+    model, file = models
+    block = np.ix_(free, free)
+    slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
+    a = np.where(np.isin(np.arange(len(a)), free), a, forced)
+    for weights in STAGES:
+        hg = h * weights[-1]
+        q0, v0, dq0, dv0 = q.copy(), v.copy(), dq.copy(), dv.copy()
+        for weight, (V, A, dV, dA) in zip(weights[:-1], slopes, strict=True):
+            q0, v0 = q0 + h * weight * V, v0 + h * weight * A
+            dq0, dv0 = dq0 + h * weight * dV, dv0 + h * weight * dA
+        for iteration in range(ITERATIONS):
+            V = v0 + hg * a
+            Q = q0 + hg * V
+            configuration = model.configuration(Q)
+            state = model.state(configuration, V)
+            r = (state.M @ a + state.h - state.B @ u)[free]
+            if iteration % 4 == 0:
+                by_q, by_v = residual_derivatives(model, configuration, V, a, u)
+                inverse = np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
+            change = inverse @ r
+            a = a.copy()
+            a[free] -= change
+            if not np.isfinite(change).all():
+                break
+            if np.abs(change).max(initial=0) <= TOLERANCE * (1 + np.abs(a).max()):
+                break
+        else:
+            raise TrajectoryError(f"no solution of a step of {h:.3g} s: give a shorter one")
+        if not np.isfinite(a).all():
+            raise TrajectoryError("the model's motion is not finite under these parameters")
+        moment = Moment(state, a, u, file)
+        columns = columns_of(unknowns, moment, dq.shape[1])
+        dV0 = dq0 + hg * dv0
+        load = columns + by_q @ dV0 + by_v @ dv0
+        dA = np.zeros_like(dq)
+        dA[free] = -inverse @ load[free]
+        dV = dv0 + hg * dA
+        slopes.append((v0 + hg * a, a, dV, dA))
+        end = (q0 + hg * slopes[-1][0], slopes[-1][0], dq0 + hg * dV, dV, a)
+    return end

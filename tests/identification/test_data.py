@@ -1,0 +1,104 @@
+"""Files of measurements, the file with the new numbers, and the command."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, identification
+from softdyn.commands import identify as command
+from softdyn.validation.identification.trials import Excitation, twin_data
+
+HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return softdyn.load("finger")
+
+
+def test_names_of_the_finger(finger):
+    inputs = [f"u.{actuator.name}" for actuator in finger.robot.actuators]
+    assert HEADER.split(",") == ["t", *inputs, *(f"q.{name}" for name in finger.joint_names)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "one column t, got 0 of them"),
+        ("t,u.u1\n0,0\n", "one column u.u2, got 0"),
+        (HEADER.replace("joint4", "joint5"), r"q.joint\d\?, got q.joint5"),
+        (HEADER + ",tip.w", r"tip.\w\?, got tip.w"),
+        (HEADER + ",t", "one column t, got 2"),
+        ("t,u.u1,u.u2\n0,0,0\n", "rows, and a column of q.JOINT"),
+        (HEADER + "\n0,0,0,0,0,0\n", ":2: expected 7 cells, got 6"),
+        (HEADER + "\n0,0,0,0,0,0,nan\n", "column q.joint4: expected a finite number, got 'nan'"),
+        (HEADER + "\n0,0,0,0,0,0,1e999\n", "expected a finite number"),
+        (HEADER + "\n" + "0,0,0,0,0,0,0\n" * 3, "constant|increasing"),
+        (HEADER + "\n0,0,0,1,0,0,0\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "increasing times, got 0, th"),
+        (HEADER + "\n0,0,0,1,0,0,0\n1,0,0,1,0,0,0\n2,0,0,1,0,0,0\n", "outputs that move"),
+    ],
+)  # fmt: skip
+def test_files_that_cannot_be_used(finger, tmp_path, text, message, capsys):
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        identification.read_csv(path, finger)
+    assert command.main(["finger", str(path)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_new_numbers_in_the_file(finger, tmp_path):
+    """Read back by the strict parse; the rest of the file stays."""
+    values = {
+        "stiffness": {"joint2": 0.0123}, "damping": {"joint1": 0.5}, "rest": {"joint3": 0.1},
+        "gear": {"u1": -0.7}, "mass": {"joint4": 2.0},
+    }  # fmt: skip
+    path = tmp_path / "new.urdf"
+    path.write_text(identification.rewritten(finger.robot, values))
+    new = softdyn.load(path)
+    index = {name: k for k, name in enumerate(finger.joint_names)}
+    for kind, (joint, value) in (("stiffness", ("joint2", 0.0123)), ("damping", ("joint1", 0.5)),
+                                 ("rest", ("joint3", 0.1))):  # fmt: skip
+        expected = getattr(finger, kind).copy()
+        expected[index[joint]] = value
+        assert np.allclose(getattr(new, kind), expected)
+    assert new.robot.actuators[0].gear == -0.7
+    masses = [link.inertia.mass for link in new.robot.links]
+    before = [link.inertia.mass for link in finger.robot.links]
+    assert sum(masses) > sum(before)
+    assert sum(a != b for a, b in zip(masses, before, strict=True)) >= 1
+    with pytest.raises(InputError, match="a place for the armature of 'joint1'"):
+        identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}})
+
+
+def test_the_command_writes_robot_and_page(finger, tmp_path, capsys):
+    unknowns = identification.parameters(finger, "stiffness", shared=True)
+    names = [f"q.{name}" for name in finger.joint_names]
+    data, theta = twin_data(finger, unknowns, names, Excitation(0.5), 1.0, 3)
+    path = tmp_path / "data.csv"
+    table = np.column_stack((data.t, data.u, data.outputs))
+    np.savetxt(path, table, delimiter=",", header=HEADER, comments="")
+    out, html = tmp_path / "new.urdf", tmp_path / "page.html"
+    arguments = [
+        "finger",
+        str(path),
+        "--shared",
+        "stiffness",
+        "--out",
+        str(out),
+        "--html",
+        str(html),
+    ]
+    assert command.main([*arguments, "--json", "-"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["parameters"]
+    assert abs(found["value"] / theta[0] - 1) < 0.05
+    assert softdyn.load(out).stiffness == pytest.approx(finger.stiffness * found["value"])
+    assert "Identification of finger" in html.read_text()
+    assert command.main(["finger"]) == 2
+    assert "a file, or --twin, got neither" in capsys.readouterr().err
+    assert command.main(["finger", "--twin", "0.5", "--shared", "stiffness"]) == 0
+    assert "truth in 95 %" in capsys.readouterr().out

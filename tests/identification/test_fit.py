@@ -1,0 +1,168 @@
+"""Identification on MuJoCo's motion, and the pieces it is made of against finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import softdyn
+from softdyn import InputError, identification
+from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
+from softdyn.dynamics.tree import tree_of
+from softdyn.identification import Measurements
+from softdyn.identification.fit import measured
+from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
+from softdyn.identification.trajectory import Start, follow
+from softdyn.validation.identification.trials import Excitation, trial, twin_data
+
+COMPLIANCE = ("stiffness", "damping")
+
+
+def unknowns(model: softdyn.SoftModel, *kinds: str) -> list[Parameter]:
+    return [one for kind in kinds for one in identification.parameters(model, kind)]
+
+
+@pytest.fixture(scope="module")
+def finger() -> softdyn.SoftModel:
+    return softdyn.load("finger")
+
+
+@pytest.fixture(scope="module")
+def spirob() -> softdyn.SoftModel:
+    return softdyn.load("spirob")
+
+
+def residual(model, q, v, a, u):
+    state = model.state(q, v)
+    return state.M @ a + state.h - state.B @ u
+
+
+@pytest.mark.parametrize("robot", ["finger", "spirob"])
+def test_the_residual_s_derivatives(robot, request):
+    model = request.getfixturevalue(robot)
+    rng = np.random.default_rng(3)
+    q, v, a = rng.uniform(-0.3, 0.3, (3, model.nv))
+    u = rng.uniform(model.u_min, model.u_max)
+    by_q, by_v = residual_derivatives(model, q, v, a, u)
+    for k, e in enumerate(np.eye(model.nv) * 1e-6):
+        left = (residual(model, q + e, v, a, u) - residual(model, q - e, v, a, u)) / 2e-6
+        right = (residual(model, q, v + e, a, u) - residual(model, q, v - e, a, u)) / 2e-6
+        assert np.allclose(by_q[:, k], left, atol=1e-6 * np.abs(by_q).max())
+        assert np.allclose(by_v[:, k], right, atol=1e-6 * np.abs(by_v).max())
+
+
+@pytest.mark.parametrize("kind", [*identification.KINDS])
+def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
+    text = (softdyn.load("finger").robot.path).read_text()
+    text = text.replace('<tendon name="', '<tendon stiffness="2" damping="0.1" name="')
+    text = text.replace("<softdyn version", "<softdyn version", 1)
+    text = text.replace("</softdyn>", '<joint name="joint1" armature="1e-3"/></softdyn>')
+    path = tmp_path / "finger.urdf"
+    path.write_text(text)
+    model = softdyn.load(path)
+    rng = np.random.default_rng(4)
+    q, v, a = rng.uniform(-1, 1, (3, model.nv))
+    u = rng.uniform(model.u_min, model.u_max)
+    several = identification.parameters(model, kind)
+    columns = columns_of(several, Moment(model.state(q, v), a, u, model), len(several))
+    nominal = np.array([one.nominal for one in several])
+    for k in range(len(several)):
+        step = np.zeros(len(several))
+        step[k] = 1e-3 * max(abs(nominal[k]), 1)
+        sides = [residual(with_values(model, several, nominal + s * step), q, v, a, u)
+                 for s in (1, -1)]  # fmt: skip
+        difference = (sides[0] - sides[1]) / (2 * step[k])
+        assert np.allclose(columns[:, k], difference, rtol=1e-7, atol=1e-9)
+
+
+def test_the_bodies_carry_all_of_the_inertial_force(spirob):
+    rng = np.random.default_rng(5)
+    q, v, a = rng.uniform(-0.5, 0.5, (3, spirob.nv))
+    tree = tree_of(spirob)
+    whole = pin.rnea(tree.pin_model, tree.pin_data, q, v, a) - spirob.armature * a
+    assert np.allclose(mass_columns(spirob, q, v, a).sum(1), whole, rtol=1e-10)
+
+
+def test_the_trajectory_s_derivatives(finger):
+    """By all parameters and the first state, against central differences of the trajectory."""
+    rng = np.random.default_rng(6)
+    several = unknowns(finger, "stiffness", "damping", "mass", "gear")
+    t = np.cumsum(rng.uniform(0.003, 0.008, 40))
+    u = rng.uniform(finger.u_min, finger.u_max, (40, finger.nu))
+    data = Measurements(t, u, ("q.joint1",), rng.uniform(size=(40, 1)))
+    theta = np.array([one.nominal for one in several])
+    theta = theta * rng.uniform(0.8, 1.2, len(theta))
+    z = np.concatenate((theta, rng.uniform(-0.2, 0.2, 2 * finger.nv)))
+    n, count = finger.nv, len(several)
+    eyes = np.zeros((2, n, len(z)))
+    eyes[0, :, count : count + n] = eyes[1, :, count + n :] = np.eye(n)
+
+    def path(at):
+        start = Start(at[count : count + n], at[count + n :], *eyes)
+        changed = with_values(finger, several, at[:count])
+        return follow(changed, several, data, start, file=finger)
+
+    _, slope = path(z)
+    for k in rng.choice(len(z), 8, replace=False):
+        step = np.zeros(len(z))
+        step[k] = 1e-5 * max(abs(z[k]), 0.1)
+        difference = (path(z + step)[0] - path(z - step)[0]) / (2 * step[k])
+        assert np.allclose(slope[:, :, k], difference, atol=1e-6 * np.abs(difference).max() + 1e-9)
+
+
+def test_outputs_of_tip_and_cables(spirob):
+    rng = np.random.default_rng(7)
+    path = rng.uniform(-0.3, 0.3, (2, spirob.nv))
+    names = ["tip.z", f"length.{spirob.tendons.names[1]}", f"q.{spirob.joint_names[5]}"]
+    by = np.broadcast_to(np.eye(spirob.nv), (2, spirob.nv, spirob.nv))
+    _, slope = measured(spirob, names, path, by)
+    for k, e in enumerate(np.eye(spirob.nv) * 1e-6):
+        sides = [measured(spirob, names, path + s * e, by)[0] for s in (1, -1)]
+        assert np.allclose(slope[:, :, k], (sides[0] - sides[1]) / 2e-6, atol=1e-7)
+
+
+def test_noisy_joints_of_a_twin_tell_stiffness_and_damping(finger):
+    one = trial(finger, unknowns(finger, *COMPLIANCE), [f"q.{n}" for n in finger.joint_names],
+                Excitation(1.0), 1.0, 0)  # fmt: skip
+    assert np.isfinite(one.relative).all()
+    assert np.abs(one.relative).max() < 0.05
+    assert np.abs(one.scores).max() < 4
+    assert one.found.white > 1e-3
+    assert one.found.noise == pytest.approx(0.005, rel=0.15)
+    assert one.found.held_out < 2
+
+
+def test_without_noise_the_error_falls_with_the_plant_s_step(finger):
+    several = unknowns(finger, *COMPLIANCE)
+    joints = [f"q.{n}" for n in finger.joint_names]
+    errors = []
+    for h in (5e-4, 1.25e-4):
+        one = trial(finger, several, joints, Excitation(1.5, timestep=h), 0.0, 1, 2.5e-3)
+        errors.append(np.abs(one.relative).max())
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[1] < 1e-3
+
+
+def test_what_scales_together_is_named(finger):
+    """Stiffness, damping, masses and gears by one factor: the same motion."""
+    several = [one for kind in ("stiffness", "damping", "gear")
+               for one in identification.parameters(finger, kind, shared=True)]  # fmt: skip
+    mass = identification.parameters(finger, "mass", shared=True)
+    data_of = [f"q.{n}" for n in finger.joint_names]
+    data, _ = twin_data(finger, several, data_of, Excitation(0.5), 1.0, 2)
+    found = identification.identify(finger, data, [*several, *mass])
+    assert len(found.vague) == 1
+    assert "together with" in found.vague[0]
+    assert sum(not one.identified for one in found.estimates) == 1
+    assert "NOT IDENTIFIED" in str(found)
+
+
+def test_bad_requests(finger):
+    with pytest.raises(InputError, match=r"kind: expected stiffness\?, got stifness"):
+        identification.parameters(finger, "stifness")
+    with pytest.raises(InputError, match="a first guess in the robot's file"):
+        identification.parameters(finger, "armature")
+    data = Measurements(np.arange(3.0), np.zeros((3, 2)), ("tip.x",), np.eye(3)[:, :1])
+    with pytest.raises(InputError, match="unknowns: expected at least one"):
+        identification.identify(finger, data, [])

@@ -1,0 +1,1 @@
+"""Identification judged by MuJoCo: `trials`, data of twins whose parameters are known."""

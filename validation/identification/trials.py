@@ -1,0 +1,156 @@
+"""Would these measurements tell the parameters? Data of the twin with other values, identified.
+
+The data are MuJoCo's, never the model's own: a robot whose parameters are drawn at random moves
+under random inputs, its outputs get noise, and the fit starts from the file's values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn import InputError, SoftModel
+from softdyn.identification import Identified, Measurements, identify
+from softdyn.identification.fit import measured
+from softdyn.identification.parameters import Parameter, with_values
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import Twin
+
+JOINT_NOISE, TIP_NOISE = 0.005, 0.001  # standard deviations (rad or m; m)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What the twin is put through.
+
+    Attributes
+    ----------
+    seconds, rate : float
+        Length (s) and samples a second.
+    spread : float
+        Parameters are drawn within this share of the file's.
+    knots : float
+        Inputs run straight between random values, this far apart (s).
+    reach : float
+        The share of each input's range that they use.
+    timestep : float
+        Of the plant (s), an integer part of the sample time.
+    """
+
+    seconds: float = 20.0
+    rate: float = 200.0
+    spread: float = 0.3
+    knots: float = 0.2
+    reach: float = 0.6
+    timestep: float = 5e-4
+
+    def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
+        low, high = model.u_min, model.u_max
+        low = np.where(low < 0, low * self.reach, low)
+        high = low + np.where(low < 0, self.reach * (high - model.u_min), self.reach * (high - low))
+        times = np.arange(0, self.seconds + 2 * self.knots, self.knots)
+        values = rng.uniform(low, high, (len(times), model.nu))
+        values[0] = np.clip(0, low, high)
+        return np.stack([np.interp(t, times, column) for column in values.T], 1)
+
+
+def twin_data(
+    model: SoftModel,
+    unknowns: Sequence[Parameter],
+    outputs: Sequence[str],
+    excitation: Excitation,
+    noise: float,
+    seed: int,
+) -> tuple[Measurements, np.ndarray]:
+    """Measurements of a twin whose parameters were drawn, and the drawn θ.
+
+    Parameters
+    ----------
+    model : SoftModel
+    unknowns : sequence of Parameter
+        What is drawn. Masses are the engine's alone, so that no twin can have others.
+    outputs : sequence of str
+        Names as in `Measurements`.
+    excitation : Excitation
+    noise : float
+        1 is `JOINT_NOISE` and `TIP_NOISE`; 0 none.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        A mass among the unknowns that are drawn.
+    """
+    if any(parameter.kind.name == "mass" for parameter in unknowns):
+        raise InputError("unknowns", "no mass: the twin reads those from the file", "mass")
+    rng = np.random.default_rng(seed)
+    nominal = np.array([parameter.nominal for parameter in unknowns])
+    theta = nominal * rng.uniform(1 - excitation.spread, 1 + excitation.spread, len(nominal))
+    true = with_values(model, unknowns, theta)
+    twin = Twin(true.robot, timestep=excitation.timestep)
+    states = StateMap(true, twin)
+    t = np.arange(int(excitation.seconds * excitation.rate)) / excitation.rate
+    u = excitation.inputs(true, t, rng)
+    steps = round(1 / excitation.rate / excitation.timestep)
+    path = np.empty((len(t), true.nv))
+    for k, held in enumerate(u):
+        q, _ = states.from_twin(twin.qpos, twin.qvel)
+        path[k] = true.coordinates(q)
+        twin.advance(held, steps)
+    values, _ = measured(true, outputs, path, np.zeros((len(t), true.nv, 0)))
+    size = np.array([JOINT_NOISE if name.startswith("q.") else TIP_NOISE for name in outputs])
+    values = values + noise * size * rng.standard_normal(values.shape)
+    return Measurements(t, u, tuple(outputs), values), theta
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One identification of known parameters: relative errors, and errors over the deviation."""
+
+    seed: int
+    found: Identified
+    relative: np.ndarray
+    scores: np.ndarray
+
+
+def trial(
+    model: SoftModel,
+    unknowns: Sequence[Parameter],
+    outputs: Sequence[str],
+    excitation: Excitation,
+    noise: float,
+    seed: int,
+    step: float = np.inf,
+) -> Trial:
+    """Draw, record, identify, compare; NaN for what is not identified."""
+    data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
+    found = identify(model, data, unknowns, step=step)
+    known = np.array([one.identified for one in found.estimates])
+    value = np.array([one.value for one in found.estimates])
+    deviation = np.array([one.deviation for one in found.estimates])
+    relative = np.where(known, value / theta - 1, np.nan)
+    scores = np.where(known, (value - theta) / deviation, np.nan)
+    return Trial(seed, found, relative, scores)
+
+
+def table(trials: Sequence[Trial]) -> str:
+    """Kind by kind: identified, errors, and the share of 95 % intervals that hold the truth."""
+    estimates = trials[0].found.estimates
+    rows = ["kind              identified  median error  worst error  truth in 95 %"]
+    for kind in dict.fromkeys(one.parameter.kind.name for one in estimates):
+        of_kind = [k for k, one in enumerate(estimates) if one.parameter.kind.name == kind]
+        errors = np.abs(np.concatenate([one.relative[of_kind] for one in trials]))
+        scores = np.abs(np.concatenate([one.scores[of_kind] for one in trials]))
+        known = np.isfinite(errors)
+        if known.any():
+            inside = (scores[known] <= 1.96).mean()
+            rows.append(
+                f"{kind:16}  {known.sum():4d} of {len(known):4d}  {np.median(errors[known]):12.2%}"
+                f"  {errors[known].max():11.2%}  {inside:13.1%}"
+            )
+        else:
+            rows.append(f"{kind:16}  {0:4d} of {len(known):4d}")
+    return "\n".join(rows)

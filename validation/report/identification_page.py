@@ -1,0 +1,98 @@
+"""A page about an identification: parameters, fit, residuals and whether they are white."""
+
+from __future__ import annotations
+
+import base64
+import io
+from html import escape
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from softdyn.identification import Identified, Measurements
+from softdyn.validation.report.plot_style import style
+
+SHOWN = 4  # outputs: the ones that the model explains worst
+HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>
+body {{ max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }}
+table {{ border-collapse: collapse; }} td, th {{ padding: 3px 12px; text-align: right; }}
+th:first-child, td:first-child {{ text-align: left; }} tr {{ border-bottom: 1px solid #ddd; }}
+.vague {{ color: #a33; }} img {{ max-width: 100%; }}</style><h1>{title}</h1>
+"""
+
+
+def page(name: str, data: Measurements, found: Identified) -> str:
+    """One HTML page, which needs no network.
+
+    Parameters
+    ----------
+    name : str
+        The robot's.
+    data : Measurements
+        All of them; the fit saw the first part.
+    found : Identified
+    """
+    rows = []
+    for one in found.estimates:
+        low, high = one.interval
+        cells = (
+            (f"{one.value:.6g}", f"{low:.6g} … {high:.6g}", f"{one.parameter.nominal:.6g}")
+            if one.identified
+            else ("not identified", "", f"{one.parameter.nominal:.6g}")
+        )
+        kind = "" if one.identified else ' class="vague"'
+        texts = (one.parameter.label, *cells, one.parameter.unit)
+        rows.append(f"<tr{kind}>" + "".join(f"<td>{escape(text)}</td>" for text in texts))
+    white = "white" if found.white >= 0.01 else "not white: the model lacks something"
+    notes = [
+        f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); intervals count their colour.",
+        f"In the part of the data held out they are {found.held_out:.3g} times the fit's.",
+        *(f"These data do not tell: {text}." for text in found.vague),
+    ]
+    with style():
+        pictures = (_outputs(data, found), _correlation(found))
+        images = [f'<p><img alt="" src="data:image/svg+xml;base64,{_svg(f)}">' for f in pictures]
+    return "".join([
+        HEAD.format(title=escape(f"Identification of {name}")),
+        "<table><tr><th>parameter<th>value<th>95 %<th>file<th>unit</tr>", *rows, "</table>",
+        *(f"<p>{escape(note)}" for note in notes), *images, "</html>\n",
+    ])  # fmt: skip
+
+
+def _outputs(data: Measurements, found: Identified) -> Figure:
+    """Measured and simulated, and what is left, of the outputs that fit worst."""
+    count = min(SHOWN, len(found.names))
+    samples = len(found.residuals)
+    spread = np.maximum(np.ptp(data.outputs, axis=0), 1e-12)
+    worst = np.argsort(-found.noise / spread)[:count]
+    figure = Figure(figsize=(9, 1.9 * count), layout="constrained")
+    axes = figure.subplots(count, 2, squeeze=False, sharex=True)
+    for (left, right), k in zip(axes, worst, strict=True):
+        times, values = data.t[:samples], data.outputs[:samples, k]
+        left.plot(times, values, ".", ms=2, color="0.6", label="measured")
+        left.plot(times, values - found.residuals[:, k], lw=1, label="fitted")
+        left.set_ylabel(found.names[k])
+        right.plot(data.t[:samples], found.residuals[:, k], ".", ms=2)
+        right.axhline(0, color="0.7", lw=0.8)
+        right.set_ylabel("residual")
+    axes[0, 0].legend(loc="upper right")
+    for axis in axes[-1]:
+        axis.set_xlabel("Time (s)")
+    return figure
+
+
+def _correlation(found: Identified) -> Figure:
+    """Autocorrelation of all residuals, and the band of white ones."""
+    figure = Figure(figsize=(9, 2.4), layout="constrained")
+    axes = figure.subplots()
+    lags = np.arange(1, len(found.autocorrelation) + 1)
+    axes.plot(lags, found.autocorrelation, ".", color="C0")
+    axes.axhspan(-2 / np.sqrt(len(found.residuals)), 2 / np.sqrt(len(found.residuals)), alpha=0.2)
+    axes.set(xlabel="Lag (samples)", ylabel="Autocorrelation of the residuals")
+    return figure
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="svg")
+    return base64.b64encode(buffer.getvalue()).decode()
