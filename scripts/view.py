@@ -3,7 +3,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from softdyn.commands import cli
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
@@ -13,6 +18,10 @@ The robot settles under gravity and then follows its own analytic dynamics while
 the other rises and falls; of a robot without inputs, each joint moves in turn. The page is served
 on this machine only, until Ctrl-C.
 
+With --sliders one sets its joints, or its inputs: the arm then settles to its rest (statics, no
+simulation), the ellipsoid at its tip says how it yields to a force, and where the branch of rests
+is unstable the unstable one is drawn too. With --html the file has the joints alone.
+
 exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 """
 
@@ -20,6 +29,7 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
+parser.add_argument("--sliders", action="store_true", help="set joints or inputs by slider")
 cli.add_server_options(parser)
 cli.add_robot_options(parser)
 
@@ -29,13 +39,16 @@ def command(arguments: cli.Arguments) -> int:
     import threading
 
     with cli.ends_cleanly():
-        from softdyn.validation.files import write_text
+        import softdyn
         from softdyn.view.rest_sweep import rest_page
 
         cli.check_outputs(arguments.html)
-        page = rest_page(cli.load_robot(arguments))
+        model = cli.load_robot(arguments)
+        if arguments.sliders and arguments.html is None:
+            return sliders(model, arguments)
+        page = softdyn.show(model).page if arguments.sliders else rest_page(model)
         if arguments.html is not None:
-            write_text(arguments.html, page.html())
+            page.save(arguments.html)
             print(arguments.html)
             return cli.PASSED
         from softdyn.view.server import Viewer
@@ -45,6 +58,18 @@ def command(arguments: cli.Arguments) -> int:
             if not arguments.no_open:
                 viewer.open()
             threading.Event().wait()
+    return cli.PASSED
+
+
+def sliders(model: SoftModel, arguments: cli.Arguments) -> int:
+    """Serve the robot with its sliders."""
+    from softdyn.validation.live.explorer import explore, explored
+
+    with explored(model, arguments.port) as channel:
+        print(f"{channel.url}\nCtrl-C ends it", flush=True)
+        if not arguments.no_open:
+            channel.open()
+        explore(model, channel)
     return cli.PASSED
 
 

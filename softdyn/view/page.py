@@ -15,13 +15,14 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.view.scene import TENSION, Figure
+from softdyn.files import write_text
+from softdyn.view.scene import TENSION
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +98,29 @@ class Run:
         return vars(self) | {"tracks": [track.data for track in self.tracks]}
 
 
+class Drawn(Protocol):
+    """What a page can show: a `Figure`, or anything else that says the same of itself."""
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """As `Figure.data`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Page:
-    """Robots and their runs; a live one connects to the server that it came from."""
+    """Robots and their runs; a live one connects to the server that it came from.
+
+    `rows` are a table beside them, its title first.
+    With `sliders` one moves the joints by hand.
+    """
 
     title: str
-    figures: tuple[Figure, ...]
+    figures: Sequence[Drawn]
     runs: tuple[Run, ...]
     live: bool = False
+    rows: tuple[tuple[str, ...], ...] = ()
+    sliders: bool = False
 
     def html(self, library: str | None = None) -> str:
         """The page as text; `library` is the URL of Meshcat's script, by default inside the page.
@@ -124,16 +140,28 @@ class Page:
             "figures": [figure.data for figure in self.figures],
             "runs": [run.data for run in self.runs],
             "live": self.live,
+            "rows": self.rows,
+            "sliders": self.sliders,
         }
         # "</script>" in a robot's name must not end the script that holds it
         text = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-        return Template(_asset("page.html")).substitute(
+        return Template(asset("page.html")).substitute(
             title=html.escape(self.title),
-            style=_asset("style.css"),
+            style=asset("style.css"),
             library=script,
-            player=_asset("player.js"),
+            player=asset("figure.js") + asset("player.js"),
             scene=text,
         )
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to a file that needs neither a server nor a network.
+
+        Raises
+        ------
+        InputError
+            When nothing can be written there, or Meshcat is not installed.
+        """
+        write_text(path, self.html())
 
     def _repr_html_(self) -> str:
         """The page inside a notebook."""
@@ -179,5 +207,6 @@ def library_file() -> Path:
 
 
 @cache
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """A file of the folder web."""
     return (files("softdyn.view") / "web" / name).read_text(encoding="utf-8")

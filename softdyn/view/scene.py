@@ -85,12 +85,15 @@ class Figure:
         return self.model.link_poses(q)
 
     @property
+    def links(self) -> list[str]:
+        """The links in the order of `data`: by levels from the root."""
+        return list(chain(*levels(self.model.robot.root, self.model.robot.joints)))
+
+    @property
     def data(self) -> dict[str, Any]:
         """The figure as JSON; matrices column by column, meshes in base64."""
         robot, model = self.model.robot, self.model
-        links = {name: i for i, name in enumerate(chain(*levels(robot.root, robot.joints)))}
-        meshes = {id(s.shape): s.shape for s in self.shapes if isinstance(s.shape, Mesh)}
-        number = {key: i for i, key in enumerate(meshes)}
+        links = {name: i for i, name in enumerate(self.links)}
         order = {name: i for i, name in enumerate(model.joint_names)}
         joints = sorted(robot.joints, key=lambda joint: links[joint.child])
         return {
@@ -105,7 +108,7 @@ class Figure:
                 {
                     "parent": links[joint.parent],
                     "child": links[joint.child],
-                    "pose": _columns(_pose(joint.rotation, joint.translation)),
+                    "pose": columns(_pose(joint.rotation, joint.translation)),
                     "axis": joint.axis.tolist(),
                     "slides": joint.kind == "prismatic",
                     "turns": joint.kind == "continuous",
@@ -116,16 +119,8 @@ class Figure:
             "inputs": [
                 {"name": a.name, "lower": a.lower, "upper": a.upper} for a in robot.actuators
             ],
-            "meshes": [_packed(mesh) for mesh in meshes.values()],
-            "shapes": [
-                {
-                    "link": links[shape.link],
-                    "pose": _columns(shape.pose),
-                    "rgba": list(shape.rgba),
-                    **_size(shape, number),
-                }
-                for shape in self.shapes
-            ],
+            "coordinates": _coordinates(model, self.size),
+            **shape_data(self.shapes, links),
             "cables": [
                 vars(cable)
                 | {
@@ -135,6 +130,24 @@ class Figure:
                 for cable in self.cables
             ],
         }
+
+
+def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> dict[str, Any]:
+    """Shapes and the meshes that they need, as JSON; `links` are the numbers of links."""
+    meshes = {id(s.shape): s.shape for s in shapes if isinstance(s.shape, Mesh)}
+    number = {key: i for i, key in enumerate(meshes)}
+    return {
+        "meshes": [_packed(mesh) for mesh in meshes.values()],
+        "shapes": [
+            {
+                "link": links[shape.link],
+                "pose": columns(shape.pose),
+                "rgba": list(shape.rgba),
+                **_size(shape, number),
+            }
+            for shape in shapes
+        ],
+    }
 
 
 def tension_colour(part: float) -> tuple[float, float, float]:
@@ -159,7 +172,20 @@ def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
     return {"index": order[follows.leader], "gain": follows.multiplier, "offset": follows.offset}
 
 
-def _columns(matrix: np.ndarray) -> list[float]:
+def _coordinates(model: SoftModel, size: float) -> list[dict[str, Any]]:
+    """Names of the joint coordinates and the ends of their sliders: limits, a turn, a length."""
+    strokes = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
+    if model.robot.floating:
+        strokes |= set(model.joint_names[:3])
+    found = []
+    for name, lower, upper in zip(model.joint_names, model.lower, model.upper, strict=True):
+        far = size if name in strokes else np.pi
+        found.append({"name": name, "lower": max(lower, -far), "upper": min(upper, far)})
+    return found
+
+
+def columns(matrix: np.ndarray) -> list[float]:
+    """A matrix column by column, as the page wants it."""
     return [round(float(x), 9) for x in matrix.T.ravel()]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import threading
 import webbrowser
 from contextlib import suppress
@@ -27,10 +26,9 @@ from meshcat.servers.zmqserver import (
 )
 
 from softdyn.exceptions import InputError
+from softdyn.view.loopback import HOST, free_port, is_local
 from softdyn.view.page import Page
 
-HOST = "127.0.0.1"
-PORTS = range(7000, 7100)
 LIBRARY = "/static/main.min.js"
 FLOAT32 = 0x17  # MessagePack's extension that Meshcat reads as a Float32Array
 
@@ -64,7 +62,7 @@ class Viewer:
         self._ready, self._connected = threading.Event(), threading.Event()
         self._error: Exception | None = None
         self._thread = threading.Thread(
-            target=self._serve, args=(_free(port),), name="viewer", daemon=True
+            target=self._serve, args=(free_port(port),), name="viewer", daemon=True
         )
         self._thread.start()
         self._ready.wait()
@@ -210,8 +208,7 @@ class _Local:
     request: Any
 
     def prepare(self) -> None:
-        name = self.request.host_name
-        if name not in (HOST, "localhost"):
+        if not is_local(self.request):
             raise tornado.web.HTTPError(403)
 
 
@@ -244,24 +241,3 @@ class _Root(_Local, WebSocketHandler):
 
     def on_close(self) -> None:
         self.bridge.websocket_pool.discard(self)
-
-
-def _free(port: int | None) -> int:
-    """`port`, or the first one of `PORTS` that nobody has.
-
-    Raises
-    ------
-    InputError
-        When there is none.
-    """
-    reason: Exception | None = None
-    for candidate in PORTS if port is None else (port,):
-        try:
-            with socket.socket() as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((HOST, candidate))
-            return candidate
-        except (OSError, OverflowError) as error:
-            reason = error
-    expected = "a free port" if port is not None else f"a free port in {PORTS[0]}-{PORTS[-1]}"
-    raise InputError("--port", expected, f"{port}: {reason}" if port is not None else "none")

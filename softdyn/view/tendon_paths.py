@@ -2,8 +2,9 @@
 
 It is drawn along the joints that it spans, beside them on the side where a real cable with that
 moment arm would run: one that pulls with force f on a revolute joint with the axis a, on a link in
-the direction d, turns it by +f·r when it lies at r (a × d) from the joint. The distance is the one
-at which it clears the link's shapes, not the moment arm.
+the direction d, turns it by +f·r when it lies at r (a × d) from the joint. Over joints that meet in
+one point, as those of a rod that bends both ways, it lies at the sum of these. The distance is the
+one at which it clears the link's shapes, not the moment arm.
 """
 
 from __future__ import annotations
@@ -59,26 +60,45 @@ def _along(
         path.append((link, rotation.T @ (point - translation)))
 
     beside = []
-    for joint in span:
-        rotation, _ = placed[joint.child]
-        along, length = _direction(robot, joint, placed)
-        if joint.kind == "prismatic":
+    for joints in _meeting(span, placed):
+        along, length = _direction(robot, joints[-1], placed)
+        turning = [joint for joint in joints if joint.kind != "prismatic"]
+        normal = np.zeros(3)
+        for joint in turning:
+            normal += (
+                side * coefs[joint.name] * np.cross(placed[joint.child][0] @ joint.axis, along)
+            )
+        norm = float(np.linalg.norm(normal))
+        least = 1e-6 * max(abs(coefs[joint.name]) for joint in joints)
+        if not turning:
             normal = _diagonal(along) * side
         else:
-            normal = np.cross(rotation @ joint.axis, along) * np.sign(coefs[joint.name]) * side
-            norm = float(np.linalg.norm(normal))
-            normal = normal / norm if norm > 1e-6 else _diagonal(along)
-        beside.append((joint, along, length, normal))
-    distance = max(_distance(robot, joint, n, shapes, placed) for joint, _, _, n in beside)
+            normal = normal / norm if norm > least else _diagonal(along)
+        beside.append((joints, along, length, normal))
+    distance = max(_distance(robot, joints[-1], n, shapes, placed) for joints, _, _, n in beside)
     before = beside[0][2]
-    for joint, along, length, normal in beside:
+    for joints, along, length, normal in beside:
         # straight from one link to the next, so that it shortens as the joint gives way to it
-        point = placed[joint.child][1] + normal * distance
-        add(joint.parent, point - min(distance, 0.4 * before) * along)
-        add(joint.child, point + min(distance, 0.4 * length) * along)
+        point = placed[joints[-1].child][1] + normal * distance
+        add(joints[0].parent, point - min(distance, 0.4 * before) * along)
+        add(joints[-1].child, point + min(distance, 0.4 * length) * along)
         before = length
     add(span[-1].child, point + 0.6 * length * along)
     return path
+
+
+def _meeting(
+    span: list[Joint], placed: dict[str, tuple[np.ndarray, np.ndarray]]
+) -> list[list[Joint]]:
+    """The joints of a span, in groups that meet in one point."""
+    groups: list[list[Joint]] = []
+    for joint in span:
+        here = placed[joint.child][1]
+        if groups and np.linalg.norm(here - placed[groups[-1][-1].child][1]) < 1e-9:
+            groups[-1].append(joint)
+        else:
+            groups.append([joint])
+    return groups
 
 
 def _direction(

@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn.validation import Log, simulate
+from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
 from softdyn.validation.studies import paper
 from softdyn.view.page import Page, Run, Track, frames
@@ -101,6 +102,50 @@ def test_the_page_s_kinematics_and_cables_are_the_model_s(browser, logs, tmp_pat
         np.testing.assert_allclose(
             frame[1 + model.nv : 4 + model.nv], log.u[min(k, 299)], atol=1e-4
         )
+
+
+def test_opacity_and_wireframe_show_what_links_hide(browser, tmp_path):
+    view = softdyn.show(softdyn.load("helix"), u=np.full(9, 20.0))
+    view.save(tmp_path / "helix.html")
+    url = (tmp_path / "helix.html").as_uri()
+    browser.open(url)
+    assert browser.run("getComputedStyle(document.getElementById('bar')).display") == "none"
+    opaque = browser.pixels("canvas")
+    set_opacity = "(e => (e.value = 0.1, e.oninput(), 1))(document.getElementById('opacity'))"
+    browser.run(set_opacity)
+    clear = browser.pixels("canvas")
+    assert changed(opaque, clear) > 5000
+    hidden = "softdyn.tracks[0].figure.shapes.forEach(s => { s.visible = false; })"
+    browser.run(hidden)
+    cables = browser.pixels("canvas")
+    # little is left of the links' colour beside that of the cables alone
+    assert np.abs(clear - cables).sum() < np.abs(opaque - cables).sum() / 2
+    browser.run("softdyn.tracks[0].figure.shapes.forEach(s => { s.visible = true; })")
+    wireframe = "(e => (e.checked = %s, e.onchange(), 1))(document.getElementById('wireframe'))"
+    browser.run(set_opacity.replace("0.1", "1") + "," + wireframe % "true")
+    lines = browser.pixels("canvas")
+    assert min(changed(lines, other) for other in (opaque, clear, cables)) > 2000
+    browser.run(wireframe % "false")
+    assert changed(opaque, browser.pixels("canvas")) == 0
+    browser.open(url + "#wireframe")
+    assert changed(lines, browser.pixels("canvas")) == 0
+    assert browser.console == []
+
+
+def test_a_view_s_open_page_follows_what_is_displayed(browser):
+    model = softdyn.load("finger")
+    view = softdyn.show(model).open(browser=False)
+    try:
+        browser.open(view.url)
+        before = browser.pixels("canvas")
+        view.display(np.full(4, 0.4), [0.5, 0.0])
+        tip = model.state(np.full(4, 0.4), np.zeros(4)).y
+        browser.until("softdyn.tracks[0].u && softdyn.tracks[0].u[0] > 0.49")
+        np.testing.assert_allclose(browser.run("softdyn.tracks[0].figure.tip()"), tip, atol=1e-5)
+        assert changed(before, browser.pixels("canvas")) > 1000
+    finally:
+        view.close()
+    assert view.url is None
 
 
 def test_a_comparison_shows_every_run_with_its_name(browser, logs, tmp_path):
@@ -225,7 +270,7 @@ def test_a_whole_spirob_run_is_a_small_page():
         controller="ic", kind=None, theta=None, omega=None,
         duration=10.0, period=0.002, timestep=0.0005, length=0.5, joint_names=model.joint_names,
         contacts=False, complete=True, failed=False, reason=None, not_solved=0, fallbacks=0,
-        max_bound_violation=0.0, gains=None, versions={},
+        max_bound_violation=0.0, gains=None, versions={}, source=LoggedRobot.of(model),
     )  # fmt: skip
     # a tip that jumps about at every step: as many frames as there can be
     assert len(replay(log, model).html()) < 5e6

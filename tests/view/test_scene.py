@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import tomllib
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import softdyn
+from softdyn import design
 from softdyn.view.rest_sweep import TRAVEL, rest_sweep
 from softdyn.view.scene import Figure, tension_colour
+from tests.support.arms import THREE_SECTIONS, loaded
 
 STICKS = """<robot name="sticks">
   <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>
@@ -145,3 +148,15 @@ def test_a_robot_without_inputs_moves_joint_by_joint():
     sweep = rest_sweep(model)
     assert [text for _, text in sweep.notes] == list(model.joint_names)
     assert (np.ptp(sweep.q, axis=0) > 0.1).all()
+
+
+def test_a_led_cable_of_a_rod_is_drawn_on_its_side(tmp_path):
+    """Over joints that bend both ways in one point, it lies where its moment arms say."""
+    arm = design.arm_of(tomllib.loads(THREE_SECTIONS))
+    figure = Figure.of(loaded(arm, tmp_path))
+    assert len(figure.cables) == len(arm.cables) == 12
+    for cable, drawn in zip(arm.cables, figure.cables, strict=True):
+        assert len(drawn.sites) >= 8
+        for _, (_, y, z) in drawn.sites:
+            side = np.array([-np.sin(cable.angle), np.cos(cable.angle)])
+            np.testing.assert_allclose([y, z] / np.hypot(y, z), side, atol=1e-6)

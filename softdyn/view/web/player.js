@@ -1,183 +1,7 @@
 "use strict";
-// Draws robots in a Meshcat viewer: from a recording that is in the page, or live from a server.
+// Plays robots (figure.js): from a recording that is in the page, or live from a server.
 // Meshcat's own animations move objects, but cables change shape and colour and trails grow, so
 // frames are (t, q, u, y, y_ref) here and everything else follows from them.
-
-const T = MeshCat.THREE;
-let STOPS = [];  // colours of tension, from the page
-const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e, BALL = 0xb08d57;
-
-function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
-  const x = Math.max(-1, Math.min(1, value || 0));
-  let i = 1;
-  while (i < STOPS.length - 1 && x > STOPS[i][0]) i++;
-  const [a, b] = [STOPS[i - 1], STOPS[i]], s = (x - a[0]) / (b[0] - a[0]);
-  return [1, 2, 3].map(k => (a[k] + s * (b[k] - a[k])) / 255);
-}
-// what is drawn as a part of full scale: most tensions are a few per cent of their bounds
-const scaled = part => Math.cbrt(part);
-const css = value => "rgb(" + shade(value).map(c => Math.round(255 * c)).join(" ") + ")";
-
-function bytes(text) {
-  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
-}
-
-function element(parent, tag, text, name) {
-  const made = document.createElement(tag);
-  if (text !== undefined) made.textContent = text;
-  if (name) made.className = name;
-  parent.append(made);
-  return made;
-}
-
-const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);
-const UP = new T.Vector3(0, 1, 0);
-
-function lay(object, a, b, radius) {  // a rod from a to b
-  const along = new T.Vector3().subVectors(b, a), length = along.length();
-  object.position.addVectors(a, b).multiplyScalar(0.5);
-  if (length > 1e-9) object.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
-  object.scale.set(radius, Math.max(length, 1e-9), radius);
-}
-
-// Rods through points, of which the first so many can be shown.
-class Thread {
-  constructor(parent, colour, radius, opacity) {
-    this.parent = parent;
-    this.radius = radius;
-    this.material = new T.MeshBasicMaterial(
-      {color: colour, transparent: opacity < 1, opacity: opacity});
-    this.last = null;
-    this.count = 0;
-    this.reserve(256);
-  }
-  reserve(size) {
-    const mesh = new T.InstancedMesh(ROD, this.material, size);
-    mesh.frustumCulled = false;
-    for (let i = 0, m = new T.Matrix4(); i < this.count; i++) {
-      this.mesh.getMatrixAt(i, m);
-      mesh.setMatrixAt(i, m);
-    }
-    if (this.mesh) {
-      this.parent.remove(this.mesh);
-      this.mesh.dispose();
-    }
-    this.parent.add(this.mesh = mesh);
-    this.size = size;
-  }
-  add(point) {
-    if (this.last) {
-      if (this.count == this.size) this.reserve(2 * this.size);
-      const rod = new T.Object3D();
-      lay(rod, this.last, point, this.radius);
-      rod.updateMatrix();
-      this.mesh.setMatrixAt(this.count++, rod.matrix);
-      this.mesh.instanceMatrix.needsUpdate = true;
-    }
-    this.last = point;
-  }
-  show(count) { this.mesh.count = Math.max(0, Math.min(count, this.count)); }
-  clear() { this.count = 0; this.last = null; this.show(0); }
-}
-
-// A robot: a tree of groups that the joints move.
-class Figure {
-  constructor(data, look) {
-    this.data = data;
-    this.object = new T.Group();
-    this.links = Array.from({length: data.links}, () => new T.Group());
-    const child = new Set(data.joints.map(joint => joint.child));
-    this.links.forEach((link, i) => { if (!child.has(i)) this.object.add(link); });
-    for (const joint of data.joints) {
-      const fixed = new T.Group();
-      new T.Matrix4().fromArray(joint.pose)
-        .decompose(fixed.position, fixed.quaternion, fixed.scale);
-      this.links[joint.parent].add(fixed);
-      fixed.add(this.links[joint.child]);
-    }
-    this.moving = data.joints.filter(joint => joint.index >= 0)
-      .map(joint => ({...joint, axis: new T.Vector3(...joint.axis)}));
-    const meshes = data.meshes.map(geometryOf);
-    this.shapes = [];
-    this.turns = new Set(this.moving.filter(joint => joint.turns).map(joint => joint.index));
-    for (const shape of data.shapes) {
-      const geometry = shape.mesh !== undefined ? meshes[shape.mesh]
-        : shape.box ? new T.BoxGeometry(...shape.box)
-        : shape.cylinder ? new T.CylinderGeometry(
-            shape.cylinder[0], shape.cylinder[0], shape.cylinder[1], 40).rotateX(Math.PI / 2)
-        : new T.SphereGeometry(shape.sphere, 28, 18);
-      const colour = new T.Color(...shape.rgba.slice(0, 3));
-      if (look.tint) colour.lerp(new T.Color(look.tint), 0.72);
-      const opacity = shape.rgba[3] * look.opacity;
-      const mesh = new T.Mesh(geometry, new T.MeshPhongMaterial({
-        color: colour, opacity: opacity, transparent: opacity < 1, depthWrite: opacity > 0.35,
-        side: T.DoubleSide, shininess: 22, specular: 0x222222}));
-      mesh.matrixAutoUpdate = false;
-      mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
-      this.links[shape.link].add(mesh);
-      geometry.computeBoundingBox();
-      this.shapes.push(mesh);
-    }
-    const radius = 0.005 * data.size;
-    this.full = look.full || data.inputs.map(i => Math.max(-i.lower, i.upper));
-    this.cables = data.cables.map(cable => {
-      const limit = cable.weights.reduce((sum, w, i) => sum + Math.abs(w) * this.full[i], 0);
-      const material = new T.MeshBasicMaterial();
-      const sites = cable.sites.map(([link, ...xyz]) => {
-        const site = new T.Object3D();
-        site.position.set(...xyz);
-        this.links[link].add(site);
-        return site;
-      });
-      const rods = sites.slice(1).map(() => new T.Mesh(ROD, material));
-      rods.forEach(rod => this.object.add(rod));
-      return {...cable, limit, material, sites, rods, radius, points: sites.map(() => new T.Vector3())};
-    });
-    this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
-  }
-  pose(q, u) {
-    for (const joint of this.moving) {
-      const link = this.links[joint.child], value = joint.gain * q[joint.index] + joint.offset;
-      if (joint.slides) link.position.copy(joint.axis).multiplyScalar(value);
-      else link.quaternion.setFromAxisAngle(joint.axis, value);
-    }
-    if (this.data.floating) {  // position and rotation vector of the root
-      const base = this.links[this.data.root], turn = new T.Vector3(q[3], q[4], q[5]);
-      const angle = turn.length();
-      base.position.set(q[0], q[1], q[2]);
-      base.quaternion.setFromAxisAngle(angle > 0 ? turn.divideScalar(angle) : UP, angle);
-    }
-    this.object.updateMatrixWorld(true);
-    const home = this.object.matrixWorld.clone().invert();
-    for (const cable of this.cables) {
-      cable.sites.forEach((site, i) =>
-        cable.points[i].setFromMatrixPosition(site.matrixWorld).applyMatrix4(home));
-      let pull = cable.weights.reduce((sum, weight, i) => sum + weight * u[i], 0);
-      if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
-      const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
-      cable.material.color.setRGB(...shade(part));
-      cable.rods.forEach((rod, i) => lay(rod, cable.points[i], cable.points[i + 1],
-        cable.radius * (0.75 + 0.5 * Math.abs(part))));
-    }
-  }
-  tip() {  // in the robot's own frame
-    const home = this.object.matrixWorld.clone().invert();
-    return new T.Vector3().setFromMatrixPosition(this.links[this.data.tip].matrixWorld)
-      .applyMatrix4(home).toArray();
-  }
-}
-
-function geometryOf(mesh) {
-  const packed = new Uint16Array(bytes(mesh.vertices)), vertices = new Float32Array(packed.length);
-  for (let i = 0; i < packed.length; i++)
-    vertices[i] = mesh.low[i % 3] + packed[i] / 65535 * mesh.span[i % 3];
-  const faces = bytes(mesh.faces), geometry = new T.BufferGeometry();
-  geometry.setAttribute("position", new T.BufferAttribute(vertices, 3));
-  geometry.setIndex(new T.BufferAttribute(
-    mesh.bytes == 2 ? new Uint16Array(faces) : new Uint32Array(faces), 1));
-  geometry.computeVertexNormals();
-  return geometry;
-}
 
 // One robot in one run: its frames, its trail and its target.
 class Track {
@@ -260,21 +84,17 @@ class Player {
   constructor(scene) {
     this.scene = scene;
     STOPS = scene.tension;
-    this.viewer = new MeshCat.Viewer(document.getElementById("pane"));
-    const set = (path, name, value) => this.viewer.set_property(path, name, value);
-    set(["Background"], "top_color", [0.985, 0.99, 1]);
-    set(["Background"], "bottom_color", [0.86, 0.89, 0.94]);
-    set(["Grid"], "visible", false);
-    set(["Axes"], "visible", false);
-    this.stage = new T.Group();
-    this.viewer.set_object(["softdyn"], this.stage);
+    [this.viewer, this.stage] = openViewer(document.getElementById("pane"));
     this.find = name => document.getElementById(name);
     this.playing = false;
     this.speed = 1;
     this.time = 0;
-    this.connectControls();
-    this.find("inputs").open = innerWidth > 640;
     const hash = new URLSearchParams(location.hash.slice(1));
+    if (hash.has("opacity")) this.find("opacity").value = hash.get("opacity");
+    this.find("wireframe").checked = hash.has("wireframe");
+    this.connectControls();
+    this.find("inputs").open = this.find("look").open = innerWidth > 640;
+    this.buildRows(scene.rows || []);
     document.body.classList.toggle("bare", hash.has("bare"));
     this.select(Number(hash.get("run")) || 0);
     addEventListener("resize", () => { this.frameCamera(); this.drawCurves(); });
@@ -303,10 +123,13 @@ class Player {
       track => new Track(track, this.scene.figures, this.stage));
     document.querySelector("#card h1").textContent =
       this.scene.title + (runs.length > 1 ? "" : this.run.title ? ", " + this.run.title : "");
+    this.applyLook();
     this.buildLegend();
     this.buildInputs();
+    this.buildJoints();
     this.buildScale();
     this.following = Boolean(this.scene.live);
+    document.body.classList.toggle("still", !this.scene.live && this.duration == 0);
     this.seek(0);
     this.frameCamera();
     this.drawCurves();
@@ -348,6 +171,7 @@ class Player {
       + `${this.time.toFixed(2)} / ${this.duration.toFixed(1)} s`;
     this.updateLegend();
     this.updateInputs();
+    if (this.joints) this.updateJoints();
     this.viewer.set_dirty();
   }
 
@@ -357,6 +181,7 @@ class Player {
     const list = this.find("legend");
     list.replaceChildren();
     for (const track of this.tracks) {
+      if (!track.label) continue;  // one robot, and the title says which
       const item = element(list, "li");
       element(item, "i").style.background = track.colour || "#2b6f9e";
       element(item, "b", track.label);
@@ -365,9 +190,19 @@ class Player {
     }
     this.stateNote = element(list, "li", "", "note");
   }
+  buildRows([title, ...rows]) {
+    const box = this.find("rows");
+    box.style.display = rows.length ? "" : "none";
+    box.open = innerWidth > 640;
+    box.querySelector("summary").textContent = title;
+    for (const cells of rows) {
+      const row = element(box.querySelector("table"), "tr");
+      for (const text of cells) element(row, "td", text);
+    }
+  }
   updateLegend() {
     for (const track of this.tracks) {
-      if (!track.aims || track.now === undefined) continue;
+      if (!track.aims || !track.readout || track.now === undefined) continue;
       const gone = this.time > track.failedAt + 1e-6;
       track.readout.value = gone ? "ended" : `${(100 * track.now).toFixed(2)} cm`;
     }
@@ -386,6 +221,29 @@ class Player {
         const fill = element(element(element(row, "td"), "div"), "i");
         this.bars.push({track, i, input, fill, value: element(row, "td")});
       });
+  }
+  buildJoints() {  // of a robot that one may pose by hand
+    if (!this.scene.sliders || this.joints) return;
+    const box = this.find("joints"), [track] = this.tracks;
+    box.hidden = false;
+    box.open = innerWidth > 640;
+    this.joints = track.figure.data.coordinates.map(({name, lower, upper}, i) => {
+      const one = slider(box, name, lower, upper, x => {
+        const last = track.frames[track.frames.length - 1];
+        last[1 + i] = x;
+        last.set(track.figure.tip(), last.length - 6);
+        this.seek(last[0]);
+      });
+      one.range.onchange = () => this.frameCamera();
+      return one;
+    });
+  }
+  updateJoints() {
+    const [{frames}] = this.tracks, last = frames[frames.length - 1];
+    if (last) this.joints.forEach(({range, value}, i) => {
+      if (document.activeElement != range) range.value = last[1 + i];
+      value.value = digits(last[1 + i]);
+    });
   }
   updateInputs() {
     for (const {track, i, input, fill, value} of this.bars) {
@@ -419,6 +277,12 @@ class Player {
       ? "cable tension, of the largest here" : "cable tension, of the input's bound";
   }
 
+  applyLook() {
+    const [opacity, mesh] = [Number(this.find("opacity").value), this.find("wireframe").checked];
+    for (const track of this.tracks) track.figure.look(opacity, mesh);
+    this.viewer.set_dirty();
+  }
+
   // -- the bar -------------------------------------------------------------------------------
 
   connectControls() {
@@ -437,9 +301,11 @@ class Player {
       this.pause();
       this.seek(Number(event.target.value));
     };
+    this.find("opacity").oninput = this.find("wireframe").onchange = () => this.applyLook();
     this.find("speed").onchange = event => { this.speed = Number(event.target.value); };
     addEventListener("keydown", event => {
-      if (event.target.tagName == "SELECT" || event.target.tagName == "BUTTON") return;
+      if (event.target.tagName == "SELECT" || event.target.tagName == "BUTTON"
+        || event.target.id == "opacity") return;
       const step = {ArrowLeft: -0.1, ArrowRight: 0.1}[event.key];
       if (event.key == " ") this.find("play").click();
       else if (step) { this.pause(); this.seek(this.time + step); } else return;
@@ -510,45 +376,12 @@ class Player {
           include(new T.Vector3(x * size, 0, z * size), 0);
     }
     this.seek(home);
-    const box = new T.Box3().setFromPoints(points), centre = box.getCenter(new T.Vector3());
     const bare = document.body.classList.contains("bare"), narrow = innerWidth < 700;
     const room = bare ? [0.96, 0.96]
       : [narrow ? 0.94 : 1 - 270 / innerWidth, 1 - (narrow ? 230 : 120) / innerHeight];
     // the middle of what the card and the bar leave free
     const shift = bare ? [0, 0] : [narrow ? 0 : 250 / innerWidth, narrow ? -0.1 : 50 / innerHeight];
-    // seen from -y, a little from the side and from above; the camera's frame has y up
-    const [turn, rise] = [0.42, 0.2];
-    const view = new T.Vector3(
-      Math.sin(turn) * Math.cos(rise), Math.sin(rise), Math.cos(turn) * Math.cos(rise));
-    const {camera, controls} = this.viewer, tan = Math.tan(Math.PI / 12);
-    const aspect = innerWidth / innerHeight;
-    const right = new T.Vector3(Math.cos(turn), 0, -Math.sin(turn));
-    const up = new T.Vector3().crossVectors(view, right);
-    const seen = points.map(p => new T.Vector3(p.x, p.z, -p.y));
-    const middle = new T.Vector3(centre.x, centre.z, -centre.y);
-    let distance = 1;
-    for (let k = 0; k < 12; k++) {  // centre and distance at which all points fill the room
-      const ends = [Infinity, -Infinity, Infinity, -Infinity];
-      for (const p of seen) {
-        const d = p.clone().sub(middle), depth = Math.max(distance - d.dot(view), 1e-3);
-        const [x, y] = [d.dot(right) / depth, d.dot(up) / depth];
-        [ends[0], ends[1]] = [Math.min(ends[0], x), Math.max(ends[1], x)];
-        [ends[2], ends[3]] = [Math.min(ends[2], y), Math.max(ends[3], y)];
-      }
-      middle.addScaledVector(right, (ends[0] + ends[1]) / 2 * distance)
-        .addScaledVector(up, (ends[2] + ends[3]) / 2 * distance);
-      distance *= Math.max((ends[1] - ends[0]) / (2 * tan * aspect * room[0]),
-        (ends[3] - ends[2]) / (2 * tan * room[1]), 0.2);
-    }
-    middle.addScaledVector(right, -shift[0] * tan * aspect * distance)
-      .addScaledVector(up, -shift[1] * tan * distance);
-    camera.fov = 30;
-    camera.near = distance / 100;
-    camera.far = distance * 20;
-    controls.target.copy(middle);
-    camera.position.copy(middle).addScaledVector(view, distance);
-    controls.update();
-    this.viewer.set_dirty();
+    fitCamera(this.viewer, points, room, shift);
   }
 
   // -- live ----------------------------------------------------------------------------------

@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+"""Play with a robot in the browser: drag its target, push its links, change its law."""
+
+from __future__ import annotations
+
+import shutil
+from typing import Any
+
+from softdyn.commands import cli
+
+EPILOG = """\
+ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
+of a robot of example-robot-data. The first CONTROLLER acts (best by default); each further one, a
+class of your own as FILE.py:CLASS, joins the registry's in the page's menu.
+
+The plant runs in real time in this process, the pages' server in another: a slow page loses frames
+and delays nothing. The page shows its keys on "?". The address printed holds a random token; from
+another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. Ctrl-C ends it.
+
+--measure S runs S seconds without pages, with two that read every frame and draw none, and with two
+windows of Chromium where that is there, in turns, and says what became of the control step and of
+the clock.
+
+exit codes: 0 ended by Ctrl-C or SIGTERM, or measured; 1 the step with two readers took more than
+1.1 x as long; 2 bad input.
+"""
+
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("robot", metavar="ROBOT")
+parser.add_argument("controllers", nargs="*", metavar="CONTROLLER")
+parser.add_argument(
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="the first one, in m"
+)
+parser.add_argument("--period", type=cli.positive, metavar="S", help="control period in s")
+parser.add_argument("--measure", type=cli.positive, metavar="S", help="what pages cost, S s each")
+cli.add_json(parser)
+cli.add_robot_options(parser)
+cli.add_server_options(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Build, serve, run until somebody ends it."""
+    with cli.ends_cleanly():
+        from softdyn.validation.live.drive import drive
+        from softdyn.validation.live.pacing import Clock
+        from softdyn.validation.live.playing import stage
+
+        session = make_session(arguments)
+        if arguments.measure is not None:
+            return measure(session, arguments)
+        with stage(session, arguments.port) as channel:
+            print(f"{channel.url}\nCtrl-C ends it", flush=True)
+            if not arguments.no_open:
+                channel.open()
+            drive(session, channel, Clock(session.period))
+    return cli.PASSED
+
+
+def measure(session: Any, arguments: cli.Arguments) -> int:
+    """Measure what pages cost."""
+    from softdyn.validation.timing import live_timing
+
+    report = live_timing.measure(session, arguments.measure, browser=shutil.which("chromium"))
+    cli.write_report(report, arguments.json, live_timing.text(report))
+    return cli.PASSED if report["passed"] else cli.FAILED
+
+
+def make_session(arguments: cli.Arguments) -> Any:
+    """The session that the command line asks for."""
+    from softdyn.controllers.registry import find_controller
+    from softdyn.validation.live.messages import OPEN_LOOP
+    from softdyn.validation.live.session import Session, menu_of
+
+    model = cli.load_robot(arguments)
+    own = {name: find_controller(name) for name in arguments.controllers if name != OPEN_LOOP}
+    first = arguments.controllers[0] if arguments.controllers else "best"
+    law = first if model.nu else OPEN_LOOP
+    menu = menu_of(model, own)
+    return Session(model, menu, law, period=arguments.period, target=arguments.target)
+
+
+main = cli.program(parser, command, __name__)

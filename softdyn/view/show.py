@@ -1,0 +1,158 @@
+"""A robot to look at from Python: `softdyn.show`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import array
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.scene import Figure
+
+
+class View:
+    """One robot in one pose: in a notebook below its cell, as a file, or live in the browser.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot, at first at q = 0 without input.
+
+    Attributes
+    ----------
+    model : SoftModel
+        As above.
+    q, u : ndarray, (nq,), (nu,)
+        What is displayed.
+    url : str or None
+        Where the live page is; None before `open`.
+
+    Raises
+    ------
+    InputError
+        What is no model.
+    UrdfError
+        A shape in the robot's file whose numbers are none.
+    """
+
+    def __init__(self, model: SoftModel) -> None:
+        if not isinstance(model, SoftModel):
+            raise InputError("model", "a model, from softdyn.load(…)", repr(model))
+        self.model, self._figure = model, Figure.of(model)
+        self._server: Any = None
+        self._shown = 0
+        self.display()
+
+    def display(self, q: Any = None, u: Any = None) -> View:
+        """Show the robot at q (nq,) with the cable tensions of the input u (nu,).
+
+        q = 0 and no input by default. A page that `open` shows follows at once.
+
+        Raises
+        ------
+        InputError
+            Arrays of another size, numbers that are not finite.
+        """
+        model = self.model
+        self.q = model.q0 if q is None else array("q", q, (model.nq,))
+        self.u = array("u", np.zeros(model.nu) if u is None else u, (model.nu,))
+        self._push()
+        return self
+
+    @property
+    def page(self) -> Page:
+        """The robot as it is displayed now, as a page that needs no server."""
+        return self._page(self._frame(0.0), live=False)
+
+    @property
+    def url(self) -> str | None:
+        """Where the live page is; None before `open` and after `close`."""
+        return None if self._server is None else str(self._server.url)
+
+    def save(self, path: str | Path) -> None:
+        """Write the page, which needs neither a server nor a network.
+
+        Raises
+        ------
+        InputError
+            When nothing can be written there.
+        """
+        self.page.save(path)
+
+    def open(self, port: int | None = None, browser: bool = True) -> View:
+        """Serve the page on this machine alone, show it in the browser, and let it follow.
+
+        Parameters
+        ----------
+        port : int, optional
+            A free one from 7000 on by default.
+        browser : bool
+            Whether to open the user's browser; `url` says where the page is.
+
+        Raises
+        ------
+        InputError
+            When the port is taken or not to be had.
+        """
+        if self._server is None:
+            from softdyn.view.server import Viewer  # a web server: not before it is asked for
+
+            width = 1 + self.model.nv + self.model.nu + 6
+            self._server = Viewer(self._page(np.zeros((0, width)), live=True), port)
+            self._push()
+        if browser:
+            self._server.open()
+        return self
+
+    def close(self) -> None:
+        """End the server; the page keeps what it has."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    def __reduce_ex__(self, _protocol: Any) -> tuple[Any, ...]:
+        return _restored, (self.model, self.q, self.u)  # a server cannot be copied
+
+    def __repr__(self) -> str:
+        y = self.model.state(self.q, np.zeros(self.model.nv)).y
+        tip = " ".join(f"{x:.4f}" for x in y)
+        ways = "open() shows it in the browser, save('FILE.html') writes it"
+        return f"<view of {self.model.name!r}, tip at {tip} m: {ways}>"
+
+    def _repr_html_(self) -> str:
+        return self.page._repr_html_()
+
+    def _page(self, rows: np.ndarray, live: bool) -> Page:
+        run = Run("", (Track(0, rows, "", aims=False),))
+        return Page(
+            self.model.bundled or self.model.name, (self._figure,), (run,), live, sliders=True
+        )
+
+    def _push(self) -> None:
+        """Let the live page follow: each pose is a little later on its timeline."""
+        if self._server is not None:
+            self._shown += 1
+            self._server.push(self._frame(0.1 * self._shown))
+
+    def _frame(self, t: float) -> np.ndarray:
+        y = self.model.state(self.q, np.zeros(self.model.nv)).y[None]
+        return frames(self.model, [t], self.q[None], self.u[None], y, y)
+
+
+def show(model: SoftModel, q: Any = None, u: Any = None) -> View:
+    """A view of a robot at q (nq,) with the input u (nu,): see `View`.
+
+    Raises
+    ------
+    InputError
+        What is no model; arrays of another size, numbers that are not finite.
+    """
+    return View(model).display(q, u)
+
+
+def _restored(model: SoftModel, q: np.ndarray, u: np.ndarray) -> View:
+    return View(model).display(q, u)

@@ -1,0 +1,265 @@
+"use strict";
+// A robot in a Meshcat viewer: its links, cables and colours, and a camera that looks at it.
+
+const T = MeshCat.THREE;
+let STOPS = [];  // colours of tension, from the page
+const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e, BALL = 0xb08d57;
+
+function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
+  const x = Math.max(-1, Math.min(1, value || 0));
+  let i = 1;
+  while (i < STOPS.length - 1 && x > STOPS[i][0]) i++;
+  const [a, b] = [STOPS[i - 1], STOPS[i]], s = (x - a[0]) / (b[0] - a[0]);
+  return [1, 2, 3].map(k => (a[k] + s * (b[k] - a[k])) / 255);
+}
+// what is drawn as a part of full scale: most tensions are a few per cent of their bounds
+const scaled = part => Math.cbrt(part);
+const css = value => "rgb(" + shade(value).map(c => Math.round(255 * c)).join(" ") + ")";
+
+function bytes(text) {
+  return Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+}
+
+function element(parent, tag, text, name) {
+  const made = document.createElement(tag);
+  if (text !== undefined) made.textContent = text;
+  if (name) made.className = name;
+  parent.append(made);
+  return made;
+}
+
+function digits(x) {
+  const size = Math.abs(x);
+  return !Number.isFinite(x) ? "–" : size < 1e-9 ? "0"
+    : size < 1e-3 || size >= 1e5 ? x.toExponential(1)
+    : size < 1 ? x.toFixed(3) : size < 100 ? x.toFixed(2) : x.toFixed(0);
+}
+
+function slider(parent, name, low, high, onInput) {
+  const row = element(parent, "label", undefined, "slider");
+  const label = element(row, "span", name);
+  label.title = name;
+  const range = element(row, "input");
+  Object.assign(range, {type: "range", min: low, max: high, step: "any"});
+  range.setAttribute("aria-label", name);
+  const value = element(row, "output");
+  range.oninput = () => onInput(Number(range.value));
+  return {name: label, range, value};
+}
+
+const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);
+const UP = new T.Vector3(0, 1, 0);
+
+function lay(object, a, b, radius) {  // a rod from a to b
+  const along = new T.Vector3().subVectors(b, a), length = along.length();
+  object.position.addVectors(a, b).multiplyScalar(0.5);
+  if (length > 1e-9) object.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
+  object.scale.set(radius, Math.max(length, 1e-9), radius);
+}
+
+// Rods through points, of which the first so many can be shown.
+class Thread {
+  constructor(parent, colour, radius, opacity) {
+    this.parent = parent;
+    this.radius = radius;
+    this.material = new T.MeshBasicMaterial(
+      {color: colour, transparent: opacity < 1, opacity: opacity});
+    this.last = null;
+    this.count = 0;
+    this.reserve(256);
+  }
+  reserve(size) {
+    const mesh = new T.InstancedMesh(ROD, this.material, size);
+    mesh.frustumCulled = false;
+    for (let i = 0, m = new T.Matrix4(); i < this.count; i++) {
+      this.mesh.getMatrixAt(i, m);
+      mesh.setMatrixAt(i, m);
+    }
+    if (this.mesh) {
+      this.parent.remove(this.mesh);
+      this.mesh.dispose();
+    }
+    this.parent.add(this.mesh = mesh);
+    this.size = size;
+  }
+  add(point) {
+    if (this.last) {
+      if (this.count == this.size) this.reserve(2 * this.size);
+      const rod = new T.Object3D();
+      lay(rod, this.last, point, this.radius);
+      rod.updateMatrix();
+      this.mesh.setMatrixAt(this.count++, rod.matrix);
+      this.mesh.instanceMatrix.needsUpdate = true;
+    }
+    this.last = point;
+  }
+  show(count) { this.mesh.count = Math.max(0, Math.min(count, this.count)); }
+  clear() { this.count = 0; this.last = null; this.show(0); }
+}
+
+// A robot: a tree of groups that the joints move.
+class Figure {
+  constructor(data, look) {
+    this.data = data;
+    this.object = new T.Group();
+    this.links = Array.from({length: data.links}, () => new T.Group());
+    const child = new Set(data.joints.map(joint => joint.child));
+    this.links.forEach((link, i) => { if (!child.has(i)) this.object.add(link); });
+    for (const joint of data.joints) {
+      const fixed = new T.Group();
+      new T.Matrix4().fromArray(joint.pose)
+        .decompose(fixed.position, fixed.quaternion, fixed.scale);
+      this.links[joint.parent].add(fixed);
+      fixed.add(this.links[joint.child]);
+    }
+    this.moving = data.joints.filter(joint => joint.index >= 0)
+      .map(joint => ({...joint, axis: new T.Vector3(...joint.axis)}));
+    const meshes = data.meshes.map(geometryOf);
+    this.shapes = [];
+    this.turns = new Set(this.moving.filter(joint => joint.turns).map(joint => joint.index));
+    for (const shape of data.shapes) {
+      const geometry = shape.mesh !== undefined ? meshes[shape.mesh]
+        : shape.box ? new T.BoxGeometry(...shape.box)
+        : shape.cylinder ? new T.CylinderGeometry(
+            shape.cylinder[0], shape.cylinder[0], shape.cylinder[1], 40).rotateX(Math.PI / 2)
+        : new T.SphereGeometry(shape.sphere, 28, 18);
+      const colour = new T.Color(...shape.rgba.slice(0, 3));
+      if (look.tint) colour.lerp(new T.Color(look.tint), 0.72);
+      const opacity = shape.rgba[3] * look.opacity;
+      const mesh = new T.Mesh(geometry, new T.MeshPhongMaterial({
+        color: colour, opacity: opacity, transparent: opacity < 1, depthWrite: opacity > 0.35,
+        side: T.DoubleSide, shininess: 22, specular: 0x222222}));
+      mesh.material.own = opacity;
+      mesh.matrixAutoUpdate = false;
+      mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
+      this.links[shape.link].add(mesh);
+      geometry.computeBoundingBox();
+      this.shapes.push(mesh);
+    }
+    const radius = 0.005 * data.size;
+    this.full = look.full || data.inputs.map(i => Math.max(-i.lower, i.upper));
+    this.cables = data.cables.map(cable => {
+      const limit = cable.weights.reduce((sum, w, i) => sum + Math.abs(w) * this.full[i], 0);
+      const material = new T.MeshBasicMaterial();
+      const sites = cable.sites.map(([link, ...xyz]) => {
+        const site = new T.Object3D();
+        site.position.set(...xyz);
+        this.links[link].add(site);
+        return site;
+      });
+      const rods = sites.slice(1).map(() => new T.Mesh(ROD, material));
+      rods.forEach(rod => this.object.add(rod));
+      return {...cable, limit, material, sites, rods, radius, points: sites.map(() => new T.Vector3())};
+    });
+    this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
+  }
+  pose(q, u) {
+    for (const joint of this.moving) {
+      const link = this.links[joint.child], value = joint.gain * q[joint.index] + joint.offset;
+      if (joint.slides) link.position.copy(joint.axis).multiplyScalar(value);
+      else link.quaternion.setFromAxisAngle(joint.axis, value);
+    }
+    if (this.data.floating) {  // position and rotation vector of the root
+      const base = this.links[this.data.root], turn = new T.Vector3(q[3], q[4], q[5]);
+      const angle = turn.length();
+      base.position.set(q[0], q[1], q[2]);
+      base.quaternion.setFromAxisAngle(angle > 0 ? turn.divideScalar(angle) : UP, angle);
+    }
+    this.object.updateMatrixWorld(true);
+    const home = this.object.matrixWorld.clone().invert();
+    for (const cable of this.cables) {
+      cable.sites.forEach((site, i) =>
+        cable.points[i].setFromMatrixPosition(site.matrixWorld).applyMatrix4(home));
+      let pull = cable.weights.reduce((sum, weight, i) => sum + weight * u[i], 0);
+      if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
+      const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
+      cable.material.color.setRGB(...shade(part));
+      cable.rods.forEach((rod, i) => lay(rod, cable.points[i], cable.points[i + 1],
+        cable.radius * (0.75 + 0.5 * Math.abs(part))));
+    }
+  }
+  look(opacity, wireframe) {  // of the links alone: what they hide are the cables
+    const set = (material, value) => Object.assign(material,
+      {opacity: value, transparent: value < 1, depthWrite: value > 0.35, needsUpdate: true});
+    for (const mesh of this.shapes) {
+      const value = mesh.material.own * opacity;
+      // a fine mesh drawn as lines would be as opaque as before: its edges, and a ghost of it
+      if (wireframe && !mesh.children.length)
+        mesh.add(new T.LineSegments(new T.EdgesGeometry(mesh.geometry, 15),
+          new T.LineBasicMaterial({color: mesh.material.color})));
+      set(mesh.material, wireframe ? 0.1 * value : value);
+      for (const edges of mesh.children) {
+        edges.visible = wireframe;
+        set(edges.material, value);
+      }
+    }
+  }
+  tip() {  // in the robot's own frame
+    const home = this.object.matrixWorld.clone().invert();
+    return new T.Vector3().setFromMatrixPosition(this.links[this.data.tip].matrixWorld)
+      .applyMatrix4(home).toArray();
+  }
+}
+
+function geometryOf(mesh) {
+  const packed = new Uint16Array(bytes(mesh.vertices)), vertices = new Float32Array(packed.length);
+  for (let i = 0; i < packed.length; i++)
+    vertices[i] = mesh.low[i % 3] + packed[i] / 65535 * mesh.span[i % 3];
+  const faces = bytes(mesh.faces), geometry = new T.BufferGeometry();
+  geometry.setAttribute("position", new T.BufferAttribute(vertices, 3));
+  geometry.setIndex(new T.BufferAttribute(
+    mesh.bytes == 2 ? new Uint16Array(faces) : new Uint32Array(faces), 1));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+// Meshcat's viewer in a pane, and a group of it for what is ours.
+function openViewer(pane) {
+  const viewer = new MeshCat.Viewer(pane), stage = new T.Group();
+  const set = (path, name, value) => viewer.set_property(path, name, value);
+  set(["Background"], "top_color", [0.985, 0.99, 1]);
+  set(["Background"], "bottom_color", [0.86, 0.89, 0.94]);
+  set(["Grid"], "visible", false);
+  set(["Axes"], "visible", false);
+  viewer.set_object(["softdyn"], stage);
+  return [viewer, stage];
+}
+
+// Turns the camera so that points (z up) fill a part of the window, its middle shifted by another.
+function fitCamera(viewer, points, room, shift) {
+  const box = new T.Box3().setFromPoints(points), centre = box.getCenter(new T.Vector3());
+  // seen from -y, a little from the side and from above; the camera's frame has y up
+  const [turn, rise] = [0.42, 0.2];
+  const view = new T.Vector3(
+    Math.sin(turn) * Math.cos(rise), Math.sin(rise), Math.cos(turn) * Math.cos(rise));
+  const {camera, controls} = viewer, tan = Math.tan(Math.PI / 12);
+  const aspect = innerWidth / innerHeight;
+  const right = new T.Vector3(Math.cos(turn), 0, -Math.sin(turn));
+  const up = new T.Vector3().crossVectors(view, right);
+  const seen = points.map(p => new T.Vector3(p.x, p.z, -p.y));
+  const middle = new T.Vector3(centre.x, centre.z, -centre.y);
+  let distance = 1;
+  for (let k = 0; k < 12; k++) {  // centre and distance at which all points fill the room
+    const ends = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const p of seen) {
+      const d = p.clone().sub(middle), depth = Math.max(distance - d.dot(view), 1e-3);
+      const [x, y] = [d.dot(right) / depth, d.dot(up) / depth];
+      [ends[0], ends[1]] = [Math.min(ends[0], x), Math.max(ends[1], x)];
+      [ends[2], ends[3]] = [Math.min(ends[2], y), Math.max(ends[3], y)];
+    }
+    middle.addScaledVector(right, (ends[0] + ends[1]) / 2 * distance)
+      .addScaledVector(up, (ends[2] + ends[3]) / 2 * distance);
+    distance *= Math.max((ends[1] - ends[0]) / (2 * tan * aspect * room[0]),
+      (ends[3] - ends[2]) / (2 * tan * room[1]), 0.2);
+  }
+  middle.addScaledVector(right, -shift[0] * tan * aspect * distance)
+    .addScaledVector(up, -shift[1] * tan * distance);
+  camera.fov = 30;
+  camera.near = distance / 100;
+  camera.far = distance * 20;
+  controls.target.copy(middle);
+  camera.position.copy(middle).addScaledVector(view, distance);
+  controls.update();
+  viewer.set_dirty();
+}
+

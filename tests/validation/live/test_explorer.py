@@ -1,0 +1,60 @@
+"""Joints and inputs by slider: the rests that they lead to, stable or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, statics
+from softdyn.validation.live import messages as m
+from softdyn.validation.live.explorer import Explorer
+
+
+def part(explorer, name):
+    return explorer.frame()[explorer.columns.places[name]].astype(float)
+
+
+def test_inputs_lead_to_the_rest_and_joints_are_set_by_hand():
+    model = softdyn.load("finger")
+    explorer = Explorer(model)
+    u = np.array([0.06, -0.1])
+    explorer.apply(m.Inputs(u))
+    rest = statics.settle(model, u)
+    np.testing.assert_allclose(part(explorer, "y"), rest.y, atol=1e-6)
+    assert part(explorer, "stable") == 1
+    assert not rest.held.any()
+    # a force on the tip moves it as the ellipsoid says: another rest, of a nudged balance
+    force, compliance = np.array([1e-5, 0, 2e-5]), part(explorer, "compliance").reshape(3, 3)
+    q = rest.q.copy()
+    for _ in range(8):  # Newton's method on K + g - B u - Jᵀ f
+        state = model.state(q, np.zeros(4))
+        left = state.K + state.g - state.B @ u - state.J.T @ force
+        q = q - np.linalg.solve(rest.stiffness, left)
+    np.testing.assert_allclose(
+        model.state(q, np.zeros(4)).y - rest.y, compliance @ force, rtol=1e-2, atol=1e-9
+    )
+    x = np.array([0.1, -0.2, 0.3, 0.0])
+    explorer.apply(m.Joints(x))
+    np.testing.assert_allclose(part(explorer, "q"), x, atol=1e-7)
+    assert np.isnan(part(explorer, "stable"))
+    assert explorer.rest is None
+    with pytest.raises(InputError, match="expected joints or inputs"):
+        explorer.apply(m.Reset())
+
+
+def test_an_arm_that_buckles_is_shown_beside_its_unstable_rest():
+    """All cables alike: the straight arm is a rest for ever, but soon no stable one."""
+    explorer = Explorer(softdyn.load("spirob"))
+    straight = explorer.rest.y
+    for pull in (0.3, 1.4, 0.3):
+        explorer.apply(m.Inputs(np.full(3, pull)))
+        assert explorer.notice == ""
+        assert explorer.rest.stable
+        if pull < 1:
+            assert explorer.unstable is None
+            assert np.isnan(part(explorer, "ghost")).all()
+        else:
+            assert not explorer.unstable.stable
+            np.testing.assert_allclose(explorer.unstable.y, straight, atol=1e-9)
+            assert part(explorer, "gap") > 0.02

@@ -1,0 +1,131 @@
+"""A plant and a law that change while they run, without a clock and without a page."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, statics
+from softdyn.validation.live import messages as m
+from softdyn.validation.live.messages import OPEN_LOOP
+from softdyn.validation.live.session import Session, menu_of
+
+
+@pytest.fixture(scope="module")
+def model():
+    return softdyn.load("finger")
+
+
+def make(model, law=OPEN_LOOP, own=None):
+    return Session(model, menu_of(model, own), law)
+
+
+def run(session, seconds):
+    for _ in range(round(seconds / session.period)):
+        session.step()
+
+
+def part(session, name):
+    return session.frame()[session.columns.places[name]].astype(float)
+
+
+def test_the_tip_follows_the_target(model):
+    session = make(model, "best")
+    goal = softdyn.validation.paper.set_point("finger", 0.5).reference.y
+    session.apply(m.Target(goal))
+    run(session, 3.0)
+    assert np.linalg.norm(part(session, "y") - goal) < 1e-3  # docs/beyond.md: 0.02 cm
+    np.testing.assert_allclose(part(session, "y_ref"), goal, atol=1e-7)
+    assert session.t == pytest.approx(3.0)
+    assert not session.shown.paused
+
+
+def test_a_push_deflects_the_tip_by_its_compliance_and_it_returns(model):
+    session = make(model)
+    run(session, 1.0)
+    before = part(session, "y")
+    here = statics.settle(model, np.zeros(2), session._q_v()[0])
+    np.testing.assert_allclose(here.y, before, atol=1e-6)
+    to = before + np.array([0.004, 0.0, 0.001])
+    session.apply(m.Push(model.robot.task, np.zeros(3), to))
+    run(session, 4.0)
+    force, moved = part(session, "force"), part(session, "y") - before
+    assert np.linalg.norm(moved) > 1e-3
+    # to first order in a move of 2 % of the finger's length
+    assert np.linalg.norm(here.tip_compliance @ force - moved) < 0.1 * np.linalg.norm(moved)
+    np.testing.assert_allclose(part(session, "point"), part(session, "y"), atol=1e-5)
+    session.apply(m.Release())
+    run(session, 4.0)
+    assert np.linalg.norm(part(session, "y") - before) < 2e-4
+    assert np.isnan(part(session, "force")).all()
+
+
+def test_the_model_beside_the_plant_stays_with_it_until_they_differ(model):
+    session = make(model)
+    session.apply(m.Ghost(True))
+    session.apply(m.Inputs(np.array([0.3, -0.2])))
+    run(session, 0.5)
+    assert part(session, "gap") < 1e-9
+    np.testing.assert_allclose(part(session, "ghost"), part(session, "q"), atol=1e-7)
+    session.apply(m.Mismatch(mass=1.3))
+    run(session, 0.5)
+    assert part(session, "gap") > 1e-4
+
+
+def test_law_and_plant_change_while_it_moves(model):
+    session = make(model, "ic")
+    session.apply(m.Target(part(session, "y") + np.array([0.02, 0.0, 0.03])))
+    run(session, 0.2)
+    q, v = session._q_v()
+    session.apply(m.Mismatch(stiffness=1.2, delay=2 * session.period, noise=1e-4, contacts=True))
+    for kept, now in zip((q, v), session._q_v(), strict=True):
+        np.testing.assert_array_equal(kept, now)
+    assert session.t == pytest.approx(0.2)
+    session.apply(m.Law("soft-id-clf-qp"))
+    run(session, 0.5)
+    assert session.shown.law == "soft-id-clf-qp"
+    assert session.shown.mismatch["stiffness"] == 1.2
+    assert not session.shown.paused
+    session.apply(m.Reset())
+    assert session.t == 0.0
+    assert session.shown.mismatch["stiffness"] == 1.2
+
+
+class Bad:
+    def __init__(self, model):
+        self.answers = [np.zeros(2), np.full(2, np.nan)]
+
+    def __call__(self, state, reference):
+        return self.answers.pop(0)
+
+
+def test_a_law_that_breaks_pauses_and_says_why(model):
+    session = make(model, "bad", {"bad": Bad})
+    run(session, 2 * session.period)
+    assert session.shown.paused
+    assert "bad: InputError: u: expected finite numbers" in session.shown.notice
+    assert session.t == pytest.approx(session.period)  # it was not moved by no input
+    run(session, session.period)
+    assert "IndexError" in session.shown.notice
+    session.apply(m.Law(OPEN_LOOP))
+    session.apply(m.Pause(False))
+    run(session, 0.1)
+    assert not session.shown.paused
+    assert session.shown.notice == ""
+
+
+def test_what_cannot_be_done_changes_nothing(model):
+    def broken(_model):
+        raise InputError("gains", "some", "none")
+
+    session = make(model, OPEN_LOOP, {"broken": broken})
+    before = session.frame()
+    with pytest.raises(InputError):
+        session.apply(m.Law("broken"))
+    with pytest.raises(InputError, match="a link that moves"):
+        session.apply(m.Push(model.robot.root, np.zeros(3), np.zeros(3)))
+    with pytest.raises(InputError):
+        session.apply(m.Reach())
+    np.testing.assert_array_equal(session.frame(), before)
+    assert session.shown.law == OPEN_LOOP

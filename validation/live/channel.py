@@ -1,0 +1,171 @@
+"""Between a loop and its pages: datagrams to a server in a process of its own, none of which waits.
+
+A loop never waits for a page: what does not fit in the socket's buffer is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import secrets
+import select
+import socket
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import softdyn
+from softdyn.exceptions import InputError
+from softdyn.validation.live.messages import LONGEST, Limits, Message, read
+from softdyn.view.loopback import HOST, free_port
+
+if TYPE_CHECKING:
+    from softdyn.view.scene import Figure
+
+FRAME, STATE, ERROR, LATE = b"F", b"S", b"E", 10.0  # kinds of datagrams; s a server has to start
+AT_ONCE = 8  # messages that a loop reads between two control steps
+
+
+class Channel:
+    """Frames out, messages in; starts the server, and ends it when it is closed.
+
+    Parameters
+    ----------
+    page : str
+        What the server shows.
+    figure : Figure
+        The robot, for what the server does by itself: recordings, and the reach.
+    replayed : int
+        Columns of a frame that a replay shows.
+    title : str
+        Of recordings.
+    limits : Limits or None
+        Of the messages; None takes none: the pages only watch.
+    port : int, optional
+        By default a free one from 7000 on.
+
+    Attributes
+    ----------
+    url : str
+        Where a browser on this machine finds the page; it contains the token.
+    dropped : int
+        Frames that the server did not take in time.
+
+    Raises
+    ------
+    InputError
+        When the port is taken or the server does not start.
+    """
+
+    def __init__(
+        self,
+        page: str,
+        figure: Figure,
+        *,
+        replayed: int,
+        title: str,
+        limits: Limits | None = None,
+        port: int | None = None,
+    ) -> None:
+        self._limits, self.dropped = limits, 0
+        self._late: dict[bytes, bytes] = {}
+        token = secrets.token_urlsafe(16)
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        found = free_port(port)
+        root = str(Path(softdyn.__file__).parents[1])
+        path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "softdyn.validation.live.server", str(theirs.fileno())],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(theirs.fileno(),),
+            env={**os.environ, "PYTHONPATH": path}, start_new_session=True,
+        )  # fmt: skip
+        theirs.close()
+        given = {
+            "page": page, "figure": pickle.dumps(figure), "replayed": replayed, "title": title,
+            "limits": limits, "port": found, "token": token,
+        }  # fmt: skip
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with suppress(BrokenPipeError):  # it died: its answer says so
+            pickle.dump(given, self._process.stdin)
+            self._process.stdin.flush()
+        answer = self._process.stdout.readline().decode().strip()
+        if answer != "ready":
+            self.close()
+            raise InputError("--port", "a free port", f"{found}: {answer or 'no server'}")
+        self.url = f"http://{HOST}:{found}/?token={token}"
+
+    def __enter__(self) -> Channel:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Show the page in the user's browser, where there is one."""
+        with suppress(webbrowser.Error):
+            webbrowser.open(self.url, new=2)
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for the first page, at most so long (s); whether there is one."""
+        return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def frame(self, row: np.ndarray) -> None:
+        """Show a frame, or drop it."""
+        for kind in tuple(self._late):  # what must not be lost goes first
+            if self._send(kind, self._late[kind]):
+                del self._late[kind]
+        self.dropped += not self._send(FRAME, np.asarray(row, "<f4").tobytes())
+
+    def state(self, shown: dict[str, Any]) -> None:
+        """Show what has changed, with the next frame where it does not go at once."""
+        self._say(STATE, json.dumps(shown).encode())
+
+    def error(self, text: str) -> None:
+        """Answer a message that could not be done."""
+        self._say(ERROR, text.encode()[:LONGEST])
+
+    def messages(self) -> Iterator[Message]:
+        """What the commanding page has said since, a few at a time."""
+        if self._limits is None:
+            return
+        for _ in range(AT_ONCE):
+            try:
+                text = self._socket.recv(LONGEST + 1)
+            except OSError:  # nothing there, or no server
+                return
+            if text:  # an empty one says that a page has come
+                yield read(text, self._limits)
+
+    def close(self) -> None:
+        """End the server."""
+        process = self._process
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with suppress(BrokenPipeError):
+                    pipe.close()  # its standard input's end is the server's
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        self._socket.close()
+
+    def _say(self, kind: bytes, content: bytes) -> None:
+        if not self._send(kind, content):
+            self._late[kind] = content
+
+    def _send(self, kind: bytes, content: bytes) -> bool:
+        try:
+            self._socket.send(kind + content)
+        except OSError:  # full, or no server
+            return False
+        return True

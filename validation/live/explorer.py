@@ -1,0 +1,144 @@
+"""A robot at rest, explored by slider: joints by hand, or inputs and the rest that they lead to.
+
+Statics, not simulation: inputs lead to the rest that continues the one before. Where that branch
+has lost its stability the robot is shown where it snaps to, and the unstable rest beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, SoftdynError, SoftModel, statics
+from softdyn.statics import Equilibrium
+from softdyn.statics.branch import follow
+from softdyn.statics.equilibria import ramp
+from softdyn.validation.live import messages
+from softdyn.validation.live.channel import Channel
+from softdyn.validation.live.drive import IDLE
+from softdyn.validation.live.frames import Columns
+from softdyn.validation.live.messages import Limits, Message
+from softdyn.validation.live.page import live_page
+from softdyn.view.scene import Figure
+
+PARTS = 4  # of a move of the sliders
+OFTEN = 0.25  # s between two frames of a robot that nobody moves
+
+
+class Explorer:
+    """The pose that the sliders ask for.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+
+    Attributes
+    ----------
+    q, u : ndarray, (nq,), (nu,)
+        What is shown.
+    rest : Equilibrium or None
+        Where it rests under u; None while the joints are set by hand.
+    unstable : Equilibrium or None
+        The rest on the branch it was on, where that is unstable.
+    notice : str
+        What went wrong last.
+    """
+
+    def __init__(self, model: SoftModel) -> None:
+        self.model, self.columns = model, Columns(model)
+        self.q, self.u, self.notice = model.q0, np.zeros(model.nu), ""
+        self.rest: Equilibrium | None = None
+        self.unstable: Equilibrium | None = None
+        self._poses = 0
+        with suppress(SoftdynError):  # nothing holds it: joints by hand
+            self._show(statics.rest(model))
+
+    def apply(self, message: Message) -> None:
+        """Do what a page says.
+
+        Raises
+        ------
+        InputError
+            For a message that is of a robot in motion.
+        """
+        self._poses += 1
+        self.notice = ""
+        if isinstance(message, messages.Joints):
+            self.q, self.u = self.model.configuration(message.x), np.zeros(self.model.nu)
+            self.rest = self.unstable = None
+        elif isinstance(message, messages.Inputs):
+            try:
+                self._load(message.u)
+            except SoftdynError as error:
+                self.notice = str(error)
+        else:
+            raise InputError("do", "joints or inputs", type(message).__name__.lower())
+
+    def frame(self) -> np.ndarray:
+        """The pose as a frame; its time counts the poses."""
+        model, rest, other = self.model, self.rest, self.unstable
+        y = model.state(self.q, np.zeros(model.nv)).y
+        values: dict[str, Any] = {"t": self._poses, "q": model.coordinates(self.q), "u": self.u}
+        values |= {"y": y, "y_ref": y}
+        if rest is not None:
+            values |= {"stable": rest.stable, "compliance": rest.tip_compliance.ravel()}
+        if other is not None:
+            gap = np.linalg.norm(other.y - y)
+            values |= {"ghost": model.coordinates(other.q), "gap": gap}
+        return self.columns.frame(**values)
+
+    def _load(self, u: np.ndarray) -> None:
+        """The rest under u (nu,), from the one before."""
+        before = statics.rest(self.model) if self.rest is None else self.rest
+        near = _along(before, u)
+        other = near if self.unstable is None else _along(self.unstable, u)
+        if near is None or not near.stable:
+            near, _ = ramp(self.model, u, before)
+        self._show(near)
+        self.unstable = None if other is None or other.stable else other
+
+    def _show(self, rest: Equilibrium) -> None:
+        self.q, self.u, self.rest = rest.q, rest.u, rest
+
+
+def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
+    """The equilibrium under u (nu,) on the branch of `here`; None where that cannot be followed."""
+    found: Equilibrium | None = here
+    for part in np.linspace(0, 1, PARTS + 1)[1:]:
+        if found is not None:
+            found = follow(found, here.u + part * (u - here.u))
+    return found
+
+
+def explored(model: SoftModel, port: int | None = None) -> Channel:
+    """The pages of an explorer: a server, until it is closed."""
+    figure, title = Figure.of(model), model.bundled or model.name
+    return Channel(
+        live_page(figure, "explore", title=title), figure, replayed=Columns(model).replayed,
+        title=title, limits=Limits.of(model, (), figure.size), port=port,
+    )  # fmt: skip
+
+
+def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:
+    """Do what the pages of an explorer say until `over`, which is asked many times a second."""
+    explorer, next_frame = Explorer(model), 0.0
+    while not over():
+        said: dict[str, Message] = {}
+        try:
+            for message in channel.messages():
+                said[type(message).__name__] = message  # of a drag the last one
+            for message in said.values():
+                explorer.apply(message)
+        except InputError as error:
+            channel.error(str(error))
+        if said:
+            channel.state({"notice": explorer.notice})
+        if said or monotonic() > next_frame:  # a page that has just come waits for one
+            channel.frame(explorer.frame())
+            next_frame = monotonic() + OFTEN
+        sleep(IDLE)

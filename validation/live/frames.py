@@ -1,0 +1,50 @@
+"""A frame: one row of numbers that says everything a page draws at one moment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import SoftModel
+
+
+class Columns:
+    """Which columns of a frame hold what; a value that there is not is NaN.
+
+    A frame is float32: time (s), joint coordinates, inputs, the tip and its target (m), V, the
+    slowest step and the latest wake-up since the last frame (µs), missed periods so far, simulated
+    seconds per second, the pushing force (N) and where it acts (m), the ghost's joint coordinates,
+    its tip's distance from the plant's (m), 1 where a rest is stable and 0 where it is not, and the
+    tip's compliance (m/N), row by row.
+
+    Attributes
+    ----------
+    places : dict of str to slice
+        By name.
+    size : int
+        Of a frame.
+    """
+
+    def __init__(self, model: SoftModel) -> None:
+        n, m = model.nv, model.nu
+        sizes = {
+            "t": 1, "q": n, "u": m, "y": 3, "y_ref": 3, "V": 1, "step_us": 1, "wake_us": 1,
+            "misses": 1, "pace": 1, "force": 3, "point": 3, "ghost": n, "gap": 1, "stable": 1,
+            "compliance": 9,
+        }  # fmt: skip
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        self.places = {name: slice(ends[i], ends[i + 1]) for i, name in enumerate(sizes)}
+        self.size = ends[-1]
+        self.replayed = ends[5]  # these come first and are what `page.frames` makes
+
+    def frame(self, **values: object) -> np.ndarray:
+        """A frame of these values, by name."""
+        row = np.full(self.size, np.nan, np.float32)
+        with np.errstate(over="ignore"):
+            for name, value in values.items():
+                row[self.places[name]] = value
+        return row
+
+    @property
+    def data(self) -> dict[str, list[int]]:
+        """First column and size of each, as JSON."""
+        return {name: [at.start, at.stop - at.start] for name, at in self.places.items()}

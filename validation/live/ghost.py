@@ -1,0 +1,50 @@
+"""The analytic model beside the twin: Pinocchio's motion under the input that the plant gets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import InputError, SoftModel
+from softdyn.validation.crosschecks.trajectories import IMPLICIT
+
+
+class Ghost:
+    """A robot that Pinocchio moves, with the scheme and the step of the twin.
+
+    It knows no stops, no contacts, no mismatch and no hand: what it shows beside the plant is what
+    these do, and nothing where there are none.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    q, v : ndarray, (nq,), (nv,)
+        Where it starts.
+    timestep : float
+        The plant's (s).
+    """
+
+    def __init__(self, model: SoftModel, q: np.ndarray, v: np.ndarray, timestep: float) -> None:
+        self._model, self._h = model, timestep
+        self._step = IMPLICIT.free_step if model.robot.floating else IMPLICIT.step
+        self.q, self._v = q, v
+
+    def advance(self, u: np.ndarray, steps: int) -> None:
+        """So many plant steps under a held input.
+
+        Raises
+        ------
+        InputError
+            When it leaves the finite numbers.
+        """
+        for _ in range(steps):
+            try:
+                with np.errstate(all="ignore"):
+                    self.q, self._v = self._step(self._model, self.q, self._v, u, self._h)
+            except np.linalg.LinAlgError as error:
+                raise InputError("ghost", "a mass matrix", error) from None
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(3,) in the world (m)."""
+        return self._model.state(self.q, np.zeros(self._model.nv)).y

@@ -1,0 +1,271 @@
+"""What a page may say: every message as frozen data, read and checked in one place.
+
+A message is one JSON object ``{"do": NAME, ...}`` whose other members are exactly the fields of the
+class of that name (`MESSAGES`). Bounds come from the robot and the menu: `Limits`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softdyn.checks import array, number
+from softdyn.exceptions import InputError
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel  # a page's server has no need of an engine
+
+LONGEST = 20_000  # bytes of a message
+OPEN_LOOP = "open loop"  # the law that gives the sliders' inputs
+FARTHEST = 3.0  # of a point from the base, in robot lengths
+SPEEDS = (0.01, 10.0)
+FACTORS = (0.2, 5.0)  # of mass, stiffness, damping
+LARGEST_DELAY, LARGEST_NOISE = 0.1, 0.05  # s, m
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What a message's values must lie within.
+
+    Attributes
+    ----------
+    links, laws : tuple of str
+        The robot's links, and the menu of controllers.
+    reach : float
+        Largest distance of a point from the base (m).
+    lower, upper : ndarray, (nu,)
+        Bounds of the inputs.
+    least, most : ndarray, (nv,)
+        Limits of the joints.
+    """
+
+    links: tuple[str, ...]
+    laws: tuple[str, ...]
+    reach: float
+    lower: np.ndarray
+    upper: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    @classmethod
+    def of(cls, model: SoftModel, laws: tuple[str, ...], size: float) -> Limits:
+        """Those of a robot that fits in `size` (m)."""
+        links = tuple(link.name for link in model.robot.links)
+        ends = (np.clip(ends, -1e3, 1e3) for ends in (model.lower, model.upper))
+        return cls(links, laws, FARTHEST * size, model.u_min, model.u_max, *ends)
+
+
+Read = Callable[[Limits, str, Any], Any]
+
+
+def _by(read: Read) -> dict[str, Read]:
+    """How the value of a field is read."""
+    return {"read": read}
+
+
+def _flag(_limits: Limits, name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(name, "true or false", value)
+    return value
+
+
+def _point(limits: Limits, name: str, value: Any) -> np.ndarray:
+    return _within(name, value, np.full(3, -limits.reach), np.full(3, limits.reach))
+
+
+def _inputs(limits: Limits, name: str, value: Any) -> np.ndarray:
+    return _within(name, value, limits.lower, limits.upper)
+
+
+def _joints(limits: Limits, name: str, value: Any) -> np.ndarray:
+    return _within(name, value, limits.least, limits.most)
+
+
+def _within(name: str, value: Any, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    found = array(name, value, lower.shape)
+    # what a slider's end is in another arithmetic is still its end
+    margin = 1e-6 * (1 + np.abs(found))
+    if (found < lower - margin).any() or (found > upper + margin).any():
+        raise InputError(name, f"numbers from {lower.tolist()} to {upper.tolist()}", value)
+    return np.clip(found, lower, upper)
+
+
+def _between(low: float, high: float) -> Read:
+    def read(_limits: Limits, name: str, value: Any) -> float:
+        found = number(name, value)
+        if not low <= found <= high:
+            raise InputError(name, f"a number from {low:g} to {high:g}", value)
+        return found
+
+    return read
+
+
+def _choice(menu: Callable[[Limits], tuple[str, ...]]) -> Read:
+    def read(limits: Limits, name: str, value: Any) -> str:
+        if not isinstance(value, str) or value not in menu(limits):
+            raise InputError(name, f"one of {', '.join(menu(limits))}", value)
+        return value
+
+    return read
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Where the tip should go, `y` (3,) in the world (m)."""
+
+    y: np.ndarray = field(metadata=_by(_point))
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The inputs (nu,) of the open loop."""
+
+    u: np.ndarray = field(metadata=_by(_inputs))
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Joint coordinates (nv,) of a robot that is only looked at (rad, m)."""
+
+    x: np.ndarray = field(metadata=_by(_joints))
+
+
+@dataclass(frozen=True)
+class Law:
+    """Which controller acts, of the menu."""
+
+    name: str = field(metadata=_by(_choice(lambda limits: limits.laws)))
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """How the plant differs from the model, and what stands between it and the controller.
+
+    Factors on mass, stiffness and damping; whether links touch; delay (s) from a state to the
+    input that answers it; noise (m, standard deviation) of the tip that the controller sees.
+    """
+
+    mass: float = field(default=1.0, metadata=_by(_between(*FACTORS)))
+    stiffness: float = field(default=1.0, metadata=_by(_between(*FACTORS)))
+    damping: float = field(default=1.0, metadata=_by(_between(*FACTORS)))
+    contacts: bool = field(default=False, metadata=_by(_flag))
+    delay: float = field(default=0.0, metadata=_by(_between(0.0, LARGEST_DELAY)))
+    noise: float = field(default=0.0, metadata=_by(_between(0.0, LARGEST_NOISE)))
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A spring from a point of a link (3,), in the link's axes, to one of the world (3,) (m)."""
+
+    link: str = field(metadata=_by(_choice(lambda limits: limits.links)))
+    at: np.ndarray = field(metadata=_by(_point))
+    to: np.ndarray = field(metadata=_by(_point))
+
+
+@dataclass(frozen=True)
+class Release:
+    """Ends the push."""
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Stops the clock, or lets it run."""
+
+    on: bool = field(metadata=_by(_flag))
+
+
+@dataclass(frozen=True)
+class Step:
+    """One control period of a robot that is paused."""
+
+
+@dataclass(frozen=True)
+class Reset:
+    """The robot at rest again, at t = 0."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Simulated seconds per second of the clock, at most."""
+
+    factor: float = field(metadata=_by(_between(*SPEEDS)))
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """Whether the analytic model runs beside the plant under the same input."""
+
+    on: bool = field(metadata=_by(_flag))
+
+
+@dataclass(frozen=True)
+class Record:
+    """Whether frames are kept; when that ends there is a page that replays them."""
+
+    on: bool = field(metadata=_by(_flag))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Asks for the stable rests of the tip."""
+
+
+@dataclass(frozen=True)
+class Lead:
+    """This page commands from now on; the one that did watches."""
+
+
+Message = (
+    Target | Inputs | Joints | Law | Mismatch | Push | Release | Pause | Step | Reset | Speed
+    | Ghost | Record | Reach | Lead
+)  # fmt: skip
+MESSAGES: dict[str, Callable[..., Message]] = {
+    cls.__name__.lower(): cls
+    for cls in (Target, Inputs, Joints, Law, Mismatch, Push, Release, Pause, Step, Reset, Speed,
+                Ghost, Record, Reach, Lead)
+}  # fmt: skip
+
+
+def read(text: str | bytes, limits: Limits) -> Message:
+    """The message that a text is.
+
+    Parameters
+    ----------
+    text : str or bytes
+        From anyone.
+    limits : Limits
+        The robot's.
+
+    Raises
+    ------
+    InputError
+        For anything that is no message: the error says which member, what was expected and got.
+    """
+    if len(text) > LONGEST:
+        raise InputError("message", f"at most {LONGEST} bytes", len(text))
+    try:
+        said = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError("message", "JSON", error) from None
+    if not isinstance(said, dict):
+        raise InputError("message", "a JSON object", said)
+    name = said.pop("do", None)
+    cls = MESSAGES.get(name) if isinstance(name, str) else None
+    if cls is None:
+        raise InputError("do", f"one of {', '.join(MESSAGES)}", name)
+    known = {one.name: one for one in fields(cls)}  # type: ignore[arg-type]
+    unknown = sorted(said.keys() - known.keys())
+    if unknown:
+        raise InputError(str(name), f"only {', '.join(known) or 'no members'}", unknown[0])
+    found = {}
+    for one in known.values():
+        if one.name in said:
+            label = f"{name}.{one.name}"
+            found[one.name] = one.metadata["read"](limits, label, said[one.name])
+        elif one.default is MISSING:
+            raise InputError(str(name), f"a member {one.name}", "none")
+    return cls(**found)

@@ -1,0 +1,125 @@
+"""The clock that a control loop keeps: when a period began, how late, and which were missed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from time import perf_counter, sleep
+
+import numpy as np
+
+LATEST = 0.05  # s behind at which a clock stops to catch up and is slower instead
+SPAN = 0.5  # s over which the pace is measured
+
+
+@dataclass(frozen=True)
+class Kept:
+    """How well a clock was kept.
+
+    Attributes
+    ----------
+    periods, misses : int
+        Control periods, and those whose work ended after the next one was due.
+    wake_us, step_us : dict of str to float
+        Median, p99 and largest time by which a period began late, and of the control step (µs).
+    pace : float
+        Simulated seconds per second.
+    """
+
+    periods: int
+    misses: int
+    wake_us: dict[str, float]
+    step_us: dict[str, float]
+    pace: float
+
+
+@dataclass
+class Clock:
+    """Wakes a loop once a period, and writes down how that went.
+
+    Parameters
+    ----------
+    period : float
+        Of the control (s, simulated).
+    speed : float
+        Simulated seconds per second.
+    keep : int
+        Periods whose times are kept for `kept`.
+
+    Attributes
+    ----------
+    periods, misses : int
+        Done, and those whose work ended after the next one was due.
+    pace : float
+        Simulated seconds per second over the last half second.
+    worst_wake, worst_step : float
+        Since `frame` was last asked (µs).
+    """
+
+    period: float
+    speed: float = 1.0
+    keep: int = 0
+    periods: int = 0
+    misses: int = 0
+    pace: float = 0.0
+    worst_wake: float = 0.0
+    worst_step: float = 0.0
+    _due: float = 0.0
+    _frame: float = 0.0
+    _since: tuple[float, int] = (0.0, 0)
+    _times: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def __post_init__(self) -> None:
+        self._times = np.zeros((self.keep, 2))
+        self.begin()
+
+    def begin(self) -> None:
+        """Start anew from now: after a pause, and after whatever was no control step."""
+        now = perf_counter()
+        self._due, self._since = now, (now, self.periods)
+        self._began = (now, self.periods)
+
+    def wait(self) -> None:
+        """Sleep until the next period is due."""
+        now = perf_counter()
+        if now < self._due:
+            sleep(self._due - now)
+            now = perf_counter()
+        late = now - self._due
+        self._wake = 1e6 * late
+        if late > LATEST:  # the machine cannot: a slower clock, not one that runs after the time
+            self._due = now
+        self.worst_wake = max(self.worst_wake, self._wake)
+
+    def done(self, step_us: float) -> None:
+        """A period's work is done; its control step took so long (µs)."""
+        k, now = self.periods, perf_counter()
+        self._due += self.period / self.speed
+        self.misses += now > self._due
+        if k < self.keep:
+            self._times[k] = self._wake, step_us
+        self.worst_step = max(self.worst_step, step_us)
+        self.periods = k + 1
+        then, before = self._since
+        if now - then > SPAN:
+            self.pace = (self.periods - before) * self.period / (now - then)
+            self._since = (now, self.periods)
+
+    def frame(self, rate: float) -> bool:
+        """Whether it is time for a frame, so many a second."""
+        now = perf_counter()
+        if now < self._frame:
+            return False
+        self._frame = max(self._frame + 1 / rate, now)
+        return True
+
+    def kept(self) -> Kept:
+        """Figures of all periods since the clock began."""
+        count = min(self.periods, self.keep)
+        wake, step = (
+            {"median": float(np.median(row)), "p99": float(np.percentile(row, 99)),
+             "max": float(row.max())}
+            for row in self._times[:count].T
+        ) if count else ({}, {})  # fmt: skip
+        then, before = self._began
+        pace = (self.periods - before) * self.period / max(perf_counter() - then, 1e-9)
+        return Kept(self.periods, self.misses, wake, step, pace)

@@ -1,0 +1,130 @@
+"""A robot to play with: a session, its pages and its clock put together."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from softdyn import SoftModel
+from softdyn.validation.live.channel import Channel
+from softdyn.validation.live.drive import drive
+from softdyn.validation.live.messages import OPEN_LOOP
+from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.page import live_page
+from softdyn.validation.live.session import Make, Session, menu_of
+from softdyn.view.scene import Figure
+
+
+def stage(session: Session, port: int | None = None) -> Channel:
+    """The pages of a session: a server, until it is closed.
+
+    Parameters
+    ----------
+    session : Session
+        What will run.
+    port : int, optional
+        By default a free one from 7000 on.
+    """
+    figure, model = Figure.of(session.model), session.model
+    title = model.bundled or model.name
+    page = live_page(
+        figure, "play", title=title, laws=session.limits.laws, period=session.period,
+        pull=session.pull,
+    )  # fmt: skip
+    return Channel(
+        page, figure, replayed=session.columns.replayed, title=title, limits=session.limits,
+        port=port,
+    )  # fmt: skip
+
+
+class Play:
+    """A robot that runs in the background, with a page to play with it.
+
+    In a notebook the page is what this displays as. A context manager; `stop` ends it.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    controller : Controller, optional
+        Any controller; without one the menu's `law` acts.
+    name : str, optional
+        What the menu calls it; its own name or its class by default.
+    law : str
+        Of the menu, where there is no controller.
+    period : float, optional
+        Of the control (s).
+    target : array_like, (3,), optional
+        The first one (m).
+    port : int, optional
+        By default a free one from 7000 on.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        controller: Any = None,
+        *,
+        name: str | None = None,
+        law: str | None = None,
+        period: float | None = None,
+        target: Any = None,
+        port: int | None = None,
+    ) -> None:
+        own: dict[str, Make] = {}
+        if controller is not None:
+            law = name or getattr(controller, "name", None) or type(controller).__name__
+            own[law] = lambda _model: controller
+        menu = menu_of(model, own)
+        self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target)
+        self._channel = stage(self.session, port)
+        self.url = self._channel.url
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.start()
+
+    def __enter__(self) -> Play:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> Any:
+        raise TypeError("what runs cannot be copied: play again")
+
+    def start(self) -> None:
+        """Let it run; nothing where it does."""
+        if self._thread is None or not self._thread.is_alive():
+            self._over.clear()
+            clock = Clock(self.session.period)
+            self._thread = threading.Thread(
+                target=drive, args=(self.session, self._channel, clock, self._over.is_set),
+                name="play", daemon=True,
+            )  # fmt: skip
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the robot where it is; `start` goes on."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def close(self) -> None:
+        """Stop, and end the page's server."""
+        self.stop()
+        self._channel.close()
+
+    def _repr_html_(self) -> str:
+        """The page inside a notebook."""
+        return f'<iframe src="{self.url}" style="width:100%;height:720px;border:0"></iframe>'
+
+
+def play(model: SoftModel, controller: Any = None, **options: Any) -> Play:
+    """A robot in real time with a page to play with it: see `Play`, which says what it takes.
+
+    Returns
+    -------
+    Play
+        Runs until its `close`; shows its page where it is the value of a notebook's cell.
+    """
+    return Play(model, controller, **options)

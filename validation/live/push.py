@@ -1,0 +1,79 @@
+"""A hand on a link: a spring from one of its points to where the pointer is."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from softdyn import InputError, SoftdynError, SoftModel
+from softdyn.description.robot import carriers
+from softdyn.statics import rest
+from softdyn.validation.live.messages import Push
+from softdyn.validation.twin.build import body_name
+from softdyn.validation.twin.twin import Twin
+
+GRAVITY = 9.81
+SHARE = 10.0  # of its length that a robot which is not soft moves under its own weight
+
+
+def hand_stiffness(model: SoftModel) -> float:
+    """A spring as stiff as the tip itself at rest (N/m): a hand that moves it half way.
+
+    Of a robot without a stable rest, one that its weight would stretch by a tenth of its length.
+    """
+    try:
+        largest = float(np.linalg.eigvalsh(rest(model).tip_compliance)[-1]) if model.nv else 0.0
+    except (SoftdynError, np.linalg.LinAlgError):
+        largest = 0.0
+    if largest > 0:
+        return 1 / largest
+    mass = sum(link.inertia.mass for link in model.robot.links)
+    return SHARE * mass * GRAVITY / max(model.robot.length, 1e-3)
+
+
+class Hand:
+    """Pulls a point of a body; the twin's rest of the world sees it as an external force.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    q : ndarray, (nq,)
+        Where it is.
+    push : Push
+        What the page says.
+    stiffness, largest : float
+        Of the spring (N/m), and the most it pulls with (N).
+
+    Raises
+    ------
+    InputError
+        For a link that does not move.
+    """
+
+    def __init__(
+        self, model: SoftModel, q: np.ndarray, push: Push, stiffness: float, largest: float
+    ) -> None:
+        carrier = carriers(model.robot)[push.link]
+        fixed = carrier == model.robot.root and not model.robot.floating
+        if fixed:
+            raise InputError("push.link", "a link that moves", push.link)
+        poses = model.link_poses(q)
+        self.link, self.to = push.link, push.to
+        self.said_at = push.at
+        at = np.linalg.solve(poses[carrier], poses[push.link] @ np.append(push.at, 1.0))
+        self._at, self._stiffness, self._largest = at[:3], stiffness, largest
+        self._body = body_name(model.robot, carrier)
+        self.force = self.point = np.zeros(3)
+
+    def pull(self, twin: Twin) -> None:
+        """Set the force for the steps to come."""
+        data, body = twin.data, twin.model.body(self._body).id
+        mujoco.mj_kinematics(twin.model, data)
+        mujoco.mj_comPos(twin.model, data)
+        self.point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._at
+        force = self._stiffness * (self.to - self.point)
+        size = float(np.linalg.norm(force))
+        self.force = force if size <= self._largest else force * (self._largest / size)
+        arm = self.point - data.xipos[body]
+        data.xfrc_applied[body] = np.concatenate((self.force, np.cross(arm, self.force)))

@@ -1,0 +1,93 @@
+"""What the server does by itself: recordings as replay pages, and where the tip can rest.
+
+Engines are imported when they are first needed: a server is there in half a second.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from functools import cached_property
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from softdyn.view.scene import Figure
+
+MOST = 36_000  # frames of a recording
+RAYS = 40  # inputs that are raised for the reach
+BATCH = 0.4  # s of search between two batches of points
+
+
+class Recording:
+    """Frames kept for a replay.
+
+    Parameters
+    ----------
+    figure : bytes
+        The robot's, pickled: most servers never need it.
+    replayed : int
+        Columns of a frame that a replay shows.
+    title : str
+        Of the page.
+    """
+
+    def __init__(self, figure: bytes, replayed: int, title: str) -> None:
+        self._pickled, self._replayed, self._title = figure, replayed, title
+        self._rows: list[np.ndarray] = []
+        self._done: np.ndarray | None = None
+        self.on = False
+
+    @cached_property
+    def _figure(self) -> Figure:
+        found: Figure = pickle.loads(self._pickled)
+        return found
+
+    def begin(self) -> None:
+        """Keep frames from now on."""
+        self._rows, self.on = [], True
+
+    def add(self, frame: bytes) -> None:
+        """Keep a frame, if it is later than the one before."""
+        if not self.on:
+            return
+        row = np.frombuffer(frame, "<f4")[: self._replayed].copy()
+        if self._rows and row[0] < self._rows[-1][0]:
+            self._rows = []  # reset: another run
+        if not self._rows or row[0] > self._rows[-1][0]:
+            self._rows.append(row)
+        if len(self._rows) >= MOST:
+            self.end()
+
+    def end(self) -> bool:
+        """Keep no more; whether there is something to replay."""
+        self.on = False
+        if self._rows:
+            self._done = np.array(self._rows)
+            self._done[:, 0] -= self._done[0, 0]
+        return bool(self._rows)
+
+    def html(self) -> str:
+        """The last recording as a page, empty where there is none."""
+        if self._done is None:
+            return ""
+        from softdyn.view.page import Page, Run, Track
+
+        run = Run("recorded", (Track(0, self._done, self._title),))
+        return Page(self._title, (self._figure,), (run,)).html()
+
+    def rests(self) -> Iterator[list[list[float]]]:
+        """Tips (x, y, z) (m) of stable rests, a batch at a time."""
+        from softdyn.statics import sample_rests
+
+        model = self._figure.model
+        batch, until = [], monotonic() + BATCH
+        for one in sample_rests(model, RAYS) if model.nu else ():
+            batch.append([round(float(x), 5) for x in one.y])
+            if monotonic() > until:
+                yield batch
+                batch, until = [], monotonic() + BATCH
+        if batch:
+            yield batch

@@ -1,0 +1,327 @@
+"""A plant and a law that change while they run, step by step and without a clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from functools import singledispatchmethod
+from time import perf_counter_ns
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, statics
+from softdyn.checks import array
+from softdyn.controllers import registry
+from softdyn.exceptions import one_line
+from softdyn.validation.live import messages
+from softdyn.validation.live.frames import Columns
+from softdyn.validation.live.ghost import Ghost
+from softdyn.validation.live.messages import OPEN_LOOP, Limits, Message
+from softdyn.validation.live.push import Hand, hand_stiffness
+from softdyn.validation.loop.time_grid import TimeGrid
+from softdyn.validation.studies.engine.deviations import Link, Plant
+from softdyn.validation.studies.paper import setup_of
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import SimulationError
+from softdyn.view.scene import Figure
+
+Make = Callable[[SoftModel], Any]
+LONGEST_PULL = 0.5  # of the robot's length: a hand pulls no harder than at this distance
+
+
+def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str, Make]:
+    """Controllers by name: a user's own, the registry's, the inputs by hand."""
+    known = {**registry.CONTROLLERS, **registry.BEYOND} if model.nu else {}
+    return {**(own or {}), **{k: v for k, v in known.items() if k not in (own or {})}}
+
+
+@dataclass
+class Shown:
+    """What a page shows besides frames; `notice` is the last thing that went wrong."""
+
+    law: str
+    mismatch: dict[str, Any] = field(default_factory=lambda: asdict(messages.Mismatch()))
+    inputs: list[float] = field(default_factory=list)
+    paused: bool = False
+    speed: float = 1.0
+    ghost: bool = False
+    notice: str = ""
+
+
+class Session:
+    """A robot's twin and the law that drives it, changed by messages.
+
+    A fault (a plant that diverges, a law that raises or answers no input) pauses the session and
+    says why in `shown.notice`; another message can mend it.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    menu : Mapping of str to Callable
+        Controllers by name, each made as ``make(model)`` when it is chosen.
+    law : str
+        The first one, or `OPEN_LOOP`.
+    period : float, optional
+        Of the control (s); the paper's, or 2 ms.
+    target : ndarray, (3,), optional
+        The first one (m); by default where the tip rests.
+
+    Attributes
+    ----------
+    shown : Shown
+        What pages show; `changed` says whether it changed since that was last set to False.
+    limits : Limits
+        Of the messages.
+    period : float
+        Of the control (s).
+    pull : float
+        The most that a hand pulls with (N).
+
+    Raises
+    ------
+    InputError
+        For a first law that cannot be made.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        menu: Mapping[str, Make],
+        law: str,
+        *,
+        period: float | None = None,
+        target: Any = None,
+    ) -> None:
+        self.model, self._menu = model, dict(menu)
+        self.period = setup_of(model).period if period is None else period
+        self._grid = TimeGrid.plan(self.period, self.period)
+        size = Figure.of(model).size
+        self.limits = Limits.of(model, (*self._menu, OPEN_LOOP), size)
+        self.columns = Columns(model)
+        try:
+            self._rest = statics.rest(model).q
+        except SoftdynError:
+            self._rest = model.q0
+        self._zero = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        self._stiffness = hand_stiffness(model)
+        self.pull = LONGEST_PULL * size * self._stiffness
+        self._mismatch = messages.Mismatch()
+        self._hand: Hand | None = None
+        self._ghost: Ghost | None = None
+        self._law: Any = None
+        self._by_hand = self._u = self._zero
+        self._V = np.nan
+        self.shown, self.changed = Shown(OPEN_LOOP, inputs=self._zero.tolist()), True
+        self._build(*self._at_rest(), 0.0)
+        self._state = model.state(*self._q_v())
+        if target is None:
+            target = self._state.y
+        self._reference: Reference = SetPoint(target)
+        self._choose(law)
+
+    # -- messages ------------------------------------------------------------------------------
+
+    def apply(self, message: Message) -> None:
+        """Do what a message says, wholly or not at all.
+
+        Raises
+        ------
+        InputError
+            When it cannot be done: nothing has changed then.
+        """
+        self._do(message)
+        self.changed = True
+
+    @singledispatchmethod
+    def _do(self, message: Any) -> None:
+        raise InputError("do", "something that a robot in motion can do", type(message).__name__)
+
+    @_do.register
+    def _(self, message: messages.Target) -> None:
+        self._reference = SetPoint(message.y)
+
+    @_do.register
+    def _(self, message: messages.Inputs) -> None:
+        self._by_hand = message.u
+        self.shown.inputs = message.u.tolist()
+
+    @_do.register
+    def _(self, message: messages.Law) -> None:
+        self._choose(message.name)
+
+    @_do.register
+    def _(self, message: messages.Mismatch) -> None:
+        before = self._mismatch
+        self._mismatch = message
+        try:
+            self._build(*self._q_v(), self.t)
+        except (SoftdynError, ValueError):
+            self._mismatch = before
+            raise
+        self._connect()
+        self.shown.mismatch = asdict(message)
+
+    @_do.register
+    def _(self, message: messages.Push) -> None:
+        held = self._hand
+        if held is not None and held.link == message.link and (held.said_at == message.at).all():
+            held.to = message.to
+            return
+        q, _ = self._q_v()
+        hand = Hand(self.model, q, message, self._stiffness, self.pull)
+        self._release()
+        self._hand = hand
+
+    @_do.register
+    def _(self, _message: messages.Release) -> None:
+        self._release()
+
+    @_do.register
+    def _(self, message: messages.Pause) -> None:
+        self.shown.paused = message.on
+        if not message.on:
+            self.shown.notice = ""
+
+    @_do.register
+    def _(self, _message: messages.Step) -> None:
+        self.shown.paused = True
+        self.step()
+
+    @_do.register
+    def _(self, _message: messages.Reset) -> None:
+        self._release()
+        self._build(*self._at_rest(), 0.0)
+        self._connect()
+        if self._ghost is not None:
+            self._ghost = self._new_ghost()
+        self._u, self._V = self._zero, np.nan
+        self._by_hand = self._zero
+        self.shown.inputs = self._zero.tolist()
+        self._state = self.model.state(*self._q_v())
+        self.shown.notice = ""
+
+    @_do.register
+    def _(self, message: messages.Speed) -> None:
+        self.shown.speed = message.factor
+
+    @_do.register
+    def _(self, message: messages.Ghost) -> None:
+        self._ghost = self._new_ghost() if message.on else None
+        self.shown.ghost = message.on
+
+    # -- time ----------------------------------------------------------------------------------
+
+    @property
+    def t(self) -> float:
+        """Simulated time (s)."""
+        return self._plant.time
+
+    def step(self) -> float:
+        """One control period; what the control step in it took (µs)."""
+        began = perf_counter_ns()
+        try:
+            self._state = self.model.state(*self._q_v())
+            if self._law is None:
+                self._u = self._by_hand
+            else:
+                answer = self._law(self._state, self._reference)
+                u = array("u", answer if isinstance(answer, np.ndarray) else answer.u,
+                          (self.model.nu,))  # fmt: skip
+                self._u = np.clip(u, self.model.u_min, self.model.u_max)
+                self._V = getattr(answer, "V", np.nan)
+        except Exception as error:  # a user's law may raise anything
+            self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
+            return 0.0
+        spent = (perf_counter_ns() - began) / 1e3
+        self._advance()
+        return spent
+
+    def frame(self, **clock: float) -> np.ndarray:
+        """The present moment as a frame; `clock` is what only a clock knows."""
+        hand, ghost = self._hand, self._ghost
+        with suppress(InputError):  # a plant that diverged is shown where it last was
+            self._state = self.model.state(*self._q_v())
+        state = self._state
+        values: dict[str, Any] = {
+            "t": self.t, "q": self.model.coordinates(state.q), "u": self._u, "y": state.y,
+            "y_ref": self._reference.y, "V": self._V,
+        }  # fmt: skip
+        if hand is not None:
+            values |= {"force": hand.force, "point": hand.point}
+        if ghost is not None:
+            gap = np.linalg.norm(ghost.tip - state.y)
+            values |= {"ghost": self.model.coordinates(ghost.q), "gap": gap}
+        return self.columns.frame(**values, **clock)
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _advance(self) -> None:
+        steps = self._grid.substeps
+        try:
+            if self._hand is not None:
+                self._hand.pull(self._plant)
+            self._plant.advance(self._u, steps)
+        except SimulationError as error:
+            self._fault(f"the plant stopped: {error.reason}")
+            return
+        if self._ghost is not None:
+            try:
+                self._ghost.advance(self._u, steps)
+            except InputError:
+                self._ghost, self.shown.ghost, self.changed = None, False, True
+                self.shown.notice = "the model beside the plant left the finite numbers"
+
+    def _fault(self, text: str) -> None:
+        self.shown.paused, self.shown.notice, self.changed = True, one_line(text, 300), True
+
+    def _at_rest(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._rest, np.zeros(self.model.nv)
+
+    def _q_v(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._map.from_twin(self._plant.data.qpos, self._plant.data.qvel)
+
+    def _build(self, q: np.ndarray, v: np.ndarray, t: float) -> None:
+        """The plant anew, in a state; the one that there is stays where that fails."""
+        said = self._mismatch
+        differs = Plant(mass=said.mass, stiffness=said.stiffness, damping=said.damping)
+        twin = differs.twin(
+            self.model.robot, timestep=self._grid.timestep, contacts=said.contacts, friction=False
+        )
+        states = StateMap(self.model, twin)
+        try:
+            twin.set_state(*states.to_twin(q, v), t)
+        except SimulationError as error:
+            raise InputError("state", "one that MuJoCo can start from", error.reason) from None
+        self._plant, self._map = twin, states
+
+    def _choose(self, name: str) -> None:
+        inner = None
+        if name != OPEN_LOOP:
+            inner = registry.make_controller(name, self.model, cls=self._menu[name])
+        else:
+            self._by_hand = self._u
+            self.shown.inputs = self._u.tolist()
+        self._inner = inner
+        self._connect()
+        self._V = np.nan
+        self.shown.law, self.shown.notice = name, ""
+
+    def _connect(self) -> None:
+        """The law behind what stands between it and the plant, begun anew."""
+        said = self._mismatch
+        self._law = self._inner
+        if self._inner is not None:
+            link = Link(delay=said.delay, noise=said.noise)
+            self._law = link.around(self._inner, self.period)
+            if hasattr(self._law, "reset"):
+                self._law.reset(self.period)
+
+    def _release(self) -> None:
+        self._hand = None
+        self._plant.data.xfrc_applied[:] = 0.0
+
+    def _new_ghost(self) -> Ghost:
+        return Ghost(self.model, *self._q_v(), self._grid.timestep)

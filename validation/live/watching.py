@@ -1,0 +1,118 @@
+"""A closed loop on the clock in front of pages that only watch: ``run --view``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter_ns
+
+import numpy as np
+
+from softdyn.validation.live.channel import Channel
+from softdyn.validation.live.drive import RATE
+from softdyn.validation.live.frames import Columns
+from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.page import live_page
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.log import Log
+from softdyn.validation.studies import paper
+from softdyn.validation.studies.names import controller_title
+from softdyn.view.scene import Figure
+
+WAIT = 10.0  # s that a loop waits for a page before it starts
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What showing a loop cost, and how its clock was kept.
+
+    Attributes
+    ----------
+    frames, dropped : int
+        Shown, and not taken in time.
+    pace : float
+        Simulated seconds per second of the clock.
+    misses : int
+        Periods whose work ended after the next one was due.
+    wake_us : dict of str to float
+        Median, p99 and largest time by which a period began late (µs).
+    """
+
+    frames: int
+    dropped: int
+    pace: float
+    misses: int
+    wake_us: dict[str, float]
+
+    def __str__(self) -> str:
+        late = f", began {self.wake_us['p99']:.0f} us late (p99)" if self.wake_us else ""
+        return (
+            f"viewer         {self.frames} frames, {self.dropped} dropped, {self.pace:.2f} x real "
+            f"time, {self.misses} periods missed{late}"
+        )
+
+
+def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
+    """The pages of a loop that is about to run; they say nothing.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        Not yet begun.
+    port : int, optional
+        By default a free one from 7000 on.
+    """
+    model, experiment = loop.model, loop.experiment
+    on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
+    figure, robot = Figure.of(model), model.bundled or model.name
+    page = live_page(
+        figure, "watch", title=f"{robot}, {controller_title(loop.name)}", period=loop.grid.period,
+        path=paper.ellipse_points(model) if on_ellipse else None,
+    )  # fmt: skip
+    return Channel(page, figure, replayed=Columns(model).replayed, title=robot, port=port)
+
+
+def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, Shown]:
+    """Run a loop while pages show it.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        Not yet begun.
+    channel : Channel
+        Its `watched`.
+    speed : float
+        Simulated seconds per second of the clock.
+
+    Returns
+    -------
+    tuple[Log, Shown]
+        The run, and what showing it cost.
+    """
+    model, columns, shown = loop.model, Columns(loop.model), 0
+    clock = Clock(loop.grid.period, speed, keep=loop.grid.steps)
+    channel.state({"law": controller_title(loop.name), "speed": speed})
+    while True:
+        clock.wait()
+        began = perf_counter_ns()
+        moment = loop.control()
+        spent = (perf_counter_ns() - began) / 1e3
+        if moment is None:
+            break
+        if clock.frame(RATE):
+            state, answer = moment.state, moment.answer
+            u = answer if isinstance(answer, np.ndarray) else answer.u
+            channel.frame(
+                columns.frame(
+                    t=moment.t, q=model.coordinates(state.q), y=state.y,
+                    u=np.clip(u, model.u_min, model.u_max), y_ref=loop.reference(moment.t).y,
+                    V=getattr(answer, "V", float("nan")), misses=clock.misses, pace=clock.pace,
+                    step_us=clock.worst_step, wake_us=clock.worst_wake,
+                )
+            )  # fmt: skip
+            clock.worst_step = clock.worst_wake = 0.0
+            shown += 1
+        loop.advance()
+        clock.done(spent)
+    kept = clock.kept()
+    channel.state({"notice": loop.reason or "done", "paused": True})
+    return loop.log(), Shown(shown, channel.dropped, kept.pace, kept.misses, kept.wake_us)

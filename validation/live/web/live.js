@@ -1,0 +1,558 @@
+"use strict";
+// A robot that runs somewhere else: draws its frames, and says what the person at the page does.
+// The dragging of the target is three.js's TransformControls, the plots are uPlot's.
+
+const FORCE = 0xe07b00, REACH = 0x1b9e77, GHOST = "#7b52ab";
+const HISTORY = 12;  // s in the plots
+const LEAST = 1e-4;  // on a logarithmic axis
+const EVERY = 33;  // ms between two messages of one drag
+const INK = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
+const KEYS = [
+  [" ", "space", "run or pause", "play"], [".", ".", "one control period", "step"],
+  ["r", "r", "reset: at rest again", "reset"], ["v", "v", "record, and stop", "record"],
+  ["g", "g", "the model beside the plant", "ghost"], ["h", "h", "where the tip can rest", "reach"],
+  ["o", "o", "open loop and back"], ["f", "f", "look at the robot"],
+  ["+", "+ −", "faster, slower"], ["?", "?", "these keys", "ask"],
+];
+const MOUSE = "Drag the target in the robot's plane; with Shift, in depth; by an arrow, along it. "
+  + "Drag a link to pull it. Drag beside the robot to turn, wheel to zoom.";
+const MISMATCH = [  // name, label, least, most, factor of what is shown, unit
+  ["mass", "mass", 0.5, 2, 1, "×"], ["stiffness", "stiffness", 0.5, 2, 1, "×"],
+  ["damping", "damping", 0.5, 2, 1, "×"], ["delay", "delay", 0, 0.03, 1e3, "ms"],
+  ["noise", "noise", 0, 0.005, 1e3, "mm"],
+];
+
+const short = x => x == 0 ? "0" : Math.abs(x) >= 1e4 || Math.abs(x) < 1e-2
+  ? x.toExponential(0).replace("e+", "e") : String(Number(x.toPrecision(3)));
+
+function decades(low, high) {  // at most four powers of ten of each sign, and 0
+  const most = Math.floor(Math.log10(Math.max(-low, high, 1e-12)) + 1e-9);
+  const least = low > 0 ? Math.ceil(Math.log10(low) - 1e-9) : most - 2;
+  const skip = Math.max(1, Math.ceil((most - least) / 3)), found = low > 0 ? [] : [0];
+  for (let k = most; k >= least; k -= skip) found.push(10 ** k, -(10 ** k));
+  return found.filter(x => x >= low && x <= high).sort((a, b) => a - b);
+}
+
+class Plot {
+  constructor(parent, title, lines, y, fixed) {
+    this.box = element(parent, "div", undefined, "plot");
+    element(this.box, "b", title);
+    this.readout = element(this.box, "output");
+    const axis = {stroke: "#5d6b7a", font: "10px system-ui", grid: {stroke: "#dde3ea", width: 1},
+      ticks: {show: false}};
+    const series = [{}, ...lines.map((line, i) => ({stroke: INK[i % INK.length], width: 1.3,
+      points: {show: false}, spanGaps: false, ...line}))];
+    this.fixed = fixed || [];
+    for (const value of this.fixed)
+      series.push({stroke: "#8a94a0", width: 1, dash: [4, 4], points: {show: false}, value});
+    this.plot = new uPlot({
+      width: 274, height: 74, series, legend: {show: false}, cursor: {show: false},
+      padding: [4, 4, 0, 0], scales: {x: {time: false}, y},
+      axes: [{...axis, size: 14, gap: 0, space: 60}, {...axis, size: 40, gap: 2, space: 18,
+        filter: (_, ticks) => ticks, values: (_, ticks) => ticks.map(short),
+        ...(y.distr > 2 ? {splits: (_, at, low, high) => decades(low, high)} : {})}],
+    }, [[], ...series.slice(1).map(() => [])], this.box);
+  }
+  show(t, rows, text) {
+    this.plot.setData([t, ...rows, ...this.fixed.map(value => t.map(() => value))]);
+    this.readout.value = text;
+  }
+}
+
+class Live {
+  constructor(scene) {
+    this.scene = scene;
+    STOPS = scene.tension;
+    [this.viewer, this.stage] = openViewer(document.getElementById("pane"));
+    this.find = name => document.getElementById(name);
+    this.state = {paused: false, law: "", mismatch: {}, inputs: []};
+    this.sent = {};  // when each kind of message was last sent
+    this.history = {t: []};
+    this.leads = false;
+    this.size = scene.figure.size;
+    const look = {opacity: 1};
+    this.figure = new Figure(scene.figure, look);
+    this.stage.add(this.figure.object);
+    this.makeTarget();
+    this.makeOverlays();
+    this.makeCard();
+    this.makeSide();
+    this.makeBar();
+    this.makeHand();
+    this.frameCamera();
+    addEventListener("load", () => this.frameCamera());
+    addEventListener("resize", () => this.frameCamera());
+    this.connect();
+    const tick = () => {
+      requestAnimationFrame(tick);
+      if (this.fresh) this.draw();
+    };
+    requestAnimationFrame(tick);
+    setInterval(() => this.plot(), 100);
+  }
+
+  // -- the websocket -----------------------------------------------------------------------
+
+  connect() {
+    const scheme = location.protocol == "https:" ? "wss" : "ws";
+    this.link = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
+    this.link.binaryType = "arraybuffer";
+    this.link.onmessage = event => {
+      if (typeof event.data != "string") this.take(new Float32Array(event.data));
+      else this.told(JSON.parse(event.data));
+    };
+    this.link.onclose = () => {
+      this.notice("the server has ended; the page keeps what it has");
+      document.body.classList.add("over");
+      this.command(false);
+    };
+  }
+  say(message) {
+    if (this.link.readyState == 1) this.link.send(JSON.stringify(message));
+  }
+  often(message) {  // of a drag: not at every event, but surely the last one
+    const kind = message.do, now = performance.now();
+    clearTimeout(this.sent[kind + " later"]);
+    const wait = (this.sent[kind] || 0) + EVERY - now;
+    const send = () => { this.sent[kind] = performance.now(); this.say(message); };
+    if (wait <= 0) send();
+    else this.sent[kind + " later"] = setTimeout(send, wait);
+  }
+  told(news) {
+    if (news.error) this.notice(news.error);
+    if (news.reach) this.addReach(news.reach);
+    if (news.recorded) {
+      const link = this.find("recorded");
+      link.href = news.recorded + location.search;
+      link.hidden = false;
+    }
+    if (news.state) {
+      Object.assign(this.state, news.state);
+      this.leads = news.leads;
+      this.pages = news.pages;
+      this.command(news.leads);
+      this.find("lead").hidden = news.leads || this.scene.mode == "watch";
+      this.find("record").classList.toggle("on", news.recording);
+      this.find("record").textContent = news.recording ? "■ stop" : "● record";
+      this.showState();
+    }
+  }
+  notice(text) { this.find("notice").textContent = text; }
+  command(can) {
+    for (const set of document.querySelectorAll(".command")) set.disabled = !can;
+    this.gizmo.enabled = this.gizmo.visible = can && this.aims;
+  }
+  get aims() { return this.scene.mode == "play" && this.state.law != this.scene.open; }
+
+  // -- frames ------------------------------------------------------------------------------
+
+  part(frame, name) {
+    const [at, size] = this.scene.columns[name];
+    return frame.subarray(at, at + size);
+  }
+  one(frame, name) { return frame[this.scene.columns[name][0]]; }
+  take(frame) {
+    this.last = frame;
+    this.fresh = true;
+    this.frames = (this.frames || 0) + 1;
+    const t = this.one(frame, "t"), h = this.history;
+    const before = h.t.length ? h.t[h.t.length - 1] : -1;
+    if (t < before || h.t.length && t == before) {
+      if (t == before) return;
+      this.history = {t: []};
+      this.trail.count = 0;
+    }
+    const [y, r] = [this.part(frame, "y"), this.part(frame, "y_ref")];
+    const row = {t, V: this.one(frame, "V"), step: this.one(frame, "step_us"),
+      wake: this.one(frame, "wake_us"), misses: this.one(frame, "misses"),
+      gap: 1e3 * this.one(frame, "gap"),
+      error: this.aims || this.scene.mode == "watch"
+        ? 100 * Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]) : NaN};
+    this.part(frame, "u").forEach((u, i) => { row["u" + i] = u; });
+    for (const [name, value] of Object.entries(row)) {
+      const column = this.history[name] = this.history[name] || [];
+      column.push(Number.isFinite(value) ? value : null);
+      while (this.history.t[0] < t - HISTORY && column.length > 1
+        && column.length >= this.history.t.length) column.shift();
+    }
+    this.leaveTrail(y);
+  }
+  draw() {
+    this.fresh = false;
+    const frame = this.last, u = Array.from(this.part(frame, "u"));
+    this.figure.pose(Array.from(this.part(frame, "q")), u);
+    if (!this.gizmo.dragging) this.target.position.set(...this.part(frame, "y_ref"));
+    this.target.visible = this.aims || this.scene.mode == "watch";
+    const ghost = this.part(frame, "ghost");
+    this.ghost.object.visible = Number.isFinite(ghost[0]);
+    if (this.ghost.object.visible) this.ghost.pose(Array.from(ghost), u);
+    this.drawForce(this.part(frame, "force"), this.part(frame, "point"));
+    this.drawEllipsoid(this.part(frame, "compliance"), this.part(frame, "y"));
+    this.showFrame(frame, u);
+    this.viewer.set_dirty();
+  }
+  leaveTrail(y) {
+    const {trail} = this, place = trail.geometry.attributes.position, n = place.count;
+    if (trail.count == n) place.array.copyWithin(0, 3);
+    else trail.count++;
+    place.array.set(y, 3 * (trail.count - 1));
+    place.needsUpdate = true;
+    trail.geometry.setDrawRange(0, trail.count);
+  }
+
+  // -- what there is in the scene ----------------------------------------------------------
+
+  makeTarget() {
+    this.target = new T.Mesh(new T.SphereGeometry(0.02 * this.size, 24, 16),
+      new T.MeshPhongMaterial({color: TARGET, opacity: 0.75, transparent: true, depthTest: false}));
+    this.target.renderOrder = 1;
+    this.stage.add(this.target);
+    this.gizmo = new DRAGGING.TransformControls(this.viewer.camera, this.viewer.dom_element);
+    this.gizmo.space = "local";  // the robot's axes: z is up there
+    this.gizmo.size = 0.55;
+    this.gizmo.attach(this.target);
+    const upright = new T.Group();  // the gizmo wants a world that is not turned
+    upright.rotation.x = Math.PI / 2;
+    this.viewer.scene.add(upright);
+    upright.add(this.gizmo);
+    // by the ball itself: in the robot's plane, or with Shift in depth
+    this.gizmo.addEventListener("axis-changed", () => {
+      if (this.gizmo.axis == "XYZ") this.gizmo.axis = this.shift ? "Y" : "XZ";
+    });
+    this.gizmo.addEventListener("objectChange", () =>
+      this.often({do: "target", y: this.target.position.toArray()}));
+    this.gizmo.addEventListener("change", () => this.viewer.set_dirty());
+    for (const kind of ["keydown", "keyup", "pointermove", "pointerdown"])
+      addEventListener(kind, event => { this.shift = event.shiftKey; }, true);
+  }
+  makeOverlays() {
+    this.trail = new T.Line(new T.BufferGeometry(), new T.LineBasicMaterial({color: TRAIL}));
+    this.trail.geometry.setAttribute(
+      "position", new T.BufferAttribute(new Float32Array(3 * 300), 3));
+    this.trail.frustumCulled = false;
+    this.trail.count = 0;
+    this.trail.geometry.setDrawRange(0, 0);
+    this.arrow = new T.ArrowHelper(new T.Vector3(0, 0, 1), new T.Vector3(), 1, FORCE);
+    this.arrow.visible = false;
+    this.ghost = new Figure(this.scene.figure, {opacity: 0.35,
+      tint: this.scene.mode == "explore" ? "#d3202f" : GHOST});
+    this.ghost.cables.forEach(cable => cable.rods.forEach(rod => { rod.visible = false; }));
+    this.ghost.object.visible = false;
+    this.points = new T.Points(new T.BufferGeometry(), new T.PointsMaterial(
+      {color: REACH, size: 4, sizeAttenuation: false, transparent: true, opacity: 0.65}));
+    this.points.frustumCulled = false;
+    this.rests = [];
+    this.ellipsoid = new T.Mesh(new T.SphereGeometry(1, 28, 18), new T.MeshBasicMaterial(
+      {color: FORCE, opacity: 0.35, transparent: true, depthWrite: false}));
+    this.ellipsoid.matrixAutoUpdate = false;
+    this.ellipsoid.visible = false;
+    for (const object of [this.trail, this.arrow, this.ghost.object, this.points, this.ellipsoid])
+      this.stage.add(object);
+    if (this.scene.path) {
+      const line = new Thread(this.stage, PATH, 0.0018 * this.size, 1);
+      this.scene.path.forEach(point => line.add(new T.Vector3(...point)));
+      line.show(Infinity);
+    }
+  }
+  addReach(points) {
+    this.rests.push(...points);
+    this.points.geometry.setAttribute(
+      "position", new T.Float32BufferAttribute(this.rests.flat(), 3));
+    this.viewer.set_dirty();
+  }
+  drawForce(force, point) {
+    const size = Math.hypot(...force), label = this.find("newtons");
+    this.arrow.visible = size > 0;
+    label.style.visibility = size > 0 ? "visible" : "hidden";
+    if (!(size > 0)) return;
+    const length = this.size * (0.05 + 0.45 * Math.min(1, size / this.scene.pull));
+    const way = new T.Vector3(...force).divideScalar(size);
+    this.arrow.position.set(...point);
+    this.arrow.setDirection(way);
+    this.arrow.setLength(length, 0.05 * this.size, 0.03 * this.size);
+    const end = this.stage.localToWorld(this.arrow.position.clone().addScaledVector(way, length))
+      .project(this.viewer.camera);
+    label.value = `${digits(size)} N`;
+    label.style.transform =
+      `translate(${(end.x + 1) / 2 * innerWidth + 8}px, ${(1 - end.y) / 2 * innerHeight - 10}px)`;
+  }
+  drawEllipsoid(compliance, y) {
+    this.ellipsoid.visible = Number.isFinite(compliance[0]);
+    this.softest = NaN;
+    if (!this.ellipsoid.visible) return;
+    const c = compliance, rows = [0, 3, 6], [a, b] = [new T.Vector3(1, 0.7, 0.4), new T.Vector3()];
+    for (let k = 0; k < 40; k++) {  // its largest eigenvalue, by powers
+      rows.forEach((at, i) => b.setComponent(i, c[at] * a.x + c[at + 1] * a.y + c[at + 2] * a.z));
+      this.softest = b.length() / (a.length() || 1);
+      a.copy(b).normalize();
+    }
+    const s = 0.12 * this.size / (this.softest || 1);  // the unit ball's image, of a size to see
+    this.ellipsoid.matrix.set(s * c[0], s * c[1], s * c[2], y[0], s * c[3], s * c[4], s * c[5], y[1],
+      s * c[6], s * c[7], s * c[8], y[2], 0, 0, 0, 1);
+  }
+  frameCamera() {
+    const s = this.size, points = [];
+    this.viewer.scene.updateMatrixWorld(true);
+    const home = this.stage.matrixWorld.clone().invert();
+    for (const shape of this.figure.shapes) {
+      const {min, max} = shape.geometry.boundingBox;
+      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z])
+        points.push(new T.Vector3(x, y, z).applyMatrix4(shape.matrixWorld).applyMatrix4(home));
+    }
+    for (const x of [-0.6, 0.6]) for (const z of [-0.9, 0.25])
+      points.push(new T.Vector3(x * s, 0, z * s));
+    const narrow = innerWidth < 640, left = narrow ? 0 : 250, right = narrow ? 0
+      : this.find("side").offsetWidth + 14;
+    fitCamera(this.viewer, points, [1 - (left + right) / innerWidth, 1 - 130 / innerHeight],
+      [(left - right) / innerWidth, 50 / innerHeight]);
+  }
+
+  // -- a hand on a link --------------------------------------------------------------------
+
+  makeHand() {
+    const pane = this.viewer.dom_element, ray = new T.Raycaster();
+    const aim = event => {
+      const box = pane.getBoundingClientRect();
+      ray.setFromCamera({x: 2 * (event.clientX - box.left) / box.width - 1,
+        y: 1 - 2 * (event.clientY - box.top) / box.height}, this.viewer.camera);
+      return ray;
+    };
+    pane.addEventListener("pointerdown", event => {  // before Meshcat's own controls see it
+      this.viewer.controls.enabled = true;
+      if (event.button != 0 || !this.leads) return;
+      if (this.gizmo.enabled) this.gizmo.pointerHover(this.gizmo._getPointer(event));
+      if (this.gizmo.enabled && this.gizmo.axis) {
+        this.viewer.controls.enabled = false;
+        return;
+      }
+      if (this.scene.mode != "play") return;
+      const hit = aim(event).intersectObjects(this.figure.shapes)[0];
+      if (!hit) return;
+      this.viewer.controls.enabled = false;
+      const link = this.figure.shapes.indexOf(hit.object);
+      const index = this.scene.figure.shapes[link].link;
+      this.held = {
+        name: this.scene.links[index],
+        at: this.figure.links[index].worldToLocal(hit.point.clone()).toArray(),
+        plane: new T.Plane().setFromNormalAndCoplanarPoint(
+          this.viewer.camera.getWorldDirection(new T.Vector3()), hit.point),
+      };
+      pane.setPointerCapture(event.pointerId);
+    }, true);
+    pane.addEventListener("pointermove", event => {
+      const to = this.held && aim(event).ray.intersectPlane(this.held.plane, new T.Vector3());
+      if (to) this.often({do: "push", link: this.held.name, at: this.held.at,
+        to: this.stage.worldToLocal(to).toArray()});
+    });
+    const release = () => {
+      if (!this.held) return;
+      this.held = null;
+      clearTimeout(this.sent["push later"]);
+      this.say({do: "release"});
+    };
+    pane.addEventListener("pointerup", release);
+    pane.addEventListener("pointercancel", release);
+  }
+
+  // -- panels ------------------------------------------------------------------------------
+
+  makeCard() {
+    document.querySelector("#card h1").textContent = this.scene.title;
+    const legend = this.find("legend"), row = name => {
+      const item = element(legend, "li");
+      element(item, "b", name);
+      return element(item, "output");
+    };
+    this.readouts = this.scene.mode == "explore"
+      ? {rest: row("rest"), tip: row("tip (m)"), compliance: row("softest (mm/N)")}
+      : {error: row("error"), tip: row("tip (m)"), time: row("time")};
+    this.inputs = this.scene.figure.inputs.map((input, i) => {
+      const full = Math.max(-input.lower, input.upper) || 1;
+      const made = slider(this.find("inputs"), input.name, Math.cbrt(input.lower / full),
+        Math.cbrt(input.upper / full), () => {
+          const u = this.inputs.map(one => one.full * one.range.value ** 3)
+            .map((x, k) => Math.min(Math.max(x, this.scene.figure.inputs[k].lower),
+              this.scene.figure.inputs[k].upper));
+          this.often({do: "inputs", u});
+          this.showInputs(u);
+        });
+      return {...made, full};
+    });
+    const explore = this.scene.mode == "explore";
+    this.find("joints").style.display = explore ? "" : "none";
+    this.joints = (explore ? this.scene.figure.coordinates : []).map(({name, lower, upper}) => slider(
+      this.find("joints"), name, lower, upper,
+      () => this.often({do: "joints", x: this.joints.map(one => Number(one.range.value))})));
+  }
+  showInputs(u) {
+    u.forEach((value, i) => {
+      const {name, range, value: out, full} = this.inputs[i];
+      if (document.activeElement != range) range.value = Math.cbrt(value / full);
+      name.style.borderColor = css(scaled(value / full));
+      out.value = digits(value);
+    });
+  }
+  makeSide() {
+    const play = this.scene.mode == "play";
+    this.find("law-row").hidden = this.find("mismatch").hidden = this.find("ghost").parentElement
+      .hidden = !play;
+    if (this.scene.mode == "watch") this.find("overlays").style.display = "none";
+    const law = this.find("law");
+    for (const name of this.scene.laws) element(law, "option", name);
+    law.onchange = () => {
+      if (law.value != this.scene.open) this.closed = law.value;
+      this.say({do: "law", name: law.value});
+      law.blur();
+    };
+    const box = document.querySelector("#mismatch div");
+    this.mismatch = {};
+    for (const [name, label, low, high, factor, unit] of MISMATCH) {
+      const one = slider(box, label, low, high, x => {
+        one.value.value = `${digits(factor * x)} ${unit}`;
+      });
+      one.range.onchange = () => this.sayMismatch();
+      this.mismatch[name] = one;
+    }
+    const contacts = element(element(box, "label", undefined, "row"), "input");
+    contacts.type = "checkbox";
+    contacts.id = "contacts";
+    contacts.before("links touch");
+    contacts.onchange = () => this.sayMismatch();
+    this.find("ghost").onchange = event => this.say({do: "ghost", on: event.target.checked});
+    this.find("reach").onclick = () => {
+      if (!this.rests.length) this.say({do: "reach"});
+      else this.points.visible = !this.points.visible;
+      this.viewer.set_dirty();
+    };
+    if (this.scene.mode == "explore") return;
+    const log = {distr: 3, range: (_, low, high) => low === null ? [0.01, 1]
+      : uPlot.rangeLog(Math.max(low, LEAST), Math.max(high, 10 * LEAST), 10, true)};
+    const parent = this.find("plots"), {inputs} = this.scene.figure;
+    const bounds = [...new Set(inputs.flatMap(i => [i.lower, i.upper]))];
+    const small = Math.min(...inputs.map(i => Math.max(-i.lower, i.upper))) / 100 || 1;
+    this.plots = {
+      error: new Plot(parent, "error (cm)", [{}], log),
+      inputs: inputs.length && new Plot(parent, `inputs (${this.scene.unit})`, inputs.map(() => ({})),
+        {distr: 4, asinh: small}, bounds.length <= 4 ? bounds : []),
+      V: new Plot(parent, "V", [{}], log),
+      time: new Plot(parent, "control step, wake-up error (µs)", [{}, {}], log,
+        [1e6 * this.scene.period]),
+      misses: new Plot(parent, "missed periods", [{}], {range: (_, low, high) =>
+        [low || 0, Math.max(high || 0, (low || 0) + 1)]}),
+      gap: new Plot(parent, "tip, plant against model (mm)", [{stroke: GHOST}], log),
+    };
+  }
+  sayMismatch() {
+    const said = {do: "mismatch", contacts: this.find("contacts").checked};
+    for (const [name, {range}] of Object.entries(this.mismatch)) said[name] = Number(range.value);
+    this.say(said);
+    if (document.activeElement) document.activeElement.blur();
+  }
+  plot() {
+    if (!this.plots || !this.history.t.length) return;
+    const h = this.history, {t} = h, last = name => h[name][t.length - 1];
+    const positive = name => h[name].map(x => x === null ? null : Math.max(x, LEAST));
+    const show = (name, rows, text) => this.plots[name] && this.plots[name].show(t, rows, text);
+    show("error", [positive("error")], digits(last("error") ?? NaN));
+    show("inputs", this.scene.figure.inputs.map((_, i) => h["u" + i]), "");
+    show("V", [positive("V")], digits(last("V") ?? NaN));
+    show("time", [positive("step"), positive("wake")],
+      `${digits(last("step") ?? NaN)}, ${digits(last("wake") ?? NaN)}`);
+    show("misses", [h.misses], String(last("misses") ?? "–"));
+    this.plots.gap.box.style.display = this.state.ghost ? "" : "none";
+    if (this.state.ghost) show("gap", [positive("gap")], digits(last("gap") ?? NaN));
+  }
+  makeBar() {
+    const does = {
+      play: () => this.say({do: "pause", on: !this.state.paused}),
+      step: () => this.say({do: "step"}),
+      reset: () => this.say({do: "reset"}),
+      record: () => this.say({do: "record", on: !this.find("record").classList.contains("on")}),
+      lead: () => this.say({do: "lead"}),
+      ask: () => this.find("keys").open ? this.find("keys").close() : this.find("keys").showModal(),
+    };
+    for (const [name, act] of Object.entries(does)) this.find(name).onclick = event => {
+      event.currentTarget.blur();
+      act();
+    };
+    const speed = this.find("speed"), play = this.scene.mode == "play";
+    this.speeds = [0.1, 0.25, 0.5, 1, 2, 5];
+    for (const x of this.speeds) element(speed, "option", `${x}×`).value = x;
+    speed.onchange = () => { this.say({do: "speed", factor: Number(speed.value)}); speed.blur(); };
+    if (!play) document.querySelector("#bar fieldset").style.display = "none";
+    this.find("bar").hidden = this.scene.mode == "explore";
+    for (const [, shown, about] of KEYS) {
+      const row = element(document.querySelector("#keys table"), "tr");
+      element(element(row, "td"), "kbd", shown);
+      element(row, "td", about);
+    }
+    document.querySelector("#keys p").textContent = MOUSE;
+    document.querySelector("#keys button").onclick = () => this.find("keys").close();
+    addEventListener("keydown", event => {
+      const tag = event.target.tagName, typed = tag == "SELECT"
+        || tag == "INPUT" && (event.target.type != "range" || event.key.startsWith("Arrow"));
+      if (typed || event.ctrlKey || event.metaKey || event.altKey) return;
+      const known = KEYS.find(([key]) => key == event.key);
+      const faster = {"+": 1, "=": 1, "-": -1}[event.key];
+      if (event.key == "f") this.frameCamera();
+      else if (event.key == "o" && this.scene.mode == "play") {
+        const {open} = this.scene, now = this.state.law;
+        if (now != open) this.closed = now;
+        this.say({do: "law", name: now == open ? this.closed || this.scene.laws[0] : open});
+      } else if (faster) {
+        const at = this.speeds.indexOf(this.state.speed), to = this.speeds[at + faster];
+        if (to) this.say({do: "speed", factor: to});
+      } else if (known && known[3]) this.find(known[3]).click();
+      else return;
+      event.preventDefault();
+    });
+  }
+  showState() {
+    const {state} = this;
+    this.find("play").textContent = state.paused ? "▶" : "❚❚";
+    this.find("speed").value = state.speed;
+    if (document.activeElement != this.find("law")) this.find("law").value = state.law;
+    this.find("ghost").checked = state.ghost;
+    this.find("contacts").checked = Boolean(state.mismatch.contacts);
+    for (const [name, , , , factor, unit] of MISMATCH) {
+      const {range, value} = this.mismatch[name], x = state.mismatch[name] ?? Number(range.min);
+      if (document.activeElement != range) {
+        range.value = x;
+        value.value = `${digits(factor * x)} ${unit}`;
+      }
+    }
+    const by_hand = this.scene.mode == "explore" || state.law == this.scene.open;
+    for (const {range} of this.inputs) range.disabled = !by_hand;
+    this.notice(state.notice || "");
+  }
+  showFrame(frame, u) {
+    const {readouts} = this, tip = this.part(frame, "y");
+    if (!(this.scene.mode == "explore" && this.find("inputs").contains(document.activeElement)))
+      this.showInputs(u);
+    readouts.tip.value = Array.from(tip, x => x.toFixed(3)).join(", ");
+    if (this.scene.mode == "explore") {
+      const stable = this.one(frame, "stable");
+      const ghost = this.ghost.object.visible;
+      readouts.rest.value = (stable == 1 ? "stable" : stable == 0 ? "UNSTABLE" : "joints by hand")
+        + (ghost ? ", red: unstable" : "");
+      readouts.rest.style.color = stable == 0 || ghost ? "#a11420" : "";
+      readouts.compliance.value = digits(1e3 * this.softest);
+      Array.from(this.part(frame, "q")).forEach((x, i) => {
+        const {range, value} = this.joints[i];
+        if (document.activeElement != range) range.value = x;
+        value.value = digits(x);
+      });
+      return;
+    }
+    const t = this.one(frame, "t"), pace = this.one(frame, "pace");
+    const r = this.part(frame, "y_ref");
+    const error = 100 * Math.hypot(tip[0] - r[0], tip[1] - r[1], tip[2] - r[2]);
+    readouts.error.value = this.target.visible ? `${error.toFixed(2)} cm` : "open loop";
+    readouts.time.value = `${t.toFixed(2)} s`;
+    const wanted = this.state.speed || 1, slow = pace > 0 && pace < 0.95 * wanted;
+    this.find("clock").value = (this.state.paused ? "paused"
+      : !Number.isFinite(pace) ? "" : `${pace.toFixed(2)} × real time` + (slow ? ": this machine cannot keep up" : ""))
+      + (this.pages > 1 ? ` · ${this.pages} pages` : "")
+      + (this.leads || this.scene.mode == "watch" ? "" : " · watching");
+  }
+}

@@ -1,0 +1,155 @@
+"""What pages cost a robot that runs live: its clock and its control step, with and without them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import softdyn
+from softdyn.validation.live import messages
+from softdyn.validation.live.channel import Channel
+from softdyn.validation.live.drive import drive
+from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.playing import stage
+from softdyn.validation.live.session import Session
+from softdyn.validation.tables import aligned
+
+PAGES = 2
+WARM = 1.0  # s before a measurement
+RATIO = 1.1  # of step times, with pages that do not render
+COLUMNS = (
+    ("", "pages", ""),
+    ("step µs", "median_us", ".0f"),
+    ("p99", "p99_us", ".0f"),
+    ("ratio", "ratio", ".2f"),
+    ("late µs", "wake_us", ".0f"),
+    ("p99", "wake_p99_us", ".0f"),
+    ("misses", "misses", "d"),
+    ("of", "periods", "d"),
+    ("dropped", "dropped", "d"),
+    ("× real time", "pace", ".2f"),
+)
+# A page that reads every frame and draws none.
+READER = """
+import asyncio, sys
+from tornado.websocket import websocket_connect
+async def read():
+    link = await websocket_connect(sys.argv[1])
+    while await link.read_message() is not None:
+        pass
+asyncio.run(read())
+"""
+
+
+def measure(
+    session: Session, seconds: float, rounds: int = 3, browser: str | None = None
+) -> dict[str, Any]:
+    """The same robot without pages, with two that do not draw, and in a browser.
+
+    They take turns, `rounds` of each, so that what else the machine does meets them all; step times
+    are medians over the rounds.
+
+    Parameters
+    ----------
+    session : Session
+        The robot and its law.
+    seconds : float
+        Of a round.
+    rounds : int
+        Of each.
+    browser : str, optional
+        Chromium's program; it is left out without one.
+    """
+    kinds = ["none", "two readers", *(["two windows"] if browser else [])]
+    runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
+    model = session.model
+    goal = session.frame()[session.columns.places["y"]].astype(float)
+    session.apply(messages.Target(goal + 0.05 * model.robot.length))
+    for _ in range(rounds):
+        for kind in kinds:
+            runs[kind].append(_round(session, kind, seconds, browser))
+    rows = [{"pages": kind, **_middle(runs[kind])} for kind in kinds]
+    for row in rows:
+        row["ratio"] = row["median_us"] / rows[0]["median_us"]
+    return {
+        "robot": model.name,
+        "law": session.shown.law,
+        "rows": rows,
+        "passed": rows[1]["ratio"] <= RATIO,
+        "load": os.getloadavg()[0],
+        "version": softdyn.__version__,
+    }
+
+
+def _round(session: Session, kind: str, seconds: float, browser: str | None) -> dict[str, Any]:
+    with ExitStack() as stack:
+        channel = stack.enter_context(stage(session))
+        if kind != "none":
+            for _ in range(PAGES):
+                stack.enter_context(_Page(channel, kind, browser))
+            channel.wait(20)
+        _run(session, channel, WARM)
+        dropped = channel.dropped
+        clock = _run(session, channel, seconds)
+        kept = clock.kept()
+        return {
+            "median_us": kept.step_us["median"], "p99_us": kept.step_us["p99"],
+            "wake_us": kept.wake_us["median"], "wake_p99_us": kept.wake_us["p99"],
+            "misses": kept.misses, "periods": kept.periods, "pace": kept.pace,
+            "dropped": channel.dropped - dropped,
+        }  # fmt: skip
+
+
+def _run(session: Session, channel: Channel, seconds: float) -> Clock:
+    count = round(seconds / session.period)
+    clock = Clock(session.period, keep=count)
+    drive(session, channel, clock, lambda: clock.periods >= count)
+    return clock
+
+
+class _Page:
+    """A process that has the page open, as a context manager."""
+
+    def __init__(self, channel: Channel, kind: str, browser: str | None) -> None:
+        if kind == "two readers":
+            url = channel.url.replace("http:", "ws:").replace("/?", "/live?")
+            self._command = [sys.executable, "-c", READER, url]
+        else:
+            self._folder = TemporaryDirectory(ignore_cleanup_errors=True)
+            profile = f"--user-data-dir={self._folder.name}"
+            flags = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader",
+                     "--enable-unsafe-swiftshader", "--no-first-run", "--window-size=900,600",
+                     "--remote-debugging-port=0")  # fmt: skip
+            self._command = [str(browser), *flags, profile, channel.url]
+
+    def __enter__(self) -> None:
+        quiet = subprocess.DEVNULL
+        self._process = subprocess.Popen(self._command, stdout=quiet, stderr=quiet)
+
+    def __exit__(self, *_error: object) -> None:
+        self._process.terminate()
+        self._process.wait()
+
+
+def _middle(rounds: list[dict[str, Any]]) -> dict[str, Any]:
+    """Medians of times, sums of counts."""
+    sums = ("misses", "periods", "dropped")
+    found: dict[str, Any] = {}
+    for name in rounds[0]:
+        values = sorted(one[name] for one in rounds)
+        found[name] = sum(values) if name in sums else values[len(values) // 2]
+    return found
+
+
+def text(report: Mapping[str, Any]) -> str:
+    """The report for a terminal."""
+    return (
+        f"{report['robot']}, {report['law']}; load {report['load']:.1f}\n"
+        f"{aligned(COLUMNS, report['rows'])}\n"
+        f"step time with two readers {report['rows'][1]['ratio']:.2f} x, limit {RATIO:g} x"
+    )
