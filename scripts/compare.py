@@ -3,7 +3,14 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+from typing import TYPE_CHECKING, Any
+
 from softdyn.commands import cli
+
+if TYPE_CHECKING:
+    from softdyn.validation.comparison.result import Comparison
 
 EPILOG = """\
 A and B are URDFs or MJCFs in any combination, or names as everywhere. Joints are matched by name,
@@ -26,14 +33,17 @@ parser.add_argument("b", metavar="B", nargs="?", help="the other file")
 parser.add_argument("--map", metavar="FILE", help="TOML: joints of A = joints of B")
 parser.add_argument("--strict", action="store_true", help="fail for what one file alone states too")
 parser.add_argument(
-    "--engines", action="store_true", help="each file through its own engine, at the same states"
+    "--engines", action="store_true", help="ask Pinocchio and MuJoCo, each file and both together"
 )
+parser.add_argument("--html", metavar="FILE", help="write both robots as a page")
+parser.add_argument("--view", action="store_true", help="show that page in the browser")
 parser.add_argument("--samples", type=cli.count, default=8, metavar="N", help="random states (8)")
 parser.add_argument("--seed", type=cli.whole, default=0, metavar="S", help="of the random states")
 parser.add_argument(
     "--catalogue", nargs="+", metavar="DIR", help="folders with the repositories of public MJCFs"
 )
 parser.add_argument("--markdown", metavar="FILE", help="write the rows of --catalogue as a table")
+cli.add_server_options(parser)
 cli.add_json(parser)
 
 
@@ -42,7 +52,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import InputError
     from softdyn.validation import compare
 
-    cli.check_outputs(arguments.json, arguments.markdown)
+    cli.check_outputs(arguments.json, arguments.markdown, arguments.html)
     if arguments.catalogue is not None:
         if arguments.a is not None:
             raise InputError("--catalogue", "no A and B", arguments.a)
@@ -62,16 +72,69 @@ def command(arguments: cli.Arguments) -> int:
     )
     report, said = result.to_dict(), str(result)
     if arguments.engines:
-        from softdyn.validation.comparison.engines import engine_errors
-
-        options = {"samples": arguments.samples, "seed": arguments.seed}
-        errors = {side: engine_errors(getattr(arguments, side), **options) for side in ("a", "b")}
-        report["engines"] = errors
-        for side, found in errors.items():
-            figures = ", ".join(f"{name} {error:.1e}" for name, error in found.items())
-            said += f"\n{side.upper()} in its own engine: {figures or 'mimic joints, not asked'}"
+        figures, text = engines(arguments)
+        report["engines"] = figures
+        said += f"\n\n{text}"
     cli.write_report(report, arguments.json, said)
+    if arguments.html is not None or arguments.view:
+        show(result, arguments)
     return cli.PASSED if result.passed else cli.FAILED
+
+
+def show(result: Comparison, arguments: cli.Arguments) -> None:
+    """The page of both robots, as a file or in the browser until somebody ends it."""
+    from softdyn.validation.comparison.comparison import neutral_pair
+    from softdyn.validation.report.pair_page import pair_page
+
+    page = pair_page(*neutral_pair(arguments.a, arguments.b), result)
+    if arguments.html is not None:
+        page.save(arguments.html)
+    if arguments.view:
+        from softdyn.view.server import Viewer
+
+        with cli.ends_cleanly(), Viewer(page, arguments.port) as viewer:
+            print(f"{viewer.url}\nCtrl-C ends it", file=sys.stderr, flush=True)
+            if not arguments.no_open:
+                viewer.open()
+            threading.Event().wait()
+
+
+def engines(arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+    """Each file in its own engine, one against the other, and Pinocchio's reading of an MJCF."""
+    from softdyn import InputError, SoftdynError
+    from softdyn.description.library import find
+    from softdyn.validation.comparison.mjcf_file import is_mjcf
+    from softdyn.validation.pairs.engines import engine_errors, side_by_side
+    from softdyn.validation.pairs.readers import pinocchio_reads
+
+    options = {"samples": arguments.samples, "seed": arguments.seed}
+    report: dict[str, Any] = {}
+    said = []
+    for side in ("a", "b"):
+        file = getattr(arguments, side)
+        report[side] = found = engine_errors(file, **options)
+        words = ", ".join(f"{name} {error:.1e}" for name, error in found.items())
+        said.append(f"{side.upper()} in its own engine: {words or 'mimic joints, not asked'}")
+        if is_mjcf(find(file)):
+            try:
+                read = pinocchio_reads(find(file))
+            except SoftdynError as error:
+                said.append(
+                    f"{side.upper()} through Pinocchio's own MJCF reader: not asked, {error}"
+                )
+                continue
+            report[f"{side}_by_pinocchio"] = read.to_dict()
+            words = "exact" if read.exact else read.why
+            said.append(f"{side.upper()} through Pinocchio's own MJCF reader: {words}")
+    try:
+        pair = side_by_side(arguments.a, arguments.b, **options)
+    except InputError as error:
+        report["pair"] = {"reason": str(error)}
+        said.append(f"one engine against the other: not asked, {error}")
+    else:
+        report["pair"] = pair.to_dict()
+        said.append(f"the URDF in Pinocchio against the MJCF in MuJoCo:\n{pair}")
+    return report, "\n".join(said)
 
 
 def read_map(path: str) -> dict[str, str]:
@@ -87,8 +150,8 @@ def read_map(path: str) -> dict[str, str]:
 
 def catalogue(arguments: cli.Arguments) -> int:
     """One row a public pair."""
-    from softdyn.validation.comparison import public_pairs
     from softdyn.validation.files import write_text
+    from softdyn.validation.pairs import public_pairs
 
     survey = public_pairs.survey(arguments.catalogue, arguments.samples, arguments.seed)
     if arguments.markdown is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from softdyn.validation.comparison.matching import Match, match, reduce
 from softdyn.validation.comparison.mjcf_file import is_mjcf, read_mjcf
 from softdyn.validation.comparison.neutral import Neutral
 from softdyn.validation.comparison.parameters import Turns, find_order, find_parameters
-from softdyn.validation.comparison.result import QUANTITIES, Cause, Comparison, Step
+from softdyn.validation.comparison.result import QUANTITIES, Cause, Comparison, Step, Worst
 from softdyn.validation.comparison.terms import States, Terms, evaluate, random_states
 
 # what enters M, bias, g or a tip; the others are measured by their values alone
@@ -46,7 +47,11 @@ def neutral(source: str | Path, *, floating: bool = False) -> Neutral:
     """
     path = find(source)
     if is_mjcf(path):
-        return from_mjcf(path, compile_mjcf(read_mjcf(path)))
+        file = read_mjcf(path)
+        robot = from_mjcf(path, compile_mjcf(file))
+        # models attached through MuJoCo's specification come after the bodies beside them
+        note = "attached models: the order of joints is not compared"
+        return replace(robot, orders=(), notes=(*robot.notes, note)) if file.attached else robot
     return from_urdf(parse(path, floating=floating))
 
 
@@ -87,28 +92,40 @@ def compare(
     begin = time.perf_counter()
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
+    return compare_neutral(
+        *neutral_pair(a, b), mapping=mapping, strict=strict, samples=samples, seed=seed, begin=begin
+    )
+
+
+def neutral_pair(a: str | Path, b: str | Path) -> tuple[Neutral, Neutral]:
+    """Both robots in the neutral form; a URDF floats where the other file's robot does."""
     one, other = neutral(a), neutral(b)
-    free = [any(part.kind == "free" for part in robot.parts) for robot in (one, other)]
+    free = [stands_free(robot) for robot in (one, other)]
     if free == [False, True] and one.format == "urdf":
         one = neutral(a, floating=True)
     if free == [True, False] and other.format == "urdf":
         other = neutral(b, floating=True)
-    return compare_neutral(
-        one, other, mapping=mapping, strict=strict, samples=samples, seed=seed, begin=begin
-    )
+    return one, other
+
+
+def stands_free(robot: Neutral) -> bool:
+    """Whether the robot is on a free base; a free body beside others is an object of the scene."""
+    free = [k for k, part in enumerate(robot.parts) if part.kind == "free"]
+    return any(len(robot.subtree(k)) > 1 or len(robot.parts) == 1 for k in free)
 
 
 def compare_neutral(
     one: Neutral,
     other: Neutral,
     *,
-    mapping: dict[str, str] | None,
-    strict: bool,
-    samples: int,
-    seed: int,
-    begin: float,
+    mapping: dict[str, str] | None = None,
+    strict: bool = False,
+    samples: int = 8,
+    seed: int = 0,
+    begin: float | None = None,
 ) -> Comparison:
     """Compare two robots in the neutral form; the other arguments as in `compare`."""
+    begin = time.perf_counter() if begin is None else begin
     pairs = match(one, other, mapping)
     names, unmatched = _names(one, other, pairs)
     paths = str(one.path), str(other.path)
@@ -123,7 +140,8 @@ def compare_neutral(
     measure = _Measure(left, reference, states)
 
     found, repaired = find_geometry(left, right)
-    found += find_parameters(left, repaired, _turns(found), states)
+    turns = _turns(found)
+    found += find_parameters(left, repaired, turns, states)
     if (order := find_order(left, right)) is not None:
         found.append(order)
     causes: list[Cause] = []
@@ -150,7 +168,7 @@ def compare_neutral(
     causes.sort(key=lambda cause: (cause.one_sided, -cause.weight, -cause.effect.get("value", 0)))
     return Comparison(
         *paths, names, how, unmatched, tuple(causes), tuple(steps), residual, strict, notes,
-        time.perf_counter() - begin,
+        time.perf_counter() - begin, turns, measure.worst(right),
     )  # fmt: skip
 
 
@@ -217,13 +235,31 @@ class _Measure:
         found = self._gaps(self._evaluate(before), self._evaluate(after))
         return {name: found[name] for name in ("M", "bias", "g", "tip")}
 
+    def worst(self, robot: Neutral) -> tuple[Worst, ...]:
+        """For each quantity that differs, the state at which it does so most."""
+        terms = self._evaluate(robot)
+        found = []
+        for name, gaps in self._scaled(self._terms, terms).items():
+            errors = np.abs(gaps).reshape(len(gaps), -1).max(axis=1, initial=0.0)
+            at = int(np.argmax(errors))
+            if errors[at] > NAMED:
+                q = {
+                    part.name: value[at].tolist()
+                    for part, value in zip(robot.parts, self._states.q, strict=True)
+                }
+                found.append(Worst(name, float(errors[at]), q))
+        return tuple(sorted(found, key=lambda worst: -worst.error))
+
     def _gaps(self, a: Terms, b: Terms) -> dict[str, float]:
+        scaled = self._scaled(a, b)
+        return {name: float(np.abs(gap).max(initial=0.0)) for name, gap in scaled.items()}
+
+    def _scaled(self, a: Terms, b: Terms) -> dict[str, np.ndarray]:
         weight = self._weight
-        scaled = {
+        return {
             "M": (a.M - b.M) * weight[:, None] * weight,
             "bias": (a.bias - b.bias) * weight / self._force,
             "g": (a.g - b.g) * weight / self._pull,
             "J": (a.J - b.J) / self._arm,
             "tip": (a.tips - b.tips) / self._size,
         }
-        return {name: float(np.abs(gap).max(initial=0.0)) for name, gap in scaled.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,10 +46,9 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
     """
     silence()
     try:
-        spec = mujoco.MjSpec.from_string(file.text, assets=file.meshes)
-        spec.compiler.fusestatic = False  # it would lose the names of what is fused
-        spec.compiler.discardvisual = False
-        model = spec.compile()
+        with warnings.catch_warnings():  # that a parent's options go before its models'
+            warnings.simplefilter("ignore", UserWarning)
+            model = _specify(file).compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise UrdfError(file.path, "<mujoco>", "a file that MuJoCo compiles", error) from None
     if model.nbody > MAX_BODIES:
@@ -57,6 +57,25 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
         if not np.isfinite(getattr(model, name)).all():
             raise UrdfError(file.path, "<worldbody>", "finite numbers", f"{name} that are not")
     return model
+
+
+def _specify(file: Mjcf) -> mujoco.MjSpec:
+    """MuJoCo's own specification, with what is attached to it."""
+    spec = mujoco.MjSpec.from_string(file.text, assets=file.meshes)
+    spec.compiler.fusestatic = False  # it would lose the names of what is fused
+    spec.compiler.discardvisual = False
+    for part in file.attached:
+        child, frame = _specify(part.model), spec.frame(part.frame)
+        if frame is None:
+            raise ValueError(f"{part.model.path.name} is attached to no body")
+        if not part.body:
+            spec.attach(child, frame=frame, prefix=part.prefix)
+        elif (body := child.body(part.body)) is None:
+            raise ValueError(f"{part.model.path.name} has no body {part.body!r}")
+        else:
+            frame.attach_body(body, part.prefix, "")
+        spec.assets.update(child.assets)
+    return spec
 
 
 def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:

@@ -118,6 +118,10 @@ def _displacement(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
         )  # fmt: skip
     else:
         along = sum(error(move) for _, error in own) < 10 * CLOSE
+        link = [_pose_error(p, q)(Pose()) for p, q in _own_frames(a, b, k)]
+        bare = not link and solid != k and len(a.children(k)) == 1
+        if not along and (bare or (link and max(link) < SHOWN)):
+            return  # neither the axis nor the link moved: what it carries did
         yield Finding(
             "pose", one.name, (vector(one.point), vector(other.point)), _described(move),
             lambda robot: robot.displaced(k, back, joint=along),

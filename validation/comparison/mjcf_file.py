@@ -8,6 +8,7 @@ MuJoCo opens no file at all.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Iterator
@@ -23,21 +24,15 @@ MAX_ELEMENTS = 100_000
 MAX_COPIES = 1024  # of a <replicate>, nested ones multiplied
 MAX_DEPTH = 200
 MAX_FILES = 64
+MAX_ATTACHED = 64  # models, those inside each other counted each time
+PLACE = "softdyn attach {}"  # the frame that stands where a model is attached
 MAX_MESHES = 512 * 2**20
 NOT_FINITE = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.IGNORECASE | re.ASCII)
 WORDS = {"name", "class", "childclass", "file", "model", "content_type", "prefix"}
-REFUSED = ("composite", "flexcomp", "flex", "plugin", "attach", "model", "extension")
-NO_DYNAMICS = (
-    "sensor",
-    "contact",
-    "keyframe",
-    "visual",
-    "statistic",
-    "custom",
-    "size",
-    "deformable",
-)
-NO_SHAPES = ("texture", "material", "skin", "hfield", "camera", "light")
+REFUSED = ("composite", "flexcomp", "flex", "plugin", "extension")
+NO_PLANT = ("sensor", "keyframe", "visual", "statistic", "custom", "size", "deformable")
+NO_DYNAMICS = (*NO_PLANT, "contact")
+PICTURES = ("texture", "material", "skin", "camera", "light")
 
 
 @dataclass(frozen=True)
@@ -47,6 +42,17 @@ class Mjcf:
     path: Path
     text: str
     meshes: dict[str, bytes]
+    attached: tuple[Attached, ...] = ()
+
+
+@dataclass(frozen=True)
+class Attached:
+    """A model that goes to the frame of that name: one body of it, or all where that is empty."""
+
+    frame: str
+    model: Mjcf
+    body: str
+    prefix: str
 
 
 def is_mjcf(path: Path) -> bool:
@@ -54,8 +60,15 @@ def is_mjcf(path: Path) -> bool:
     return read(path, "URDF or MJCF").tag == "mujoco"
 
 
-def read_mjcf(path: Path) -> Mjcf:
+def read_mjcf(path: Path, *, whole: bool = False) -> Mjcf:
     """Read an MJCF with its includes.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    whole : bool
+        Whether to keep all shapes and contacts, which a simulation needs and a comparison does not.
 
     Raises
     ------
@@ -63,16 +76,74 @@ def read_mjcf(path: Path) -> Mjcf:
         Malformed, too large, a number that is not finite, an include or a needed mesh that is
         missing or lies outside the file's folder, or what a comparison does not support.
     """
+    return _read(path, whole, (), [])
+
+
+def _read(path: Path, whole: bool, above: tuple[Path, ...], count: list[Path]) -> Mjcf:
+    """A file that those `above` attach; `count` are all that were attached so far."""
     root = read(path, "MJCF")
     if root.tag != "mujoco":
         raise root.error("the root element <mujoco>", f"<{root.tag}>")
     _include(root.node, path, path.resolve().parent, [path.resolve()])
     main = Element(path, root.node, "<mujoco>")
     _judge(main)
+    attached = tuple(_attached(main, whole, (*above, path.resolve()), count))
     folder, strip = _mesh_folder(root.node)
-    _strip(root.node)
+    _strip(root.node, whole, moving=bool(above))
     meshes = _meshes(main, folder, strip)
-    return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes)
+    return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached)
+
+
+def _attached(
+    root: Element, whole: bool, above: tuple[Path, ...], count: list[Path]
+) -> Iterator[Attached]:
+    """The models of a file, read; a frame stands where each belongs."""
+    models: dict[str, Path] = {}
+    for node in list(root.node.iter("model")):
+        element = Element(root.file, node, one_line(f'<model file="{node.get("file")}">'))
+        target = inside(root.file, element, root.file.resolve().parent, element.text("file"))
+        if target in above:
+            raise element.error("a model that does not attach itself", repr(node.get("file")))
+        models[node.get("name") or target.stem] = target
+        _remove(node)
+    for k, node in enumerate(list(root.node.iter("attach"))):
+        element = Element(root.file, node, one_line(f'<attach model="{node.get("model")}">'))
+        if (model := element.text("model")) not in models:
+            raise element.error("the name of a <model>", repr(model))
+        if next(node.iterancestors("replicate"), None) is not None:
+            raise element.error("no <replicate> around it", "one")
+        count.append(models[model])
+        if len(count) > MAX_ATTACHED:
+            raise element.error(f"at most {MAX_ATTACHED} attached models", "more")
+        child = _read(models[model], whole, above, count)
+        yield Attached(PLACE.format(k), child, node.get("body", ""), node.get("prefix", ""))
+        node.tag = "frame"
+        node.attrib.clear()
+        node.set("name", PLACE.format(k))
+
+
+def judge_paths(path: Path) -> None:
+    """Refuse a file that names any other outside its folder, for a parser that opens them itself.
+
+    Raises
+    ------
+    UrdfError
+        As `read_mjcf`; what does not exist is not missed.
+    """
+    root = read(path, "MJCF")
+    base = path.resolve().parent
+    _include(root.node, path, base, [path.resolve()])
+    folders = {""} | {
+        str(value)
+        for compiler in root.node.iter("compiler")
+        for name, value in compiler.attrib.items()
+        if name in ("meshdir", "assetdir", "texturedir")
+    }
+    for node in root.node.iter():
+        if isinstance(node.tag, str) and (name := node.get("file")) is not None:
+            element = Element(path, node, one_line(f'<{node.tag} file="{name}">'))
+            for folder in folders:
+                inside(path, element, base, str(PurePosixPath(folder) / name))
 
 
 def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
@@ -159,16 +230,23 @@ def _mesh_folder(root: etree._Element) -> tuple[str, bool]:
     return folder, strip
 
 
-def _strip(root: etree._Element) -> None:
-    """Leave out what no dynamics depend on."""
+def _strip(root: etree._Element, whole: bool, moving: bool) -> None:
+    """Leave out what no dynamics depend on; of what is `whole`, pictures and sensors alone.
+
+    With `moving` its world is attached to something that moves.
+    """
+    needless = NO_PLANT if whole else NO_DYNAMICS
+    pictures = PICTURES if whole else (*PICTURES, "hfield")
     for node in list(root):
-        if not isinstance(node.tag, str) or node.tag in NO_DYNAMICS:
+        if not isinstance(node.tag, str) or node.tag in needless:
             root.remove(node)
-    for node in list(root.iter(*NO_SHAPES, etree.Comment, etree.ProcessingInstruction)):
+    for node in list(root.iter(*pictures, etree.Comment, etree.ProcessingInstruction)):
         _remove(node)
     for node in root.iter():
-        for attribute in ("material", "texture", "hfield"):
+        for attribute in ("material", "texture", *(() if whole else ("hfield",))):
             _drop(node, attribute)
+    if whole:
+        return
     by_shapes = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
     total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
     wrapped = {
@@ -178,7 +256,7 @@ def _strip(root: etree._Element) -> None:
         for attribute in ("geom", "sidesite")
     }
     for world in list(root.iter("worldbody")):
-        for geom in _needless(world, moving=False, by_shapes=by_shapes, total=total):
+        for geom in _needless(world, moving=moving, by_shapes=by_shapes, total=total):
             if geom.get("name") not in wrapped:
                 _remove(geom)
     used = {node.get("mesh") for tag in ("geom", "site") for node in root.iter(tag)}
@@ -228,11 +306,11 @@ def _meshes(root: Element, folder: str, strip: bool) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     size = 0
     base = root.file.resolve().parent
-    for node in root.node.iter("mesh"):
+    for node in root.node.iter("mesh", "hfield"):
         name = node.get("file")
         if name is None:
             continue
-        element = Element(root.file, node, one_line(f'<mesh file="{name}">'))
+        element = Element(root.file, node, one_line(f'<{node.tag} file="{name}">'))
         if strip:
             name = PurePosixPath(name).name
         target = inside(root.file, element, base, str(PurePosixPath(folder) / name))
@@ -244,7 +322,8 @@ def _meshes(root: Element, folder: str, strip: bool) -> dict[str, bytes]:
         size += len(content)
         if size > MAX_MESHES:
             raise element.error(f"meshes of at most {MAX_MESHES} bytes", "more")
-        key = f"mesh{len(found)}{target.suffix.lower()}"
+        # one name for one file, whichever model needs it
+        key = hashlib.sha256(str(target).encode()).hexdigest()[:24] + target.suffix.lower()
         if node.get("name") is None:
             node.set("name", PurePosixPath(name).stem)
         node.set("file", key)

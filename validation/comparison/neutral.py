@@ -164,7 +164,7 @@ class Neutral:
     format : str
         ``urdf`` or ``mjcf``.
     orders : tuple of tuple of str
-        The orders of joints that the file may be read in; MJCF knows one.
+        The orders of joints that the file may be read in; MJCF knows one; none is not known.
     frames : dict[str, Frame]
         By name, links and sites that are no part's own link.
     notes : tuple of str

@@ -302,6 +302,8 @@ def find_order(a: Neutral, b: Neutral) -> Finding | None:
 
     A URDF states none: engines read it in the file's order, along the tree, or by name.
     """
+    if not (a.orders and b.orders):
+        return None
     common = {name for name in a.orders[0] if name in b.orders[0]}
     ours, theirs = (
         [tuple(name for name in order if name in common) for order in robot.orders]

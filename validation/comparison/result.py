@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from softdyn.validation.tables import columns
@@ -54,6 +54,15 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Worst:
+    """The state at which a quantity differs most: relative error, coordinates by joint of A."""
+
+    quantity: str
+    error: float
+    q: dict[str, list[float]]
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Whether two files are one robot, and where not.
 
@@ -79,6 +88,10 @@ class Comparison:
         What was left out of the comparison.
     seconds : float
         How long it took.
+    turns : dict[str, tuple[float, float]]
+        By joint of A, sense and zero where B's are others: q of A = sense · q of B + zero.
+    worst : tuple of Worst
+        Of the random states those at which the files differ most as they are.
     """
 
     a: str
@@ -92,6 +105,8 @@ class Comparison:
     strict: bool
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    turns: dict[str, tuple[float, float]] = field(default_factory=dict)
+    worst: tuple[Worst, ...] = ()
 
     @property
     def explained(self) -> bool:
@@ -134,6 +149,12 @@ class Comparison:
                 for step in self.waterfall
             ],
             "residual": {key: _finite(value) for key, value in self.residual.items()},
+            "turns": {
+                joint: {"sense": sense, "zero": zero} for joint, (sense, zero) in self.turns.items()
+            },
+            "worst": [
+                {"quantity": w.quantity, "error": _finite(w.error), "q": w.q} for w in self.worst
+            ],
             "strict": self.strict,
             "notes": list(self.notes),
             "seconds": self.seconds,

@@ -121,7 +121,7 @@ def read_bodies(path: Path, *, mended: str = "", floating: bool = False) -> Tree
     path : Path
         The file.
     mended : str
-        Text to read in its place, `Robot.mended`; none by default.
+        Text to read in its place; none by default.
     floating : bool
         Whether the root link moves freely.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +39,8 @@ class BorrowedShapes(Twin):
 
     def amend(self, spec: mujoco.MjSpec) -> None:
         """Put the file's geoms in place of the robot's."""
-        try:
-            source = mujoco.MjSpec.from_file(str(self._shapes))
-            model = source.compile()
-        except ValueError as error:
-            raise InputError(str(self._shapes), "an MJCF file", error) from None
+        source = read(self._shapes)
+        model = source.compile()
         joints = list(spec.joints)
         if model.nv != len(joints):
             raise InputError(str(self._shapes), f"{len(joints)} joints", model.nv)
@@ -51,11 +49,10 @@ class BorrowedShapes(Twin):
         for exclude in list(spec.excludes):
             if "world" in (exclude.bodyname1, exclude.bodyname2):
                 spec.delete(exclude)
-        folder = self._shapes.parent / source.meshdir
-        for mesh in source.meshes:
+        for mesh, file in zip(source.meshes, mesh_files(source, self._shapes), strict=True):
             added = spec.add_mesh()
             added.name = mesh.name or Path(mesh.file).stem
-            added.file = str((folder / mesh.file).resolve())
+            added.file = str(file)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         base = data.xpos[model.jnt_bodyid[0]] - joints[0].parent.pos
@@ -66,6 +63,41 @@ class BorrowedShapes(Twin):
         option.cone, option.tolerance = model.opt.cone, model.opt.tolerance
         option.ls_tolerance = model.opt.ls_tolerance
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+
+
+def read(shapes: Path) -> mujoco.MjSpec:
+    """An MJCF file that MuJoCo can compile.
+
+    Raises
+    ------
+    InputError
+        It cannot.
+    """
+    try:
+        source = mujoco.MjSpec.from_file(str(shapes))
+        source.compile()
+    except ValueError as error:
+        raise InputError(str(shapes), "an MJCF file", error) from None
+    return source
+
+
+def mesh_files(source: mujoco.MjSpec, shapes: Path) -> list[Path]:
+    """The files of its meshes, in its order."""
+    folder = shapes.parent / source.meshdir
+    return [(folder / mesh.file).resolve() for mesh in source.meshes]
+
+
+def content(shapes: Path) -> str:
+    """SHA-256 of an MJCF file, of those that it includes and of its meshes, wherever they are.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    source = read(shapes)
+    meshes = [file.read_bytes() for file in mesh_files(source, shapes) if file.is_file()]
+    return hashlib.sha256(b"\0".join([source.to_xml().encode(), *meshes])).hexdigest()
 
 
 def _copy(

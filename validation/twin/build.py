@@ -65,7 +65,8 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
     joints = {joint.name: joint for joint in robot.joints}
     for index, body in enumerate(tree.bodies):
         if body.joint is not None:
-            bodies.append(_add_body(bodies[body.parent or STATIC], body))
+            name = body_name(robot, body.link)
+            bodies.append(_add_body(bodies[body.parent or STATIC], body, name))
             if body.joint.kind == "free":
                 bodies[index].add_freejoint().name = body.joint.name
             else:
@@ -82,10 +83,17 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
     return spec
 
 
-def _add_body(parent: mujoco.MjsBody, body: Body) -> mujoco.MjsBody:
+def body_name(robot: Robot, link: str) -> str:
+    """The twin's name of a link that moves: its own, but MuJoCo's own body is called world."""
+    taken = {"world"} | {other.name for other in robot.links if other.name != link}
+    while link in taken:
+        link = f"link:{link}"
+    return link
+
+
+def _add_body(parent: mujoco.MjsBody, body: Body, name: str) -> mujoco.MjsBody:
     added = parent.add_body()
-    # MuJoCo's own body is called world; a moving link may not be
-    added.name = body.link if body.link != "world" else "link:world"
+    added.name = name
     added.pos, added.quat = body.pose[:3, 3], _quaternion(body.pose[:3, :3])
     # The frame of the inertia is the body's own; mass and moments follow in _finish, since the
     # compiler refuses massless bodies, point masses, and plates whose a + b is c up to rounding.

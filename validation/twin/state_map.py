@@ -2,17 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import mujoco
 import numpy as np
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.validation.twin.bodies import FREE
-from softdyn.validation.twin.twin import Twin
+from softdyn.validation.twin.bodies import FREE, Freedom
 
 WXYZ = [3, 0, 1, 2]  # MuJoCo's quaternion from Pinocchio's (x, y, z, w)
 XYZW = [1, 2, 3, 0]
+
+
+class Plant(Protocol):
+    """What the map needs of a twin, or of another MuJoCo model; see `Twin`."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """In MuJoCo's order."""
+        ...
+
+    @property
+    def followers(self) -> dict[str, Freedom]:
+        """By our names, joints that follow others."""
+        ...
+
+    @property
+    def floating(self) -> bool:
+        """Whether the robot's base moves freely."""
+        ...
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Where all joints are that the map says nothing of (nq,)."""
+        ...
 
 
 class StateMap:
@@ -30,13 +61,28 @@ class StateMap:
       Angular velocities are in the base's own axes in both.
 
     So ``qvel = P(q) v``, and with Ṗ its time derivative ``qacc = P v̇ + Ṗ v``. Forces go the other
-    way, ``f = Pᵀ f_twin``. P is constant but for the rotation of a floating base.
+    way, ``f = Pᵀ f_twin``. P is constant but for the rotation of a floating base. Of a plant from
+    another hand (`softdyn.validation.scene`), joints are called otherwise, and turn the other way
+    or from another zero; what the model does not have stays at rest in P.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Ours.
+    twin : Plant
+        A `Twin`, or what has as much.
+    called : dict[str, int], optional
+        By our names, the twin's joints; its joints of the same names by default.
+    turns : dict[str, tuple[float, float]], optional
+        By our names, sense and zero: ``q = sense · qpos + zero``.
 
     Attributes
     ----------
     dofs : np.ndarray, (nv,)
         The twin's index of each of the model's degrees of freedom; of a robot without a floating
         base ``v = qvel[dofs]``.
+    signs : np.ndarray, (nv,)
+        -1 where a joint of the twin turns the other way, else 1.
     floating : bool
         Whether the base is.
     ties : np.ndarray, (twin's nv, nv)
@@ -48,34 +94,49 @@ class StateMap:
         When the two do not have the same joints.
     """
 
-    def __init__(self, model: SoftModel, twin: Twin) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        twin: Plant,
+        called: dict[str, int] | None = None,
+        turns: dict[str, tuple[float, float]] | None = None,
+    ) -> None:
         floating = model.robot.floating
         names = model.joint_names[6:] if floating else model.joint_names
-        own = [name for name in twin.joint_names if name not in twin.followers and name != FREE]
-        if sorted(names) != sorted(own) or floating != twin.floating:
-            raise InputError("twin", f"joints {model.joint_names}", twin.joint_names)
+        free = {FREE} if floating else set()
+        own = [name for name in twin.joint_names if name not in {*twin.followers, *free}]
+        if called is None:
+            if sorted(names) != sorted(own) or floating != twin.floating:
+                raise InputError("twin", f"joints {model.joint_names}", twin.joint_names)
+            called = {joint: k for k, joint in enumerate(twin.joint_names)}
         kinds = {joint.name: joint.kind for joint in model.robot.joints}
         circular = [kinds[name] == "continuous" for name in names]
         self._circular = np.array(circular, bool)
         # Each joint takes one number of q, a continuous one two, a floating base seven.
         self._start = np.cumsum([7 if floating else 0, *(1 + c for c in circular)], dtype=int)[:-1]
-        self._positions, dofs = _addresses(twin, names)
+        self._positions, dofs = _addresses(twin, called, names)
         self.floating = floating
         self._base, self._frame = np.arange(0), np.arange(0)
         if floating:
-            positions, base = _addresses(twin, [FREE])
+            positions, base = _addresses(twin, called, [FREE])
             self._base, self._frame = base[0] + np.arange(6), positions[0] + np.arange(7)
         self.dofs = np.concatenate((self._base, dofs))
         followers = list(twin.followers.values())
-        self._followers, follower_dofs = _addresses(twin, [joint.name for joint in followers])
+        follows = [joint.name for joint in followers]
+        self._followers, follower_dofs = _addresses(twin, called, follows)
         self._leaders = np.array([names.index(joint.leader) for joint in followers], int)
         self._multipliers = np.array([joint.multiplier for joint in followers])
         self._offsets = np.array([joint.offset for joint in followers])
         self._nq, self._nv = model.nq, model.nv
-        self._twin_nq, self._twin_nv = twin.model.nq, twin.model.nv
-        self.ties = np.zeros((self._twin_nv, self._nv))
-        self.ties[self.dofs, np.arange(self._nv)] = 1.0
-        self.ties[follower_dofs, self._leaders + len(self._base)] = self._multipliers
+        self._rest = twin.rest.copy()
+        self._sense, self._zero = _turns(turns or {}, list(names))
+        self._follower_sense, self._follower_zero = _turns(turns or {}, follows)
+        self._turned = bool(turns)
+        self.signs = np.concatenate((np.ones(len(self._base)), self._sense))
+        self.ties = np.zeros((twin.model.nv, self._nv))
+        self.ties[self.dofs, np.arange(self._nv)] = self.signs
+        carried = self._follower_sense * self._multipliers
+        self.ties[follower_dofs, self._leaders + len(self._base)] = carried
 
     def to_twin(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """qpos (twin's nq,), qvel (twin's nv,) of a model state q (nq,), v (nv,).
@@ -87,9 +148,10 @@ class StateMap:
         # the number after the cosine; of other joints, whatever stands there: not used
         second = q[np.minimum(self._start + 1, self._nq - 1)]
         coordinates = np.where(self._circular, np.arctan2(second, first), first)
-        qpos = np.empty(self._twin_nq)
-        qpos[self._positions] = coordinates
-        qpos[self._followers] = self._multipliers * coordinates[self._leaders] + self._offsets
+        qpos = self._rest.copy()
+        qpos[self._positions] = self._sense * (coordinates - self._zero)
+        followers = self._multipliers * coordinates[self._leaders] + self._offsets
+        qpos[self._followers] = self._follower_sense * (followers - self._follower_zero)
         if self.floating:
             qpos[self._frame[:3]], qpos[self._frame[3:]] = q[:3], q[3:7][WXYZ]
         return qpos, self.velocity_map(qpos) @ v
@@ -97,13 +159,14 @@ class StateMap:
     def from_twin(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Model state q (nq,), v (nv,) of a twin state; followers are left out."""
         qpos, qvel = np.asarray(qpos, float), np.asarray(qvel, float)
-        coordinates = qpos[self._positions]
+        coordinates, v = qpos[self._positions], qvel[self.dofs]
+        if self._turned:
+            coordinates, v = self._sense * coordinates + self._zero, self.signs * v
         if self._nq == len(self.dofs):  # one number a coordinate: neither circular nor floating
-            return coordinates, qvel[self.dofs]
+            return coordinates, v
         q = np.empty(self._nq)
         q[self._start] = np.where(self._circular, np.cos(coordinates), coordinates)
         q[self._start[self._circular] + 1] = np.sin(coordinates[self._circular])
-        v = qvel[self.dofs]
         if self.floating:
             q[:3], q[3:7] = qpos[self._frame[:3]], qpos[self._frame[3:]][XYZW]
             v[:3] = self._rotation(qpos).T @ v[:3]
@@ -111,7 +174,7 @@ class StateMap:
 
     def coordinates(self, qpos: np.ndarray) -> np.ndarray:
         """(nv,) as `SoftModel.coordinates`, but that angles are not wrapped."""
-        joints = qpos[self._positions]
+        joints = self._sense * qpos[self._positions] + self._zero
         if not self.floating:
             return joints
         turned = np.empty(3)
@@ -128,7 +191,7 @@ class StateMap:
 
     def velocity_map_rate(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Ṗ (twin's nv, nv): R [ω]× of a floating base, zero elsewhere."""
-        found = np.zeros((self._twin_nv, self._nv))
+        found = np.zeros_like(self.ties)
         if self.floating:
             cross = np.cross(np.eye(3), qvel[self._base[3:]])  # row i is e_i × ω, the matrix [ω]×
             found[self._base[:3], :3] = self._rotation(qpos) @ cross
@@ -141,10 +204,18 @@ class StateMap:
         return rotation.reshape(3, 3)
 
 
-def _addresses(twin: Twin, names: list[str] | tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Where the joints of these names begin in the twin's qpos and qvel."""
-    joints = [twin.model.joint(name) for name in names]
-    return (
-        np.array([joint.qposadr[0] for joint in joints], int),
-        np.array([joint.dofadr[0] for joint in joints], int),
-    )
+def _addresses(
+    twin: Plant, called: dict[str, int], names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the joints that we call so begin in the twin's qpos and qvel."""
+    joints = [called[name] for name in names]
+    model = twin.model
+    return model.jnt_qposadr[joints].astype(int), model.jnt_dofadr[joints].astype(int)
+
+
+def _turns(
+    turns: dict[str, tuple[float, float]], names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Senses and zeros of joints."""
+    found = np.array([turns.get(name, (1.0, 0.0)) for name in names]).reshape(-1, 2)
+    return found[:, 0], found[:, 1]

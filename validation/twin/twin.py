@@ -80,8 +80,16 @@ class Twin:
         constraints tie them to their leaders.
     floating : bool
         Whether the first body moves freely.
+    rest : np.ndarray, (nq,)
+        qpos at q = 0.
     joint_names : tuple[str, ...]
         Order of qpos and qvel: depth first, siblings in the file's order.
+    task : tuple[int, np.ndarray]
+        Body that carries the task frame, and its origin there (3,).
+    inputs : np.ndarray, (nu, nu)
+        MuJoCo's inputs of unit inputs.
+    tendons : np.ndarray, (tendons,)
+        Which of MuJoCo's tendons each of the robot's is.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
 
@@ -107,14 +115,19 @@ class Twin:
         silence()
         self.robot = _robot(source)
         self.floating = self.robot.floating
-        tree = read_bodies(self.robot.path, mended=self.robot.mended, floating=self.floating)
+        text = self.robot.text if self.robot.mended else ""
+        tree = read_bodies(self.robot.path, mended=text, floating=self.floating)
         self.skipped = tree.skipped
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
-        self.model, self._rest = build(self.robot, tree, settings, self.amend)
+        self.model, self.rest = build(self.robot, tree, settings, self.amend)
         self.data = mujoco.MjData(self.model)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
-        self.task_site = self.model.site(TASK_SITE).id
+        site = self.model.site(TASK_SITE)
+        self.task_site = site.id
+        self.task: tuple[int, np.ndarray] = int(self.model.site_bodyid[site.id]), site.pos.copy()
+        self.inputs = np.eye(self.model.nu)
+        self.tendons = np.arange(self.model.ntendon)
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
@@ -144,7 +157,7 @@ class Twin:
     def reset(self) -> None:
         """Back to q = 0 at rest and t = 0, solver memory and warnings forgotten."""
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = self._rest
+        self.data.qpos[:] = self.rest
         mujoco.mj_forward(self.model, self.data)
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray, time: float = 0.0) -> None:

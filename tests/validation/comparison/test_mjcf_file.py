@@ -5,10 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 
 import softdyn
-from softdyn.validation.comparison.comparison import neutral
+from softdyn.validation.comparison.comparison import compare, neutral
 from tests.support import SCRIPTS, pair_robots
 
 BODY = '<body><joint name="j"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>{}</body>'
@@ -17,6 +19,10 @@ GOOD = WORLD.format(BODY.format(""))
 MESH = (
     '<mujoco><compiler {}/><asset><mesh name="m" file="{}"/></asset><worldbody>'
     '<body><joint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+)
+ATTACH = (
+    '<mujoco><asset><model name="m" file="{}"/></asset><worldbody><body>{}</body></worldbody>'
+    "</mujoco>"
 )
 SECRET = "<mujoco><worldbody/></mujoco>"
 
@@ -49,6 +55,20 @@ HOSTILE = {
     "deep": WORLD.format("<body>" * 5000 + "</body>" * 5000),
     "plugin": "<mujoco><extension><plugin plugin='x'/></extension></mujoco>",
     "attached model": '<mujoco><asset><model name="m" file="../secret.xml"/></asset></mujoco>',
+    "attached through a link": '<mujoco><asset><model file="link.xml"/></asset></mujoco>'.replace(
+        "</mujoco>", '<worldbody><attach model="link"/></worldbody></mujoco>'
+    ),
+    "attached to itself": ATTACH.format("hostile.xml", "<attach model='m'/>"),
+    "attached nothing": ATTACH.format("nothing.xml", "<attach model='m'/>"),
+    "attached unknown": ATTACH.format("good.xml", "<attach model='n'/>"),
+    "attached body of no name": ATTACH.format("good.xml", "<attach model='m' body='x'/>"),
+    "attached to the assets": ATTACH.format("good.xml", "").replace(
+        "</asset>", "<attach model='m'/></asset>"
+    ),
+    "attached copies": ATTACH.format("good.xml", "<attach model='m' prefix='a'/>" * 65),
+    "attached in copies": ATTACH.format(
+        "good.xml", "<replicate count='9'><attach model='m'/></replicate>"
+    ),
 }  # fmt: skip
 
 
@@ -59,6 +79,7 @@ def folder(tmp_path):
     robot.mkdir()
     (tmp_path / "secret.xml").write_text(SECRET)
     (tmp_path / "secret.stl").write_bytes(b"solid\nendsolid\n")
+    (robot / "good.xml").write_text(GOOD)
     (robot / "link.xml").symlink_to(tmp_path / "secret.xml")
     (robot / "loop.xml").write_text('<mujoco><include file="loop.xml"/></mujoco>')
     return robot
@@ -145,3 +166,30 @@ def test_what_stands_in_a_world_is_no_robot(folder):
     result = softdyn.validation.compare(folder / "robot.xml", scene)
     assert result.passed, str(result)
     assert result.unmatched == {"a": [], "b": ["box"]}
+
+
+def test_an_attached_model_is_what_mujoco_makes_of_it(folder):
+    (folder / "part").mkdir()
+    (folder / "part/m.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    (folder / "part/hand.xml").write_text(
+        '<mujoco><default><default class="k"><joint armature="3"/></default></default><asset>'
+        '<mesh name="m" file="m.obj"/></asset><worldbody><body name="palm" euler="30 0 0">'
+        '<joint name="j" class="k" range="-10 20"/><geom type="mesh" mesh="m" mass="0.3"/>'
+        '<body pos="0 0 1"><geom size="0.1"/></body></body><geom size="0.2"/></worldbody></mujoco>'
+    )
+    path = folder / "robot.xml"
+    path.write_text(
+        '<mujoco><compiler angle="radian"/><asset><model name="h" file="part/hand.xml"/></asset>'
+        '<worldbody><body name="b"><joint name="j" range="-1 1"/><geom size="1"/>'
+        '<frame pos="0 0 1"><attach model="h" body="palm" prefix="l_"/></frame>'
+        '<body name="c"><joint name="k"/><attach model="h" prefix="r_"/></body></body></worldbody>'
+        "</mujoco>"
+    )
+    flat = folder / "part/flat.xml"
+    mujoco.mj_saveLastXML(str(flat), mujoco.MjModel.from_xml_path(str(path)))
+    result = compare(flat, path)
+    assert result.matched == {name: name for name in ("j", "l_j", "k", "r_j")}
+    assert max(result.waterfall[0].left.values()) < 1e-5  # XML of MuJoCo's has six digits
+    assert neutral(path).parts[3].upper == pytest.approx(np.radians(20))

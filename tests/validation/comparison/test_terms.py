@@ -8,10 +8,10 @@ import pytest
 
 import softdyn
 from softdyn.validation.comparison.comparison import neutral
-from softdyn.validation.comparison.engines import engine_errors
 from softdyn.validation.comparison.from_mjcf import compile_mjcf
 from softdyn.validation.comparison.mjcf_file import read_mjcf
 from softdyn.validation.comparison.terms import evaluate, lengths, random_states
+from softdyn.validation.pairs.engines import engine_errors
 from tests.support import micro
 
 WALKER = """

@@ -1,5 +1,7 @@
 """A twin with the collision geometry of another MJCF file."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.validation import Twin
+from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.deviations import Plant
+from softdyn.validation.studies.engine.fingerprint import fingerprint
 from softdyn.validation.twin.borrowed import BorrowedShapes
 
 LINK = """<body name="b{k}" pos="{x} 0 0"><joint axis="0 1 0"/>
@@ -68,6 +72,34 @@ def test_neighbours_of_the_base_touch_it(tmp_path):
     pairs = {tuple(sorted(twin.model.geom_bodyid[c.geom])) for c in twin.data.contact}
     assert (0, first) in pairs
     assert not Twin("finger", contacts=True).data.ncon
+
+
+def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
+    """Not by their file's name: the MJCF, what it includes, and its meshes, wherever they lie."""
+    case = Case("finger", "ic", "set_point", 0.5, plant=Plant(shapes=tmp_path / "chain.xml"))
+    text = chain(tmp_path / "chain.xml").read_text()
+    marks = [fingerprint(case)]
+
+    def write(size="004", mesh=1.0, included="0.7"):
+        corners = [(x, y, z) for x in (0, mesh) for y in (0, mesh) for z in (0, mesh)]
+        (tmp_path / "cube.obj").write_text("".join("v {} {} {}\n".format(*c) for c in corners))
+        (tmp_path / "more.xml").write_text(
+            f'<mujoco><asset><mesh name="cube" file="cube.obj" scale=".01 .01 .01"/></asset>'
+            f'<default><geom friction="{included}"/></default></mujoco>'
+        )
+        changed = text.replace("<worldbody>", '<include file="more.xml"/><worldbody>')
+        (tmp_path / "chain.xml").write_text(changed.replace('"0.004"', f'"0.{size}"'))
+        marks.append(fingerprint(case))
+
+    write()
+    write(size="005")
+    write(mesh=1.5)
+    write(included="0.8")
+    assert len(set(marks)) == len(marks) == 5
+    write()
+    assert marks[-1] == marks[1]
+    with pytest.raises(InputError, match=r"none\.xml"):
+        fingerprint(replace(case, plant=Plant(shapes=tmp_path / "none.xml")))
 
 
 def test_files_that_do_not_fit_are_refused(tmp_path):

@@ -385,3 +385,17 @@ def test_state_map_orders_by_name_and_unwinds_circles(tmp_path):
 def test_state_map_refuses_another_robot():
     with pytest.raises(InputError, match="joints"):
         StateMap(softdyn.load("finger"), Twin("helix"))
+
+
+def test_collision_shapes_have_their_size(tmp_path):
+    """MuJoCo's are half as long, but for a radius."""
+    shapes = (
+        '<cylinder radius="0.02" length="0.3"/>',
+        '<box size="0.1 0.2 0.4"/>',
+        '<sphere radius="0.07"/>',
+    )
+    collisions = "".join(f"<collision><geometry>{x}</geometry></collision>" for x in shapes)
+    body = link("base") + link("a", 1.0, "1 1 1").replace("</link>", collisions + "</link>")
+    twin = Twin(urdf(tmp_path, body + joint("j", "base", "a", "continuous")))
+    sizes = {tuple(size) for size in twin.model.geom_size.tolist()}
+    assert sizes == {(0.02, 0.15, 0.0), (0.05, 0.1, 0.2), (0.07, 0.0, 0.0)}

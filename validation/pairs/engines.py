@@ -1,10 +1,12 @@
-"""Each file through its own engine: the neutral form's M, bias and g against Pinocchio or MuJoCo.
+"""Two files in the engines that read them: each in its own, and one against the other.
 
-What a comparison says about two neutral forms holds for the engines as far as these errors go.
+What a comparison says about two neutral forms holds for the engines as far as the errors of each
+file in its own engine go. `side_by_side` asks both engines directly, as the cross-check does.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,12 +14,16 @@ import numpy as np
 
 from softdyn.description.library import find
 from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
 from softdyn.loading import load
-from softdyn.validation.comparison.comparison import neutral
+from softdyn.validation.comparison.comparison import neutral, stands_free
 from softdyn.validation.comparison.from_mjcf import compile_mjcf
 from softdyn.validation.comparison.mjcf_file import is_mjcf, read_mjcf
 from softdyn.validation.comparison.neutral import FREEDOMS, Neutral
 from softdyn.validation.comparison.terms import Terms, evaluate, random_states, rotations
+from softdyn.validation.crosschecks.crosscheck import crosscheck
+from softdyn.validation.crosschecks.result import CrossCheck
+from softdyn.validation.scene.plant import Scene
 
 Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
@@ -57,6 +63,53 @@ def engine_errors(source: str | Path, *, samples: int = 8, seed: int = 0) -> dic
             _pinocchio(model, robot, [q[k] for q in states.q], states.v[k]) for k in range(samples)
         ]
     return _errors(terms, answers)
+
+
+def side_by_side(a: str | Path, b: str | Path, *, samples: int = 8, seed: int = 0) -> CrossCheck:
+    """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
+
+    What only one file states of its joints (armature, damping, springs) is the URDF's in both, so
+    that the engines agree where the files do. Joints that only the MJCF has stand still.
+
+    Parameters
+    ----------
+    a, b : str or Path
+        A URDF and an MJCF, in any order.
+    samples, seed : int
+        Number of random states, and their seed.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used.
+    InputError
+        For two files of one format, and an MJCF that has not all joints or inputs of the URDF.
+    """
+    files = sorted((find(a), find(b)), key=is_mjcf)
+    if [is_mjcf(path) for path in files] != [False, True]:
+        raise InputError("engines", "a URDF and an MJCF", f"{files[0].name}, {files[1].name}")
+    model = load(files[0], floating=stands_free(neutral(files[1])))
+    scene = Scene(model, files[1])
+    _settle_one_sided(scene)
+    found = crosscheck(model, scene, samples=samples, seed=seed)
+    # what the rest of a scene weighs is in its energy
+    checks = tuple(check for check in found.checks if check.quantity != "energy")
+    return replace(found, checks=checks)
+
+
+def _settle_one_sided(scene: Scene) -> None:
+    """Give the scene's joints what the URDF says where only one file says anything."""
+    model = scene.model
+    values = {
+        "armature": model.dof_armature, "damping": model.dof_damping,
+        "stiffness": model.jnt_stiffness,
+    }  # fmt: skip
+    for cause in scene.comparison.causes:
+        if cause.one_sided and cause.kind in values:
+            joint = scene.joint_names.index(scene.comparison.matched[cause.where])
+            index = joint if cause.kind == "stiffness" else model.jnt_dofadr[joint]
+            values[cause.kind][index] = cause.a
+    mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
 def _errors(terms: Terms, answers: list[Answer]) -> dict[str, float]:

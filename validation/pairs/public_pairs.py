@@ -15,6 +15,7 @@ from softdyn.description.library import example_files
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.comparison.comparison import compare
 from softdyn.validation.comparison.result import Comparison
+from softdyn.validation.pairs.readers import Readers, survey_readers
 from softdyn.validation.tables import columns, pipes
 
 # Ends of paths: of example-robot-data, or of a file below the user's folders.
@@ -76,6 +77,7 @@ class Survey:
 
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
+    readers: Readers
 
     @property
     def passed(self) -> bool:
@@ -94,20 +96,27 @@ class Survey:
             {"a": r.a, "b": r.b, "error": r.error} if r.result is None else r.result.to_dict()
             for r in self.rows
         ]
-        return {"passed": self.passed, "rows": rows, "missing": list(self.missing)}
+        found = {"passed": self.passed, "rows": rows, "missing": list(self.missing)}
+        return found | {"pinocchio": self.readers.to_dict()}
 
     def markdown(self) -> str:
-        """The table as a document."""
+        """The tables as a document."""
         head = [
             "# Public pairs", "",
             f"Made by `{COMMAND}`; what the words mean: [two files, one robot](compare.md).", "",
             "*left*: the largest relative error of M, bias, g and J at random states once every "
             "cause is repaired.", "",
         ]  # fmt: skip
-        return "\n".join([*head, *pipes(self.lines), ""])
+        reader = [
+            "", "## Pinocchio's MJCF reader", "",
+            "`pin.buildModelFromMJCF` on every MJCF of these repositories that is a robot, against "
+            "MuJoCo's reading: relative errors of M, bias, g and J at random states, and what is "
+            "read wrong. Springs, dampers and tendons are not asked for.", "",
+        ]  # fmt: skip
+        return "\n".join([*head, *pipes(self.lines), *reader, *self.readers.markdown(), ""])
 
     def __str__(self) -> str:
-        lines = [columns(self.lines, (5, 6))]
+        lines = [columns(self.lines, (5, 6)), str(self.readers)]
         if self.missing:
             lines.append("not found: " + ", ".join(self.missing))
         return "\n\n".join(lines)
@@ -147,7 +156,7 @@ def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> Survey:
             rows.append(Row(*pair, None, str(error)))
     if not rows:
         raise InputError("--catalogue", "folders with public MJCFs", ", ".join(folders))
-    return Survey(tuple(rows), tuple(dict.fromkeys(missing)))
+    return Survey(tuple(rows), tuple(dict.fromkeys(missing)), survey_readers(folders))
 
 
 def _first(files: list[Path], end: str) -> Path | None:

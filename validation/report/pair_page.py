@@ -1,0 +1,136 @@
+"""Two files of one robot as a page: both in one scene, what differs in colour, the worst states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from softdyn.description.visuals import Rgba
+from softdyn.validation.comparison.neutral import WORLD, Neutral
+from softdyn.validation.comparison.result import Cause, Comparison, Worst
+from softdyn.validation.report.drawing import Drawing
+from softdyn.view.page import Page, Run, Track
+
+PLAIN = (0.72, 0.74, 0.77, 1.0)
+DIFFERS = (0.84, 0.37, 0.0, 1.0)  # Okabe and Ito's vermillion
+VALUES = (0.94, 0.89, 0.26, 1.0)
+ALONE = (0.49, 0.31, 0.66, 1.0)
+GREY = "#b8bdc4"
+LEGEND = "orange: changes M, gravity or a tip; yellow: another value; violet: no partner"
+GAP = 1.3  # between robots side by side, in sizes of the larger one
+MOVE, HOLD, RATE = 0.8, 1.6, 25  # s, s, frames a second
+MOST = 4  # states shown
+ROWS = 12  # causes listed
+
+
+def pair_page(a: Neutral, b: Neutral, found: Comparison) -> Page:
+    """The page of a comparison.
+
+    Parameters
+    ----------
+    a, b : Neutral
+        The robots.
+    found : Comparison
+        How they differ.
+    """
+    names = found.matched
+    numbers = [{part.name: k for k, part in enumerate(robot.parts)} for robot in (a, b)]
+    colours: tuple[dict[int, Rgba], dict[int, Rgba]] = ({}, {})
+    for cause in reversed(found.causes):  # the largest effect last
+        for k in () if cause.one_sided else _parts(a, cause):
+            other = WORLD if k == WORLD else numbers[1].get(names.get(a.parts[k].name, ""))
+            colours[0][k] = DIFFERS if cause.weight else VALUES
+            if other is not None:
+                colours[1][other] = colours[0][k]
+    for place, key in enumerate(("a", "b")):
+        colours[place].update({numbers[place][joint]: ALONE for joint in found.unmatched[key]})
+    drawings = [
+        Drawing.of(robot).painted(paint, PLAIN)
+        for robot, paint in zip((a, b), colours, strict=True)
+    ]
+    states = _states(found.worst)
+    times = [k * (MOVE + HOLD) - (MOVE if k else 0.0) for k in range(len(states))]
+    motion = []
+    for drawing, side in zip(drawings, ("a", "b"), strict=True):
+        there = {name: names[name] if side == "b" else name for name in names}
+        poses = [
+            drawing.coordinates({there[name]: q.get(name, [0.0]) for name in names})
+            for _, q in states
+        ]
+        motion.append(_frames(np.array(poses)))
+    marks = tuple((t, text) for t, (text, _) in zip(times, states, strict=True))
+    apart = GAP * max(drawing.size for drawing in drawings)
+    runs = tuple(
+        Run(title, tuple(_tracks(found, drawings, motion, offset, opacity)), loop=True, notes=marks)
+        for title, offset, opacity in (
+            ("side by side", apart, 1.0),
+            ("in one place", 0.0, 0.45),
+        )
+    )
+    return Page(f"{drawings[0].name} and {drawings[1].name}", drawings, runs, rows=_rows(found))
+
+
+def _tracks(
+    found: Comparison, drawings: list[Drawing], motion: list[np.ndarray], offset: float,
+    opacity: float,
+) -> Iterator[Track]:  # fmt: skip
+    for k, (key, drawing) in enumerate(zip(("a", "b"), drawings, strict=True)):
+        words = [f"drawn as sticks: {drawing.problem}"] if drawing.problem else []
+        yield Track(
+            k, motion[k], f"{key.upper()}: {drawing.robot.path.name}", note="; ".join(words),
+            colour=GREY, opacity=opacity if k else 1.0, offset=(k * offset, 0.0, 0.0),
+            aims=False,
+        )  # fmt: skip
+
+
+def _parts(robot: Neutral, cause: Cause) -> Iterator[int]:
+    """The parts that a cause is about."""
+    for k, part in enumerate(robot.parts):
+        if cause.where in (part.name, part.link, *(name for name, _ in part.pieces)):
+            yield k
+            return
+    if cause.where in robot.frames:
+        yield robot.frames[cause.where].part
+
+
+def _states(worst: tuple[Worst, ...]) -> list[tuple[str, dict[str, list[float]]]]:
+    """Zero, then the states at which the files differ most, each with what it is the worst of."""
+    found: list[tuple[str, dict[str, list[float]]]] = [("zero", {})]
+    for state in worst:
+        words = f"{state.quantity} {100 * state.error:.3g} % apart"
+        for k, (text, q) in enumerate(found):
+            if q == state.q:
+                found[k] = (f"{text}, {words}", q)
+                break
+        else:
+            found.append((words, state.q))
+    return found[: MOST + 1]
+
+
+def _frames(poses: np.ndarray) -> np.ndarray:
+    """Frames from pose to pose (states, freedoms), resting at each."""
+    rows, t = [], 0.0
+    steps = round(MOVE * RATE)
+    for k, pose in enumerate(poses):
+        before = poses[k - 1] if k else pose
+        for part in (1 - np.cos(np.linspace(0, np.pi, steps + 1)[1:])) / 2 if k else ():
+            t += 1 / RATE
+            rows.append([t, *(before + part * (pose - before)), *[0.0] * 6])
+        if not k:
+            rows.append([t, *pose, *[0.0] * 6])
+        if len(poses) > 1:
+            t += HOLD
+            rows.append([t, *pose, *[0.0] * 6])
+    return np.array(rows, np.float32)
+
+
+def _rows(found: Comparison) -> tuple[tuple[str, ...], ...]:
+    """The largest causes, the verdict as their title."""
+    causes = [cause for cause in found.causes if not cause.one_sided]
+    rows = [(cause.kind, f"{cause.where} {cause.detail}".strip()) for cause in causes[:ROWS]]
+    if len(causes) > ROWS:
+        rows.append(("…", f"{len(causes) - ROWS} more"))
+    if rows or any(found.unmatched.values()):
+        rows.append(("", LEGEND))
+    return ((found.verdict,), *(rows or [("no cause", "changes what both files state")]))

@@ -1,0 +1,1 @@
+"""A user's own MJCF as the plant: `plant` is the scene, `inputs` how the law's inputs drive it."""
