@@ -12,9 +12,11 @@ Where what is; numbers in brackets are the paper's equations, in their order of 
 - `gains`: their parameters, with the paper's table;
 - `barriers`: what `SoftIdClfQp` may be told not to run into;
 - `staged`: the same law with the tuned gains of a `schedule`, "best"; `mpc`: predictive control;
+- `allocation`: joint torques into bounded inputs, for a law of one's own;
 - `registry`: any of them by name, and a user's own class from a file.
 """
 
+from softdyn.controllers.allocation import allocate as allocate
 from softdyn.controllers.clf_qp import ClfQp as ClfQp
 from softdyn.controllers.controller import Command as Command
 from softdyn.controllers.controller import Controller as Controller
@@ -27,6 +29,7 @@ from softdyn.controllers.impedance import UnderactuatedImpedance as Underactuate
 from softdyn.controllers.impedance_qp import ImpedanceQp as ImpedanceQp
 from softdyn.controllers.mpc import Mpc as Mpc
 from softdyn.controllers.mpc import MpcParameters as MpcParameters
+from softdyn.controllers.programmes.certificate import Certified as Certified
 from softdyn.controllers.registry import BEYOND as BEYOND
 from softdyn.controllers.registry import CONTROLLERS as CONTROLLERS
 from softdyn.controllers.registry import find_controller as find_controller

@@ -9,10 +9,15 @@ the dynamics are (`softdyn.controllers.programmes.horizon`),
 r what b̈ has of velocities alone. q̈ is *not* the programme's own, which is fictitious along
 unactuated directions, but that of the whole dynamics: q̈ = M⁻¹(B u - h). So every barrier is one
 inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c: -c the acceleration that b can still afford.
+
+With s = ḃ + α b, and b⁺ = b + τ ḃ⁺, ḃ⁺ = ḃ + τ b̈, the row is (1 + α τ) s⁺ ≥ s, and b⁺ is
+(b + τ s⁺) / (1 + α τ): b ≥ 0 and s ≥ 0 stay so, exactly over a step of τ. From elsewhere nothing is
+promised: a run that starts there is warned of, and such states are counted.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -29,7 +34,7 @@ MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot al
 NEGLIGIBLE = 1e-6  # of these
 ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
 ROUNDS = 6  # at most, in which rows join
-TIE = 1e-6  # weight that chooses among inputs that meet all rows
+TIE = 1e-6  # weight that chooses among inputs that break the rows alike
 
 
 class Values(NamedTuple):
@@ -83,7 +88,7 @@ class JointLimits:
         margin = number("margin", margin, lower=0.0)
         self.rate = number("rate", rate, above=0.0)
         limited = np.isfinite(model.lower) & np.isfinite(model.upper)
-        inset = np.where(limited, margin * (model.upper - model.lower), 0.0)
+        inset = margin * np.where(limited, model.upper - model.lower, 0.0)
         eye = np.eye(model.nv)
         below, above = np.isfinite(model.lower), np.isfinite(model.upper)
         self._gradient = np.vstack((eye[below], -eye[above]))
@@ -170,6 +175,10 @@ def _of_the_tip(state: State, b: float, n: np.ndarray, turning: float) -> Values
     return Values(np.array([b]), (n @ state.J)[None], np.array([drift]), np.array([MILLIMETRE]))
 
 
+class UnsafeStart(UserWarning):
+    """A run starts where b < 0 or ḃ + α b < 0."""
+
+
 class Rows(NamedTuple):
     """matrix @ u ≤ upper; `unit` (p,) the excess that lets b sink by one of its units."""
 
@@ -195,6 +204,8 @@ class BarrierRows:
 
     Attributes
     ----------
+    outside : int
+        States where b < 0 or ḃ + α b < 0 for some barrier: no promise holds from there.
     violation : float
         The worst -b seen at any state, in mm or 0.01 rad; negative where all was well.
     relaxed : int
@@ -213,11 +224,12 @@ class BarrierRows:
     def reset(self) -> None:
         """Forget what was seen."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
+        self.outside, self._begun = 0, False
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's row at a state, with M and h of the dynamics over the horizon."""
         inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
-        matrices, uppers, units = [], [], []
+        matrices, uppers, units, outside = [], [], [], ""
         for barrier in self._barriers:
             b, G, r, unit = barrier(state)
             alpha, tau = barrier.rate, self._tau
@@ -228,7 +240,23 @@ class BarrierRows:
             uppers.append(affordable + r - response[:, -1])
             units.append(share * alpha**2 * unit)
             self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
+            approach = np.minimum(b, G @ state.v / alpha + b) / unit  # s / α beside b
+            if approach.size and approach.min() < -NEGLIGIBLE:
+                worst = approach.argmin()
+                outside = outside or (
+                    f"{type(barrier).__name__}: b = {b[worst]:.3g}, db/dt + {alpha:g} b = "
+                    f"{(G @ state.v + alpha * b)[worst]:.3g}"
+                )
+        self._count(outside)
         return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
+
+    def _count(self, outside: str) -> None:
+        """Note a state outside of what the barriers keep; a run that starts there is warned of."""
+        self.outside += bool(outside)
+        if outside and not self._begun:
+            text = f"the run starts where barriers promise nothing ({outside}; both should be >= 0)"
+            warnings.warn(text, UnsafeStart, stacklevel=2)
+        self._begun = True
 
     @SILENT
     def enforce(
@@ -278,17 +306,20 @@ class BarrierRows:
         The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row.
         """
         p, m = rows.matrix.shape
-        H = np.diag(np.concatenate((TIE / self._range**2, np.ones(p))))
+        matrix, upper = rows.matrix / rows.unit[:, None], rows.upper / rows.unit
+        # beside what the inputs do to the rows: a smaller weight is none to the solver
+        effect = max(1.0, float(np.linalg.norm(matrix * self._range, axis=1).max(initial=0.0)))
+        H = np.diag(np.concatenate((TIE * (effect / self._range) ** 2, np.ones(p))))
         A = np.zeros((m + p, m + p))
         A[:m, :m] = np.eye(m)
-        A[m:, :m], A[m:, m:] = rows.matrix, -np.diag(rows.unit)
+        A[m:, :m], A[m:, m:] = matrix, -np.eye(p)
         lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
-        upper = np.concatenate((self._u_max, rows.upper))
+        upper = np.concatenate((self._u_max, upper))
         solution = self._solver(m + p, m + p).solve(Problem(H, np.zeros(m + p), A, lower, upper))
         if solution is None:
             return np.zeros(p)
         u = np.clip(solution.x[:m], self._u_min, self._u_max)
-        return np.maximum(rows.matrix @ u - rows.upper, 0.0) / rows.unit
+        return np.maximum(matrix @ u - upper[m:], 0.0)
 
     def _solver(self, variables: int, rows: int) -> DenseQp:
         key = variables, rows

@@ -6,15 +6,13 @@ import numpy as np
 
 from softdyn import SoftModel, State
 from softdyn.compiled import compiled
+from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.linear_algebra import add_squares, cholesky, dot, inner
+from softdyn.controllers.programmes.least_norm import bounded_least_norm
+from softdyn.controllers.programmes.linear_algebra import cholesky, dot, inner, lq, put, row_space
+from softdyn.controllers.programmes.qp import ACCEPTED, DenseQp
 from softdyn.controllers.programmes.task import Task
-from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
-
-# Weight on ‖u‖², relative to the task's own curvature, that picks the least-norm minimiser.
-LEAST_NORM = 1e-8
-TINY = float(np.finfo(float).tiny)
 
 
 class ClfQp(TaskLaw):
@@ -37,45 +35,81 @@ class ClfQp(TaskLaw):
 
     def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
         gains = resolve(model, self.name, gains)
-        objective = Linearisation(gains, model.nu)
-        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True))
+        super().__init__(model, gains, Linearisation(model, gains))
 
 
 class Linearisation:
-    """The objective in u alone: L_g L_f y = J M⁻¹ B (3, m), L_f² y = J̇ q̇ - J M⁻¹ h.
+    """The programme in u alone: L_g L_f y = J M⁻¹ B (3, m), L_f² y = J̇ q̇ - J M⁻¹ h.
 
     With m > 3, or where J M⁻¹ B loses rank, u is not determined by μ and the published objective
-    has no term to choose: the least-norm minimiser is taken, in the limit of a vanishing weight.
+    has no term to choose: of all minimisers the one of least norm is taken, exactly.
     """
 
-    def __init__(self, gains: Gains, nu: int) -> None:
-        self.size = nu
-        self._w1 = float(gains.w1)
-        self._condensed = Condensed.empty(nu)
+    solvers: tuple[DenseQp, ...] = ()
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
-        """The programme at this state."""
-        _condense(
-            M, h, state.v, state.B.T, state.J, state.Jdot,
-            task.mu_ref, task.yddot, self._w1, *self._condensed,
+    def __init__(self, model: SoftModel, gains: Gains) -> None:
+        self._weights = float(gains.w1), float(gains.rho)
+        self._bounds = model.u_min, model.u_max
+        self._u = np.zeros(model.nu)
+
+    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+        """The bounded input, or the guard's fallback."""
+        residual, delta = _law(
+            state.M, state.h, state.v, state.B.T, state.J, state.Jdot,
+            task.mu_ref, task.yddot, task.row, task.bound, *self._weights, *self._bounds, self._u,
         )  # fmt: skip
-        return self._condensed
+        if residual != residual:
+            return guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+        if residual > ACCEPTED:
+            return guard.fall_back(Status.NOT_SOLVED, task.V, delta)
+        return guard.accept(self._u, task.V, delta)
+
+    def reset(self) -> None:
+        """Nothing: every state is answered anew."""
 
 
 @compiled
-def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, w1, H, g, mu_map, mu_0):
+def _law(
+    M, h, v, Bt, J, Jdot, mu_ref, yddot, row, bound, w1, rho, lower, upper, u
+):  # fmt: skip
+    """The input into `u` (m,); the residual of its programme, and δ."""
     m, n = Bt.shape
-    rows, short = np.empty((m + 4, n)), np.empty(3)
-    rows[:3], rows[3 : 3 + m], rows[3 + m] = J, Bt, h
-    half = cholesky(M, rows)[1]
-    products = inner(half[:3], half[3:])  # J M⁻¹ [B h]
+    right, stacked, wanted = np.empty((m + 4, n)), np.zeros((4, m)), np.empty(4)
     for x in range(3):
-        for j in range(m):
-            mu_map[x, j] = products[x, j]
-        mu_0[x] = dot(Jdot[x], v) - products[x, m] - yddot[x]
-        short[x] = mu_0[x] - mu_ref[x]
-    H[:], g[:] = 0.0, 0.0
-    add_squares(H, g, w1, mu_map, short)
-    ridge = LEAST_NORM * np.trace(H) + TINY
+        put(right[x], J[x])
     for i in range(m):
-        H[i, i] += ridge
+        put(right[3 + i], Bt[i])
+    put(right[3 + m], h)
+    half = cholesky(M, right)[1]
+    products = inner(half[:3], half[3:])  # J M⁻¹ [B h]
+    # the residuals √w1 (μ - μ_ref) and √ρ δ as stacked u - wanted
+    first, second, slack = np.sqrt(w1), np.sqrt(rho), -bound[0]
+    along, rest, at_reference = np.zeros(m), slack, slack
+    linear = products[:, :m].copy()
+    for x in range(3):
+        drift = dot(Jdot[x], v) - products[x, m] - yddot[x]
+        wanted[x] = first * (mu_ref[x] - drift)
+        rest += row[x] * drift
+        at_reference += row[x] * mu_ref[x]
+        for j in range(m):
+            stacked[x, j] = first * linear[x, j]
+            along[j] += row[x] * linear[x, j]
+    for j in range(m):
+        stacked[3, j] = second * along[j]
+    wanted[3] = -second * rest
+    # δ = max(0, …) is twice a quadratic objective: the one whose minimiser has its sign is right
+    residual, delta, late = np.nan, np.nan, at_reference > 0
+    for _ in range(2):
+        count = 4 if late else 3
+        Q = row_space(linear if w1 > 0 else stacked[3:count])
+        r = len(Q)
+        basis, triangle, d = np.empty((r, count)), np.empty((r, r)), np.empty(r)
+        lq(inner(Q, stacked[:count]), basis, triangle)
+        for x in range(r):
+            d[x] = dot(basis[x], wanted[:count])
+        residual = bounded_least_norm(triangle.T.copy(), Q, d, lower, upper, u)
+        delta = rest + dot(along, u)
+        if (delta > 0) == late:
+            break
+        late = not late
+    return residual, max(delta, 0.0)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import sys
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +94,49 @@ PUBLISHED: dict[str, dict[str, Gains]] = {
 }
 
 
+def no_actuator(model: SoftModel) -> InputError:
+    """The error to raise about a robot without inputs."""
+    expected = f"an <actuator> in {model.robot.path}, or in a file given with --annotations"
+    return InputError("model", expected, "none")
+
+
+def from_table(
+    model: SoftModel, controller: str, table: Mapping[str, Any], options: Collection[str] = ()
+) -> Gains:
+    """Gains from a table; what it leaves out is the published one of a bundled robot.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    controller : str
+        Its law, as on the command line.
+    table : mapping
+        Fields of `Gains`.
+    options : collection of str
+        What else the law takes, for the error.
+
+    Raises
+    ------
+    InputError
+        An unknown field, a number out of range, or no `Kp` where none is published.
+    """
+    names = [field.name for field in fields(Gains)]
+    unknown = [name for name in table if name not in names]
+    if unknown:
+        known = {name.lower(): name for name in [*names, *options]}
+        near = difflib.get_close_matches(str(unknown[0]).lower(), known, 1)
+        hint = f" ({known[near[0]]}?)" if near else ""
+        raise InputError("gains", f"any of {', '.join(known.values())}", f"{unknown[0]}{hint}")
+    published = PUBLISHED.get(model.bundled or "", {}).get(controller)
+    if published is not None:
+        return replace(published, **table)
+    if "Kp" not in table:
+        expected = f"a value of Kp for {model.robot.path}, which has no published gains"
+        raise InputError("gains", expected, ", ".join(table) or "nothing")
+    return Gains(**table)
+
+
 def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     """`gains`, or the published ones of a bundled robot.
 
@@ -104,15 +148,17 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
         A robot without inputs or with crossed bounds, or one without published gains given none.
     """
     if model.nu == 0:
-        raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
+        raise no_actuator(model)
     if not (np.isfinite(model.u_max - model.u_min) & (model.u_min <= model.u_max)).all():
         bounds = f"u_min {model.u_min}, u_max {model.u_max}"
         raise InputError("model", "finite input bounds, lower <= upper", bounds)
     if gains is None:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:
-            kind = "softdyn.controllers.Gains(Kp=…, …)"
-            expected = f"{kind} for {model.robot.path}, which has no published ones"
+            expected = (
+                f"softdyn.controllers.Gains(Kp=…) or --gains FILE for {model.robot.path}, which "
+                "has no published ones; best needs none"
+            )
             raise InputError("gains", expected, None)
         return table[controller]
     if not isinstance(gains, Gains):

@@ -13,6 +13,7 @@ from softdyn.controllers.programmes.linear_algebra import (
     cholesky,
     dot,
     inner,
+    put,
     row_space,
     substitute_back,
 )
@@ -74,7 +75,10 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     m, n = Bt.shape
     # q̈ = M⁻¹B u + drift; the rows of X are the columns of M⁻¹B, and drift
     right = np.empty((m + 1, n))
-    right[:m], right[m] = Bt, -h
+    for i in range(m):
+        put(right[i], Bt[i])
+    for x in range(n):
+        right[m, x] = -h[x]
     R, X = cholesky(M, right)
     substitute_back(R, X)
     drift = X[m]

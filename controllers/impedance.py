@@ -10,38 +10,50 @@ from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.programmes.linear_algebra import (
+    RANK_TOLERANCE,
     add,
     cholesky,
     dot,
     factor,
     inner,
     jacobi_svd,
+    lq,
+    lu_solve,
     row_space,
     substitute,
 )
 from softdyn.controllers.programmes.qp import DenseQp
 from softdyn.controllers.programmes.task import Task
 
-# Of the reference implementation: Λ is an inverse, or a pseudo-inverse where the determinant of
-# J M⁻¹ Jᵀ is small, and UIC's inner pseudo-inverse has a threshold of its own.
-SMALL_DETERMINANT, TASK_INERTIA_RCOND, UIC_RCOND = 1e-2, 1e-2, 1e-8
-
 
 @compiled
-def task_inertia(M: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Λ = (J M⁻¹ Jᵀ)⁻¹ (3, 3), in kg."""
-    half = cholesky(M, J)[1]
-    mobility = inner(half, half)
-    if abs(np.linalg.det(mobility)) >= SMALL_DETERMINANT:
-        return np.ascontiguousarray(np.linalg.inv(mobility))
-    values, vectors = np.linalg.eigh(mobility)
-    inertia = np.zeros((3, 3))
-    for i in range(3):
-        if abs(values[i]) > TASK_INERTIA_RCOND * np.abs(values).max():
-            for x in range(3):
-                for y in range(3):
-                    inertia[x, y] += vectors[x, i] * vectors[y, i] / values[i]
-    return inertia
+def task_force(M: np.ndarray, J: np.ndarray, reach: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Λ a with Λ = (J M⁻¹ Jᵀ)⁺, as Jᵀ Λ a = Rᵀ x; `docs/derivations.md`, section 10.
+
+    Parameters
+    ----------
+    M : ndarray, (n, n)
+    J : ndarray, (3, n)
+    reach : ndarray, (r, n)
+        R, orthonormal rows that span those of J: what is cut as singular is not in it.
+    ahead : ndarray, (3,)
+        a, an acceleration of the tip.
+
+    Returns
+    -------
+    x : ndarray, (r,)
+        (R M⁻¹ Rᵀ)⁻¹ (J Rᵀ)⁺ a; NaN where M is singular.
+    """
+    r = len(reach)
+    half = cholesky(M, reach)[1]
+    basis, triangle, x = np.empty((r, 3)), np.empty((r, r)), np.empty(r)
+    lq(inner(reach, J), basis, triangle)
+    for i in range(r):
+        x[i] = dot(basis[i], ahead)
+    solved = lu_solve(triangle.T.copy(), x)
+    if not (lu_solve(inner(half, half), x) and solved):
+        x[:] = np.nan
+    return x
 
 
 @compiled
@@ -53,19 +65,18 @@ def _law(
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
     (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the rows of `reach` span.
     """
-    n = len(v)
-    reach, inertia = row_space(J), task_inertia(M, J)
-    acceleration, torque = np.empty(3), np.zeros(n)
+    reach, ahead, coriolis = row_space(J), np.empty(3), bias - g
     for x in range(3):
-        acceleration[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
-    for x in range(3):
-        add(torque, dot(inertia[x], acceleration), J[x])
-    coriolis = bias - g
+        ahead[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
+    force = task_force(M, J, reach, ahead)
     for x in range(len(reach)):
-        add(torque, dot(reach[x], coriolis), reach[x])
+        force[x] += dot(reach[x], coriolis)
+    torque = h - coriolis
     if project:
-        actuated_torque(reach, span, torque)
-    torque += h - coriolis
+        add_actuated(reach, span, force, torque)
+    else:
+        for x in range(len(reach)):
+            add(torque, force[x], reach[x])
     u, along = np.zeros(rows.shape[1]), np.empty((len(span), 1))
     for i in range(len(span)):
         along[i, 0] = dot(span[i], torque)
@@ -150,18 +161,21 @@ class UnderactuatedImpedance(TaskLaw):
 
 
 @compiled
-def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) -> None:
-    """Add N τ_null = -N [(I - I_p) N]⁺ (I - I_p) Jᵀf to Jᵀf, paper (null_tau), in 3 dimensions.
+def add_actuated(
+    reach: np.ndarray, range_B: np.ndarray, force: np.ndarray, torque: np.ndarray
+) -> None:
+    """Add (I - N [(I - I_p) N]⁺) t to `torque`, paper (UIC), in at most 3 dimensions.
 
     With principal vectors t_i of range(Jᵀ) and r_i of range(B), t_i·r_j = cos θ_i δ_ij, both
-    projectors act in the planes of one pair each, where the sum is (Jᵀf·t_i) r_i / cos θ_i; where
-    the pseudo-inverse drops cos θ_i it is (Jᵀf·t_i) t_i (`docs/derivations.md`, section 10).
+    projectors act in the planes of one pair each, where the sum is (t·t_i) r_i / cos θ_i; where
+    cos θ_i counts as zero it is (t·t_i) t_i (`docs/derivations.md`, section 10).
 
     Parameters
     ----------
     reach : (r, n) orthonormal rows that span range(Jᵀ).
     range_B : (rank, n) orthonormal rows that span range(B).
-    torque : (n,) in range(Jᵀ), changed in place.
+    force : (r,) t in the rows of `reach`.
+    torque : (n,) changed in place.
     """
     (r, n), a = reach.shape, len(range_B)
     angles, turned = inner(reach, range_B), np.eye(r)
@@ -172,13 +186,9 @@ def actuated_torque(reach: np.ndarray, range_B: np.ndarray, torque: np.ndarray) 
         largest = max(largest, cosines[i])
     if n > r + a:  # outside both ranges every singular value is 1
         largest = 1.0
-    parts = np.empty(r)
     for i in range(r):
-        parts[i] = dot(reach[i], torque)
-    torque[:] = 0.0
-    for i in range(r):
-        part = dot(turned[i], parts)
-        if cosines[i] > UIC_RCOND * largest:
+        part = dot(turned[i], force)
+        if cosines[i] > RANK_TOLERANCE * largest:
             for j in range(a):
                 add(torque, part * angles[i, j] / (cosines[i] * cosines[i]), range_B[j])
         else:

@@ -44,6 +44,8 @@ class TaskLaw:
     ----------
     name : str
         On the command line and in tables.
+    options : tuple of str
+        What the class takes by name besides its gains, in a table of them as well.
     guard : InputGuard
         What was counted; laws that take turns may share one.
     solvers : tuple of DenseQp
@@ -51,6 +53,7 @@ class TaskLaw:
     """
 
     name = ""
+    options: tuple[str, ...] = ()
 
     def __init__(self, model: SoftModel, gains: Gains, programme: Programme) -> None:
         self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)

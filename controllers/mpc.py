@@ -17,7 +17,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
-from softdyn.controllers.gains import check_fields
+from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.programmes.prediction import one_period, programme, ramps
 from softdyn.controllers.programmes.qp import DenseQp, Problem
 from softdyn.dynamics.derivatives import tangent_dynamics
@@ -105,7 +105,7 @@ class Mpc:
         self, model: SoftModel, parameters: Any = None, period: float = DEFAULT_PERIOD
     ) -> None:
         if model.nu == 0:
-            raise InputError("model", f"an <actuator> in {model.robot.path}", "none")
+            raise no_actuator(model)
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self._model = model

@@ -14,7 +14,7 @@ from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers.clf_qp import ClfQp
-from softdyn.controllers.gains import Gains
+from softdyn.controllers.gains import from_table
 from softdyn.controllers.id_clf_qp import IdClfQp
 from softdyn.controllers.impedance import Impedance, UnderactuatedImpedance
 from softdyn.controllers.impedance_qp import ImpedanceQp
@@ -23,7 +23,7 @@ from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 from softdyn.controllers.staged import Staged, best
 
 # command-line name → class; these take `softdyn.controllers.Gains`
-CONTROLLERS: dict[str, Callable[..., Any]] = {
+CONTROLLERS: dict[str, Any] = {
     controller.name: controller
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
@@ -64,8 +64,8 @@ def make_controller(
         As for `find_controller`.
     model : SoftModel
     parameters : Any
-        What it is built with besides the model, nothing where it is None: fields of `Gains` for a
-        law of the paper, a table for any other.
+        What it is built with besides the model, nothing where it is None: for a law of the paper
+        fields of `Gains`, over the published ones, and its `options`; a table for any other.
     cls : Callable, optional
         What the name stands for, where that is known already.
 
@@ -80,11 +80,10 @@ def make_controller(
             return make(model)
         if name not in CONTROLLERS or not isinstance(parameters, Mapping):
             return make(model, parameters)
-        try:
-            gains = Gains(**parameters)
-        except TypeError as error:  # a field missing or unknown
-            raise InputError("gains", "the fields of controllers.Gains", error) from None
-        return make(model, gains)
+        own = CONTROLLERS[name].options
+        gains = {key: value for key, value in parameters.items() if key not in own}
+        options = {key: value for key, value in parameters.items() if key in own}
+        return make(model, from_table(model, name, gains, own), **options)
 
 
 @contextmanager

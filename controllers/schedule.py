@@ -2,12 +2,13 @@
 
 What moves an arm fast over half its length chatters when the target is near, and what holds it
 calmly takes long to arrive. `controllers/schedules/ROBOT.toml` has the tuned ones of the bundled
-robots, from `scripts/tune.py`.
+robots, from `scripts/tune.py`, which writes that of any other robot beside its file.
 """
 
 from __future__ import annotations
 
-import tomllib
+import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -16,9 +17,11 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains
+from softdyn.files import read_toml
 
 FOLDER = Path(__file__).parent / "schedules"
 OWN = ("horizon", "u_ref")  # of a stage's table, beside the gains
+ROBOT = "robot"  # the hash of the robot that a file beside a user's robot is for
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     InputError
         Tables or numbers that are missing, unknown or out of range.
     """
+    table = {key: value for key, value in table.items() if key != ROBOT}
     names = [field.name for field in fields(Schedule)]
     if sorted(table) != sorted(names):
         raise InputError("gains", f"a schedule: {', '.join(names)}", ", ".join(table) or "nothing")
@@ -83,12 +87,41 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     return Schedule(**{**table, **stages})
 
 
+def schedule_path(model: SoftModel) -> Path:
+    """Where a robot's schedule stands: beside the file that names its inputs.
+
+    Of ``my.urdf`` it is ``my.schedule.toml``; of a URDF with annotations in a file of their own,
+    ``soft_my.xml``, it is ``soft_my.schedule.toml``.
+    """
+    if model.bundled is not None:
+        return FOLDER / f"{model.bundled}.toml"
+    file = model.robot.overlay or model.robot.path
+    return file.resolve().with_suffix(".schedule.toml")
+
+
 def tuned(model: SoftModel) -> Schedule | None:
-    """The schedule of a bundled robot; None where there is none."""
-    file = FOLDER / f"{model.bundled}.toml"
-    if model.bundled is None or not file.is_file():
+    """The schedule that was tuned for a robot, see `schedule_path`; None where there is none.
+
+    One beside a user's file holds that robot's `Robot.digest`: when the dynamics have changed since
+    it was tuned, it is not used, and a warning says so.
+
+    Raises
+    ------
+    InputError
+        A file there that is no schedule.
+    """
+    file = schedule_path(model)
+    if not os.path.isfile(file):
         return None
-    return make_schedule(tomllib.loads(file.read_text()))
+    table = read_toml(file)
+    if model.bundled is None and table.pop(ROBOT, None) != model.robot.digest:
+        said = f"{file} was tuned for another robot than {model.robot.path} is now: it is not used"
+        warnings.warn(f"{said}. `softdyn tune` makes it anew", stacklevel=2)
+        return None
+    try:
+        return make_schedule(table)
+    except InputError as error:
+        raise InputError(f"{file}: {error.name}", error.expected, error.got) from None
 
 
 def _stage(name: str, table: Any) -> Stage:

@@ -47,6 +47,7 @@ class SoftIdClfQp(TaskLaw):
     """
 
     name = "soft-id-clf-qp"
+    options = ("horizon", "u_ref")
 
     def __init__(
         self,

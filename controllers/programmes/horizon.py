@@ -34,7 +34,8 @@ class Horizon:
     def __init__(self, model: SoftModel, tau: float) -> None:
         self._model, self._tau = model, tau
         # K' where no tendon is elastic: constant then
-        self._constant = None if model.tendon_stiffness.any() else np.diag(model.stiffness)
+        elastic = model.tendon_stiffness.any()
+        self._constant = None if elastic else model.tangent_stiffness(model.q0)
         n = model.nv
         self._M, self._h = np.empty((n, n)), np.empty(n)
         # kernels are compiled for arrays that are read-only, as a State's are

@@ -18,6 +18,14 @@ def _add(row, part, other):
     row += part * other
 
 
+def _put(row, values):
+    row[:] = values
+
+
+def _divide(row, by):
+    row /= by
+
+
 def _add_squares(H, g, weight, rows, offset):
     H += 2 * weight * rows.T @ rows
     g += 2 * weight * offset @ rows
@@ -74,6 +82,20 @@ def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
         row[i] += part * other[i]
 
 
+@compiled_or(_put)
+def put(row: np.ndarray, values: np.ndarray) -> None:
+    """row[:] = values, of vectors (n,): an assignment of slices takes Numba 2 s to compile."""
+    for i in range(len(row)):
+        row[i] = values[i]
+
+
+@compiled_or(_divide)
+def divide(row: np.ndarray, by: float) -> None:
+    """row /= by, of a vector (n,)."""
+    for i in range(len(row)):
+        row[i] /= by
+
+
 @compiled_or(_add_squares)
 def add_squares(
     H: np.ndarray, g: np.ndarray, weight: float, rows: np.ndarray, offset: np.ndarray
@@ -103,7 +125,7 @@ def project_out(row: np.ndarray, basis: np.ndarray, count: int, along: np.ndarra
 
 
 @compiled
-def row_space(rows: np.ndarray) -> np.ndarray:
+def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:
     """Orthonormal rows (r, n) that span the rows (k, n), r their numerical rank.
 
     Gram–Schmidt, the largest remaining row first. Where nothing is finite the result is not.
@@ -121,11 +143,11 @@ def row_space(rows: np.ndarray) -> np.ndarray:
         norm = np.sqrt(square)
         if count == 0:
             largest = norm
-        if norm <= RANK_TOLERANCE * largest:
+        if norm <= tolerance * largest:
             return basis[:count].copy()
-        basis[count] = left[pivot]
+        put(basis[count], left[pivot])
         project_out(basis[count], basis, count, along)
-        basis[count] /= np.sqrt(dot(basis[count], basis[count]))
+        divide(basis[count], np.sqrt(dot(basis[count], basis[count])))
         for i in range(k):
             add(left[i], -dot(basis[count], left[i]), basis[count])
     return basis
@@ -138,12 +160,12 @@ def lq(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
     Fills the first k rows of `basis` and `triangle`.
     """
     for i in range(len(rows)):
-        basis[i] = rows[i]
+        put(basis[i], rows[i])
         triangle[i] = 0.0
         project_out(basis[i], basis, i, triangle[i])
         norm = np.sqrt(dot(basis[i], basis[i]))
         triangle[i, i] = norm
-        basis[i] /= norm
+        divide(basis[i], norm)
 
 
 @compiled_or(_substitute)
@@ -178,23 +200,25 @@ def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
     for i in range(len(rows)):
         if count == room:
             break
-        basis[count] = rows[i]
+        put(basis[count], rows[i])
         project_out(basis[count], basis, count, along)
         norm = np.sqrt(dot(basis[count], basis[count]))
         if norm > DEPENDENT * np.sqrt(dot(rows[i], rows[i])):
-            basis[count] /= norm
+            divide(basis[count], norm)
             count += 1
     return count
 
 
 @compiled
-def factor(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def factor(
+    Bt: np.ndarray, tolerance: float = RANK_TOLERANCE
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Factors of B, given as Bᵀ (m, n), of numerical rank r: (range, triangle, rows).
 
     ``B = range.T @ triangle @ rows``; `range` (r, n) and `rows` (r, m) are orthonormal, `triangle`
     (r, r) is lower triangular, so ``B⁺ = rows.T @ triangle⁻¹ @ range``.
     """
-    span = row_space(Bt)
+    span = row_space(Bt, tolerance)
     r, m = len(span), len(Bt)
     rows, triangle = np.empty((r, m)), np.empty((r, r))
     lq(inner(span, Bt), rows, triangle)

@@ -15,7 +15,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from softdyn.compiled import compiled
-from softdyn.controllers.programmes.linear_algebra import add, lu_solve
+from softdyn.controllers.programmes.linear_algebra import add, lu_solve, put
 
 # What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
 # finds the optimum; and where it does not, the optimum itself.
@@ -277,7 +277,8 @@ def _polish(H, g, A, lower, upper, x, z):
     n, rows = len(x), len(z)
     active, count = np.empty(rows, np.int64), 0
     target = np.empty(n + rows)
-    target[:n] = -g
+    for i in range(n):
+        target[i] = -g[i]
     Ax = _times(A, x)
     for i in range(rows):
         if z[i] > upper[i] - Ax[i]:
@@ -289,12 +290,15 @@ def _polish(H, g, A, lower, upper, x, z):
         active[count] = i
         count += 1
     kkt = np.zeros((n + count, n + count))
-    kkt[:n, :n] = H
+    for i in range(n):
+        put(kkt[i, :n], H[i])
     for k in range(count):
-        kkt[n + k, :n] = kkt[:n, n + k] = A[active[k]]
+        for i in range(n):
+            kkt[n + k, i] = kkt[i, n + k] = A[active[k], i]
     if not lu_solve(kkt, target[: n + count]):
         return False
-    x[:], z[:] = target[:n], 0.0
+    put(x, target[:n])
+    z[:] = 0.0
     for k in range(count):
         z[active[k]] = target[n + k]
     return True
@@ -305,15 +309,34 @@ def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
     """The polished answer if that is the optimum, else (x, z), unscaled; with its residuals."""
     x, z = x.copy(), z.copy()
     primal = dual = gap = np.inf
-    if np.isfinite(x).all() and np.isfinite(z).all():
+    if _finite(x) and _finite(z):
         # an open bound has no multiplier; what is left there counts as a dual residual
-        z[((z > 0) & (upper == np.inf)) | ((z < 0) & (lower == -np.inf))] = 0.0
+        for i in range(len(z)):
+            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
+                z[i] = 0.0
         x2, z2 = x.copy(), z.copy()
         for _ in range(POLISH_STEPS):
             if not _polish(H, g, A, lower, upper, x2, z2):
                 break
             primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
             if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
-                return x2 * (scale * size), z2 / norms * size, primal, dual, gap
+                return *_unscaled(x2, z2, scale, norms, size), primal, dual, gap
         primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
-    return x * (scale * size), z / norms * size, primal, dual, gap
+    return *_unscaled(x, z, scale, norms, size), primal, dual, gap
+
+
+@compiled
+def _finite(values):
+    total = 0.0
+    for value in values:
+        total += abs(value)
+    return total < np.inf
+
+
+@compiled
+def _unscaled(x, z, scale, norms, size):
+    for i in range(len(x)):
+        x[i] *= scale[i] * size
+    for i in range(len(z)):
+        z[i] = z[i] / norms[i] * size
+    return x, z

@@ -116,3 +116,18 @@ def test_at_the_goal_there_is_nothing_to_ask() -> None:
     assert V == 0
     assert bound == 0
     np.testing.assert_array_equal(row, np.zeros(3))
+
+
+@pytest.mark.parametrize(("share", "rate"), [(0.1, 0.92), (0.15, 0.88), (0.2, 0.83), (0.5, 0.46)])
+def test_what_a_hold_costs(share, rate):
+    """The least μ that meets the condition, held for `share` of ε: the worst rate of all η."""
+    clf, rng, worst = make_clf(0.05), np.random.default_rng(1), np.inf
+    for angle in np.linspace(0, np.pi, 721):
+        along = rng.normal(size=3)
+        along /= np.linalg.norm(along)
+        e, edot = np.cos(angle) * clf.eps * along, np.sin(angle) * along
+        V, a, b = clf.decrease(np.concatenate((e, edot)))
+        mu, T = min(b, 0.0) * a / (a @ a), share * clf.eps
+        after = np.concatenate((e + T * edot + T * T / 2 * mu, edot + T * mu))
+        worst = min(worst, np.log(V / clf.decrease(after)[0]) / share)
+    assert worst == pytest.approx(rate, abs=0.006)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import FrozenInstanceError, fields
 
 import pytest
 
+import softdyn
 from softdyn import InputError, SoftdynError
-from softdyn.controllers import CONTROLLERS, Gains
+from softdyn.controllers import CONTROLLERS, Gains, Mpc, SoftIdClfQp
 from softdyn.controllers.gains import PUBLISHED, resolve
+from softdyn.controllers.staged import best
+from tests.support import ROOT
 from tests.support.control_cases import BUNDLED, GAINS, robot
 
 # tab:controller_params, retyped: K_p, ε, w1, w2, w3, w4, ρ; None where the table has a dash
@@ -97,3 +101,15 @@ def test_resolve() -> None:
         resolve(micro, "ic", None)
     with pytest.raises(InputError, match="gains"):
         resolve(bundled, "no such controller", None)
+
+
+def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):
+    text = (ROOT / "urdf" / "finger.urdf").read_text()
+    (tmp_path / "own.urdf").write_text(text)
+    with pytest.raises(InputError, match=r"--gains FILE for .*own\.urdf.*; best needs none"):
+        SoftIdClfQp(softdyn.load(tmp_path / "own.urdf"))
+    (tmp_path / "bare.urdf").write_text(re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
+    model = softdyn.load(tmp_path / "bare.urdf")
+    for law in (SoftIdClfQp, Mpc, best):
+        with pytest.raises(InputError, match=r"<actuator> in .*bare\.urdf, or in .*--annotations"):
+            law(model)

@@ -1,4 +1,4 @@
-"""IC and UIC against the paper's equations as the oracle has them, with the same thresholds."""
+"""IC and UIC against the paper's equations as the oracle has them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 
 from softdyn import Reference, State
 from softdyn.controllers import Impedance, UnderactuatedImpedance
-from softdyn.controllers.impedance import task_inertia
+from softdyn.controllers.impedance import add_actuated, task_force
+from softdyn.controllers.programmes.linear_algebra import row_space
 from softdyn.validation.oracles.programmes import impedance, inputs, tip, underactuated
-from softdyn.validation.oracles.reference_laws import pseudo_inverse, reference_inertia
 from tests.support.control_cases import BUNDLED, drawn, gains_of, recorded, robot
 
 LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
@@ -18,9 +18,9 @@ LAWS = {"ic": Impedance, "uic": UnderactuatedImpedance}
 def literal(state: State, reference: Reference, name: str) -> np.ndarray:
     """B⁺ τ before clamping: eq. (IC), and eq. (UIC) with I_p = B B⁺ (the text prints B⁺B)."""
     task = tip(state, reference)
-    torque = impedance(state, task, gains_of(name), reference_inertia)
+    torque = impedance(state, task, gains_of(name))
     if name.endswith("uic"):
-        torque = underactuated(state, task, torque, pseudo_inverse)
+        torque = underactuated(state, task, torque)
     return inputs(state, torque)
 
 
@@ -43,8 +43,29 @@ def test_the_law_is_the_papers_equation(name, which, monkeypatch):
 
 
 def test_task_inertia_of_a_planar_robot_leaves_out_what_it_cannot_reach():
-    state, _ = recorded("finger")[3]
-    inertia = task_inertia(state.M, state.J)
-    assert np.abs(inertia[1]).max() == 0  # the finger never moves in y
-    mobility = state.J @ np.linalg.inv(state.M) @ state.J.T
-    assert np.allclose(mobility @ inertia @ mobility, mobility, rtol=1e-9, atol=1e-9)
+    state, _ = drawn("finger")[2]  # the finger never moves in y
+    reach = row_space(state.J)
+    ahead = np.array([1.0, 5.0, -2.0])
+    found = reach.T @ task_force(state.M, state.J, reach, ahead)
+    np.testing.assert_array_equal(
+        found, reach.T @ task_force(state.M, state.J, reach, ahead * (1, 0, 1))
+    )
+    reached = state.J @ np.linalg.solve(state.M, found)
+    np.testing.assert_allclose(reached, ahead * (1, 0, 1), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("more", [0, 1, 3])
+def test_what_counts_as_no_share_of_an_input_is_told_beside_the_largest_singular_value(more):
+    """Of (I - I_p) N, whose largest is 1 where some direction is neither the task's nor an input's.
+
+    One task direction t and one input b with t·b = 1e-9: where nothing else is there (n = 2) that
+    is the largest singular value, and b / (t·b) meets t; else it is none, and t stays.
+    """
+    n, cosine, force = 2 + more, 1e-9, np.array([3.0])
+    t, b = np.zeros((2, 1, n))
+    t[0, 0] = 1.0
+    b[0, :2] = cosine, np.sqrt(1 - cosine**2)
+    torque = np.ones(n)
+    add_actuated.py_func(t, b, force, torque)
+    added = force * (b[0] / cosine if more == 0 else t[0])
+    np.testing.assert_allclose(torque, 1 + added, rtol=1e-6)

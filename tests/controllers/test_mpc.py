@@ -19,6 +19,7 @@ from softdyn.description import library as catalogue
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.validation import simulate
 from softdyn.validation.studies import paper
+from tests.support import predictive
 from tests.support.control_cases import BUNDLED, MICRO, drawn, robot
 
 every_robot = pytest.mark.parametrize("which", BUNDLED + MICRO)
@@ -233,14 +234,74 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
     assert 100 * np.linalg.norm(log.error[-1]) < 0.05
 
 
-def test_a_joint_at_its_stop_is_held() -> None:
-    model = robot("helix")
-    q = model.q0.copy()
-    slide = np.flatnonzero(model.upper - model.lower < 1)
-    q[slide[0]] = model.upper[slide[0]]
-    controller = Mpc(model)
-    held = controller._at_stops(model.state(q, np.zeros(model.nv)))
-    assert list(np.flatnonzero(held)) == [slide[0]]
+@pytest.mark.parametrize("which", ["finger", "helix", "sliding and turning"])
+def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
+    """Every term of the programme, the second call's too, whose forces the first one misses.
+
+    By `tests.support.predictive`, which steps through the horizon once for each input.
+    """
+    model, rng, period = robot(which), np.random.default_rng(11), 0.002
+    (first, _), (second, _) = drawn(which)[2:4]
+    lower, upper = (np.where(np.isfinite(x), x, 0.0) for x in (model.lower, model.upper))
+    at = model.coordinates(first.q).copy()
+    at[0] = upper[0]  # held before, and now another joint
+    first = model.state(model.configuration(at), first.v)
+    at = np.clip(model.coordinates(second.q), 0.9 * lower, 0.9 * upper)
+    at[2] = lower[2]
+    second = model.state(model.configuration(at), second.v)
+    held = [np.zeros(model.nv, bool) for _ in range(2)]
+    for flags, state in zip(held, (first, second), strict=True):
+        x = model.coordinates(state.q)
+        near = 2e-3 * (upper - lower)
+        flags[:] = np.isfinite(model.lower) & ((x > upper - near) | (x < lower + near))
+    assert (held[0][0], held[1][0], held[1][2]) == (True, False, True)
+    controller = Mpc(model, period=period)
+    goal = Reference(first.y + 0.01, ydot=[0.1, -0.2, 0.3], yddot=[2.0, 1.0, -3.0])
+    u = controller(first, goal).u
+    assert np.abs(u).max() > 0
+    base = predictive.euler(first, u, np.zeros(model.nv), held[0], period)
+    columns = [predictive.euler(first, u, f, held[0], period) - base for f in np.eye(model.nv)]
+    missed = np.linalg.solve(np.transpose(columns), second.v - base)
+    free = ~(held[0] | held[1])
+    unmodelled = period / MpcParameters().memory * np.where(free, missed, 0.0)
+    seen = watch(controller)
+    answer = controller(second, goal)
+    problem = seen[0]
+
+    def cost(x: np.ndarray) -> float:
+        knots = u + x.reshape(-1, model.nu)
+        return predictive.cost(model, second, goal, u, held[1], unmodelled, knots)
+
+    zero = np.zeros(len(problem.g))
+    for x in rng.normal(size=(4, len(zero))) * np.tile(np.abs(u).max(), len(zero)):
+        wanted = cost(x) - cost(zero)
+        assert x @ problem.H @ x / 2 + problem.g @ x == pytest.approx(wanted, rel=1e-6)
+    x = full(controller, seen)
+    constant = cost(zero) - predictive.size(model, u)
+    least = constant + x @ problem.H @ x / 2 + problem.g @ x
+    predicted = answer.V
+    assert predicted == pytest.approx(least, rel=1e-6, abs=1e-9 * constant)
+
+
+def test_forces_at_a_stop_are_no_estimate() -> None:
+    """What a joint at its stop does not do as predicted the stop did, now or a period ago."""
+    model, period, still = robot("helix"), 0.002, np.zeros(robot("helix").nv)
+    inside = model.state(model.q0, still)
+    moving = model.state(model.q0, still + 0.1)
+    at = np.array(model.coordinates(model.q0))
+    at[3] = model.upper[3]
+    stopped = model.state(model.configuration(at), still)
+    for states, estimated in (
+        ((inside, moving), True),
+        ((inside, stopped), False),
+        ((stopped, inside), False),
+        ((inside, moving, stopped), False),  # nor is what was estimated before kept
+    ):
+        controller = Mpc(model, period=period)
+        for state in states:
+            controller(state, Reference(inside.y))
+        assert (controller._unmodelled[3] != 0) == estimated
+        assert np.abs(controller._unmodelled).max() > 0
 
 
 def test_names_and_wrong_gains() -> None:
@@ -262,12 +323,14 @@ def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
         Mpc(softdyn.load(path))
 
 
-def test_one_period_of_a_free_body() -> None:
-    v, matrix = one_period.py_func(  # type: ignore[attr-defined]
-        2 * np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), np.ones(1), 0.1
-    )
-    assert v[0] == pytest.approx(1.05)
-    assert matrix[0, 0] == pytest.approx(2.0)
+def test_one_period_is_backward_euler() -> None:
+    """Against its two equations, M (q̇⁺ - q̇) = T (f - D (q̇⁺ - q̇) - K p), p = T q̇⁺."""
+    rng, n, T = np.random.default_rng(2), 4, 0.1
+    M, K, D = (x @ x.T + np.eye(n) for x in rng.normal(size=(3, n, n)))
+    push, v = rng.normal(size=(2, n))
+    after, matrix = one_period.py_func(M, K, D, push, v, T)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(M @ (after - v), T * (push - D @ (after - v) - T * K @ after))
+    np.testing.assert_allclose(matrix, M + T * D + T**2 * K)
 
 
 def test_references_are_extrapolated() -> None:

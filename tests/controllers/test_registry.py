@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from softdyn import InputError
 from softdyn.controllers import Gains, Mpc, SoftIdClfQp
+from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import is_own, make_controller, one_line_errors
 from tests.support.control_cases import robot
 
@@ -35,9 +37,12 @@ def own(tmp_path: Path) -> str:
 
 
 def test_with_and_without_parameters(own: str) -> None:
-    model = robot("finger")
+    model, published = robot("finger"), PUBLISHED["finger"]["ic"]
     assert isinstance(make_controller("soft-id-clf-qp", model), SoftIdClfQp)
-    assert make_controller("ic", model, {"Kp": 70.0}).gains == Gains(70.0)
+    assert make_controller("ic", model, {"Kp": 70.0}).gains == replace(published, Kp=70.0)
+    law = make_controller("soft-id-clf-qp", model, {"horizon": 0.02, "u_ref": [0.1, -0.2]})
+    assert law.gains == PUBLISHED["finger"]["soft-id-clf-qp"]
+    assert (law.horizon, [*law.u_ref]) == (0.02, [0.1, -0.2])
     assert make_controller("ic", model, Gains(80.0)).gains == Gains(80.0)
     assert isinstance(make_controller("mpc", model), Mpc)
     assert make_controller(f"{own}:Table", model, {"any": 1}).table == {"any": 1}
@@ -46,8 +51,12 @@ def test_with_and_without_parameters(own: str) -> None:
 
 def test_what_cannot_be_built_is_one_line(own: str) -> None:
     model = robot("finger")
-    with pytest.raises(InputError, match=r"gains: expected the fields of controllers\.Gains"):
+    with pytest.raises(InputError, match=r"gains: expected any of Kp, eps, .*, got kp"):
         make_controller("ic", model, {"kp": 1.0})
+    with pytest.raises(InputError, match=r"gains: expected any of .* got horizon"):
+        make_controller("ic", model, {"horizon": 1.0})
+    with pytest.raises(InputError, match=r"u_ref: expected finite numbers of shape \(2,\)"):
+        make_controller("soft-id-clf-qp", model, {"u_ref": [1.0]})
     with pytest.raises(InputError, match="Leaves: expected a controller, got SystemExit in line 1"):
         make_controller(f"{own}:Leaves", model)
     with pytest.raises(InputError, match="Broken: expected a controller, got KeyError in line 14"):

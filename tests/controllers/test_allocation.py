@@ -1,0 +1,85 @@
+"""Inputs for given joint torques: the exact minimum within the bounds, whatever is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import quadprog
+
+import softdyn
+from softdyn import InputError
+from softdyn.controllers import allocate
+
+ROBOTS = ("finger", "helix", "spirob")
+
+
+def drawn(name: str, count: int):
+    """States and torques: some that the inputs can give, some beyond, some across."""
+    model, rng = softdyn.load(name), np.random.default_rng(3)
+    for k in range(count):
+        wild = rng.uniform(-0.3, 0.3, model.nv) * (k > 0)  # the first: straight, B of spirob rank 2
+        q = model.configuration(np.clip(wild, model.lower, model.upper))
+        state = model.state(q, rng.normal(size=model.nv))
+        inside = state.B @ rng.uniform(model.u_min, model.u_max)
+        yield model, state, inside * 3.0 ** (k % 3 - 1) + (k % 2) * rng.normal(size=model.nv)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_input_is_the_optimum_of_its_programme(name: str):
+    """At a minimum over a box the gradient points out of it: necessary, and enough for convexity.
+
+    Where B has full rank there is one minimum, and quadprog finds the same.
+    """
+    ranks = set()
+    for model, state, tau in drawn(name, 60):
+        u = allocate(model, state, tau)
+        assert ((model.u_min <= u) & (u <= model.u_max)).all()
+        B, span = state.B, model.u_max - model.u_min
+        slope = span * (B.T @ (B @ u - tau))
+        scale = np.abs(B * span).max() * (np.abs(B) @ span).max() + np.abs(B.T @ tau).max()
+        at_low, at_high = u <= model.u_min + 1e-9 * span, u >= model.u_max - 1e-9 * span
+        assert (slope[~at_low] <= 1e-9 * scale).all()
+        assert (slope[~at_high] >= -1e-9 * scale).all()
+        ranks.add(int(np.linalg.matrix_rank(B)))
+        if np.linalg.cond(B) < 1e5:
+            E = B * span
+            sides = np.hstack((np.eye(model.nu), -np.eye(model.nu)))
+            ends = np.concatenate((model.u_min / span, -model.u_max / span))
+            exact = quadprog.solve_qp(E.T @ E, E.T @ tau, sides, ends)[0]
+            np.testing.assert_allclose(u / span, exact, atol=1e-6)
+    assert len(ranks) == (2 if name == "spirob" else 1)
+
+
+def test_hostile_numbers_give_an_input_within_the_bounds():
+    model = softdyn.load("spirob")
+    state = model.state(model.q0, np.zeros(model.nv))
+    fine, rng = np.ones(model.nv), np.random.default_rng(0)
+    taus = [fine * x for x in (np.nan, np.inf, -1e308, 1e300, 5e-324, 0.0)]
+    taus += [10.0 ** rng.uniform(-300, 300, model.nv) for _ in range(5)]
+    cases = [(state, tau) for tau in taus]
+    for x in (np.nan, np.inf, 1e308, 1e-308, 0.0):
+        B = np.array(state.B)
+        B[3, 1] = x
+        cases += [(replace(state, B=B), fine), (replace(state, B=np.full_like(B, x)), fine)]
+    for seen, tau in cases:
+        u = allocate(model, seen, tau)
+        assert u.shape == (3,)
+        assert ((model.u_min <= u) & (u <= model.u_max)).all()
+
+
+def test_what_is_no_question_is_refused():
+    finger, spirob = softdyn.load("finger"), softdyn.load("spirob")
+    state = finger.state(finger.q0, np.zeros(4))
+    for model, seen, tau, name in (
+        (finger, state, [1, 2, 3], "tau"),
+        (finger, state, ["a"] * 4, "tau"),
+        (spirob, state, np.zeros(27), "state"),
+        (finger, "state", np.zeros(4), "state"),
+    ):
+        with pytest.raises(InputError, match=rf"^{name}: "):
+            allocate(model, seen, tau)
+    # a copy of the robot is the same robot
+    u = allocate(softdyn.load("finger"), state, state.B @ np.array([0.3, -0.2]))
+    np.testing.assert_allclose(u, [0.3, -0.2], atol=1e-12)
