@@ -10,10 +10,11 @@
 - `statics`: where a robot rests, how firmly, which inputs hold its tip at a point;
 - `view`: the robot in the browser;
 - `design`: from a few parameters to a robot's file and meshes;
+- `identification`: from measurements to parameters;
 - `controllers`: the paper's laws and ours; `validation`: MuJoCo as the judge; `commands`: the
   command line;
 - `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: arguments and
-  what is raised; `compiled`: kernels with and without Numba.
+  what is raised; `files`: files that appear whole; `compiled`: kernels with and without Numba.
 
 The public names are imported when they are used, as `__init__.pyi` lists them: the command line
 answers `--help` without an engine.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable
 from functools import cache
 from numbers import Real
 from typing import Any
@@ -12,6 +14,12 @@ import numpy as np
 from softdyn.exceptions import InputError
 
 FLOAT = np.dtype(float)
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """``'name'``, with the known name that was meant, if one is like it."""
+    found = difflib.get_close_matches(name, [*known], 1, 0.6)
+    return f"{name!r}; did you mean {found[0]!r}?" if found else repr(name)
 
 
 def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -math.inf) -> float:

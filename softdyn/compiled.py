@@ -16,10 +16,13 @@ import hashlib
 import os
 import pickle
 import secrets
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -150,22 +153,54 @@ def _digest(folders: tuple[Path, ...]) -> str:
 
 
 @cache
-def announce_compilation() -> None:
-    """Let Numba tell when it begins to compile one of our kernels; a cache hit is none."""
+def announce_compilation() -> Any:
+    """Let Numba tell when it compiles one of our kernels; a cache hit is none.
+
+    Ctrl-C waits until it is done: inside Numba it would end in a traceback, or in half a kernel.
+    """
 
     class Listener(numba.core.event.Listener):  # type: ignore[name-defined]
+        running, interrupted = 0, False
+        before: Any = None
+
+        def ours(self, event: Any) -> bool:
+            module: str = event.data["dispatcher"].py_func.__module__
+            return module.startswith("softdyn.")
+
         def on_start(self, event: Any) -> None:
-            if event.data["dispatcher"].py_func.__module__.startswith("softdyn."):
-                say_once()
+            if not self.ours(event):
+                return
+            say_once()
+            if threading.current_thread() is threading.main_thread():  # only it may set handlers
+                if not self.running:
+                    self.before = signal.signal(signal.SIGINT, self.note)
+                self.running += 1
+
+        def note(self, *_: object) -> None:
+            self.interrupted = True
 
         def on_end(self, event: Any) -> None:
-            pass
+            if not self.ours(event) or threading.current_thread() is not threading.main_thread():
+                return
+            self.running -= 1
+            if not self.running:
+                signal.signal(signal.SIGINT, self.before or signal.SIG_DFL)
+                if self.interrupted:
+                    self.interrupted = False
+                    signal.raise_signal(signal.SIGINT)
 
-    numba.core.event.register("numba:compile", Listener())
+    listener = Listener()
+    numba.core.event.register("numba:compile", listener)
+    return listener
 
 
 @cache
 def say_once() -> None:
-    """Tell a person at a terminal why nothing happens for a while."""
-    if sys.stderr.isatty():
-        print("softdyn: compiling its kernels, once (half a minute)…", file=sys.stderr, flush=True)
+    """Tell why nothing happens for a while; of many processes one tells."""
+    if sys.stderr is not None and current_process().name.endswith(("MainProcess", "-1")):
+        print(
+            "softdyn: compiling its kernels, once on this machine: 10 to 20 s "
+            "(`softdyn compile` does it beforehand)",
+            file=sys.stderr,
+            flush=True,
+        )

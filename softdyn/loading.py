@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from softdyn.description.library import bundled_name, find
-from softdyn.description.urdf import parse
+from softdyn.description.library import bundled_file, bundled_name, find
+from softdyn.description.urdf import parse, parse_text
 from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 
@@ -46,3 +46,35 @@ def load(
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
     return model
+
+
+def load_text(
+    text: str,
+    annotations: str = "",
+    *,
+    path: str | Path,
+    floating: bool = False,
+    bundled: str | None = None,
+) -> SoftModel:
+    """The robot of a text, as a log carries it.
+
+    Parameters
+    ----------
+    text, annotations : str
+        `Robot.text` and `Robot.annotations`.
+    path : str or Path
+        The file that it was, beside which its meshes are looked for.
+    floating : bool
+        Let the root link move freely.
+    bundled : str, optional
+        The bundled robot that it was; it is no longer, if that one is another by now.
+
+    Raises
+    ------
+    UrdfError
+        A text that cannot be used.
+    """
+    robot = parse_text(text, annotations, path=Path(path), floating=floating)
+    file = None if bundled is None else bundled_file(bundled)
+    same = file is not None and parse(file).digest == robot.digest
+    return build(robot, bundled if same else None)

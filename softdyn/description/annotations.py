@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from softdyn.checks import near
 from softdyn.description.robot import Actuator, Joint, JointTerm, Link, Robot, Site, Tendon, poses
 from softdyn.description.strict_xml import Element
 
@@ -70,7 +71,7 @@ def _spring_statements(
             for child in element.children(tag):
                 name = element.text("reference")
                 if name not in joints:
-                    raise element.error("reference to a joint", repr(name))
+                    raise element.error("reference to a joint", near(name, joints))
                 value = child.to_number(str(child.node.xpath("string()")).strip(), tag)
                 if field == "stiffness" and value < 0:
                     raise child.error("springStiffness >= 0", value)
@@ -88,7 +89,7 @@ def _check_springy(element: Element, joint: Joint) -> None:
 def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
     name = element.text("name")
     if name not in joints:
-        raise element.error("the name of a joint", repr(name))
+        raise element.error("the name of a joint", near(name, joints))
     if not joints[name].moves:
         raise element.error("a joint that moves", f"fixed joint {name!r}")
     return joints[name]
@@ -97,7 +98,7 @@ def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
 def _link_name(element: Element, attribute: str, links: dict[str, Link]) -> str:
     name = element.text(attribute)
     if name not in links:
-        raise element.error("the name of a link", repr(name))
+        raise element.error("the name of a link", near(name, links))
     return name
 
 
@@ -162,7 +163,7 @@ def _actuator(element: Element, tendons: dict[str, Tendon]) -> Actuator:
     element.allow("name", "tendon", "gear", "lower", "upper")
     tendon = element.text("tendon")
     if tendon not in tendons:
-        raise element.error("the name of a tendon", repr(tendon))
+        raise element.error("the name of a tendon", near(tendon, tendons))
     gear, lower, upper = (
         element.number("gear", 1.0),
         element.number("lower"),

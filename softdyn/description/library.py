@@ -23,6 +23,11 @@ def bundled_name(path: Path) -> str | None:
     return own.stem if own.parent == BUNDLED and own.suffix == ".urdf" else None
 
 
+def bundled_file(name: str) -> Path | None:
+    """The file of a bundled robot; None for any other name."""
+    return BUNDLED / f"{name}.urdf" if name in bundled_names() else None
+
+
 def example_files() -> tuple[Path, ...]:
     """All URDFs of example-robot-data; the package has no Python module of its own."""
     try:
@@ -47,8 +52,8 @@ def find(source: str | Path) -> Path:
         When nothing answers to it.
     """
     text = str(source)
-    if text in bundled_names():
-        return BUNDLED / f"{text}.urdf"
+    if (own := bundled_file(text)) is not None:
+        return own
     path = Path(text)
     if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
         return path

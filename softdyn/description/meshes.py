@@ -161,8 +161,6 @@ def _unit(scene: Any) -> float:
 
 
 def _part(part: Any, scale: float) -> Mesh:
-    import trimesh
-
     vertices, faces = np.asarray(part.vertices, float) * scale, np.asarray(part.faces)
     if not (np.abs(vertices) < LARGEST).all():  # NaN is not
         raise MeshError(f"expected vertices within {LARGEST:g} m, got others")
@@ -171,6 +169,15 @@ def _part(part: Any, scale: float) -> Mesh:
         colour = np.asarray(part.visual.material.main_color if part.visual.kind == "texture"
                             else part.visual.main_color, float)  # fmt: skip
         rgba = tuple((colour / 255).tolist())
+    return shown(vertices, faces, rgba)
+
+
+def shown(
+    vertices: np.ndarray, faces: np.ndarray, rgba: tuple[float, float, float, float] | None = None
+) -> Mesh:
+    """Triangles made few enough, and their edges sharp, to be shown."""
+    import trimesh
+
     if len(faces) > MAX_FACES:
         vertices, faces = _thinned(vertices, faces)
     mesh = trimesh.Trimesh(vertices, faces, process=True)  # merges equal vertices

@@ -131,9 +131,13 @@ class Robot:
         engine needs to be given, and nothing that was not judged.
     floating : bool
         Whether the root link moves freely, on six degrees of freedom of its own.
-    mended : str
-        The whole file as text with its inertias repaired, for an engine to read in its place;
-        empty where nothing was repaired.
+    text, annotations : str
+        The whole file, its inertias repaired, and the file that annotated it, as they were read;
+        the second is empty where there was none, both are for a robot that no file describes.
+    mended : bool
+        Whether an engine is to read the text in the file's place.
+    overlay : Path or None
+        The file that its ``<softdyn>`` block stands in, where it is not `path`.
     """
 
     name: str
@@ -146,7 +150,10 @@ class Robot:
     warnings: tuple[str, ...]
     xml: str = ""
     floating: bool = False
-    mended: str = ""
+    text: str = ""
+    annotations: str = ""
+    mended: bool = False
+    overlay: Path | None = None
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -176,8 +183,8 @@ class Robot:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that the dynamics depend on: copies have one, other robots another."""
-        joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper)
-                  for j in self.joints]  # fmt: skip
+        joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
+                   j.friction, j.mimic) for j in self.joints]  # fmt: skip
         paths = [(t.name, t.terms, [(s.link, s.xyz.tolist()) for s in t.sites], t.stiffness,
                   t.damping, t.rest) for t in self.tendons]  # fmt: skip
         parts = (self.xml, self.floating, self.task, joints, paths, self.actuators)

@@ -137,6 +137,11 @@ def read(path: Path, what: str = "URDF") -> Element:
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = getattr(error, "strerror", None) or error
         raise UrdfError(path, "file", f"a readable {what} file", reason) from None
+    return read_bytes(path, data)
+
+
+def read_bytes(path: Path, data: bytes) -> Element:
+    """The same of a content that is known; `path` is where it came from, for the messages."""
     if len(data) > MAX_BYTES:
         raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", "more")
     parser = etree.XMLParser(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from softdyn.description.robot import (
     levels,
     moving_bodies,
 )  # fmt: skip
-from softdyn.description.strict_xml import Element, read
+from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
@@ -79,7 +80,28 @@ def parse(
         For every misuse of the format, naming file, line, element, expected and got.
     """
     path = Path(path)
-    root = read(path)
+    overlay = None if annotations is None else partial(read, Path(annotations), "annotations")
+    robot = _robot(read(path), overlay, floating, repair_inertia)
+    return robot if annotations is None else replace(robot, overlay=Path(annotations))
+
+
+def parse_text(text: str, annotations: str = "", *, path: Path, floating: bool = False) -> Robot:
+    """The same from `Robot.text` and `Robot.annotations`, which came from `path`.
+
+    Raises
+    ------
+    UrdfError
+        As `parse`.
+    """
+    overlay = partial(read_bytes, path, annotations.encode()) if annotations else None
+    robot = _robot(read_bytes(path, text.encode()), overlay, floating, False)
+    return replace(robot, mended=True)  # the file may say something else by now
+
+
+def _robot(
+    root: Element, overlay: partial[Element] | None, floating: bool, repair_inertia: bool
+) -> Robot:
+    path, block_text = root.file, ""
     if root.tag != "robot":
         raise root.error("the root element <robot>", f"<{root.tag}>")
     check_known_names(root)
@@ -101,16 +123,17 @@ def parse(
     if repairs:
         links = root.unique("link", _link)
     element = root.child(BLOCK)
-    if annotations is not None:
+    if overlay is not None:
         if element is not None:
-            got = f"a block here and another in {annotations}"
-            raise element.error(f"no <{BLOCK}> in a URDF that is annotated by a file", got)
-        element = read(Path(annotations), "annotations")
+            expected = f"no <{BLOCK}> in a URDF that is annotated by a file"
+            raise element.error(expected, f"a block here and another in {overlay.args[0]}")
+        element = overlay()
+        block_text = etree.tostring(element.node, encoding="unicode")
         if element.tag != BLOCK:
             raise element.error(f"the root element <{BLOCK}>", f"<{element.tag}>")
     block = Block()
     if element is not None:
-        block = read_block(element, links, joints, overlay=annotations is not None)
+        block = read_block(element, links, joints, overlay=overlay is not None)
     robot = replace(
         robot,
         links=tuple(links.values()),
@@ -119,7 +142,9 @@ def parse(
         actuators=block.actuators,
         task=block.task or deepest_leaf(robot),
         xml=etree.tostring(_judged(root.node), encoding="unicode"),
-        mended=etree.tostring(root.node, encoding="unicode") if repairs else "",
+        text=etree.tostring(root.node, encoding="unicode"),
+        annotations=block_text,
+        mended=bool(repairs),
     )
     if element is not None:
         check_paths(element, robot)

@@ -14,7 +14,7 @@ from softdyn.description.inertia import rotation_rpy
 from softdyn.description.meshes import Mesh, MeshError, locate
 from softdyn.description.meshes import read as read_mesh
 from softdyn.description.robot import Robot
-from softdyn.description.strict_xml import Element, read
+from softdyn.description.strict_xml import Element, read, read_bytes
 
 Rgba = tuple[float, ...]
 GREY: Rgba = (0.62, 0.64, 0.68, 1.0)
@@ -64,7 +64,8 @@ def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     UrdfError
         For a number in a shape that is none.
     """
-    root = read(robot.path)
+    # what was loaded, whatever the file says by now
+    root = read_bytes(robot.path, robot.text.encode()) if robot.text else read(robot.path)
     named = {m.text("name"): colour for m in root.children("material") if (colour := _colour(m))}
     found: list[Visual] = []
     problems: list[str] = []

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.projection import Projection, both_sides, tree_below
 from softdyn.dynamics.tree import tree_of
 
 
@@ -47,7 +48,7 @@ def acceleration_derivatives(
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        The robot's.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -58,13 +59,14 @@ def acceleration_derivatives(
     Raises
     ------
     InputError
-        Wrong shape, a number that is not finite, or a robot with mimic joints.
+        Wrong shape or a number that is not finite.
     """
     tau = joint_force_derivatives(model, q, v, u)
-    tree, n = tree_of(model), model.nv
-    blocks = pin.computeABADerivatives(
-        tree.pin_model, tree.pin_data, np.asarray(q, float), np.asarray(v, float), tau.value
-    )
+    if isinstance(model, Projection):
+        return _constrained(model, q, v, u, tau)
+    tree, n = tree_below(model)[0], model.nv
+    q, v = tree.about_base(np.asarray(q, float)), np.asarray(v, float)
+    blocks = pin.computeABADerivatives(tree.pin_model, tree.pin_data, q, v, tau.value)
     by_q, by_v, inverse = (np.reshape(block, (n, n)) for block in blocks)
     qdd = np.array(tree.pin_data.ddq)
     return Derivatives(qdd, by_q + inverse @ tau.q, by_v + inverse @ tau.v, inverse @ tau.u)
@@ -81,7 +83,7 @@ def joint_force_derivatives(
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        The robot's.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -92,7 +94,7 @@ def joint_force_derivatives(
     Raises
     ------
     InputError
-        Wrong shape, a number that is not finite, or a robot with mimic joints.
+        Wrong shape or a number that is not finite.
     """
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
@@ -101,7 +103,8 @@ def joint_force_derivatives(
     force -= gain * (state.lengths - model.tendon_rest)
     force -= damping * (arms @ state.v)
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
-    by_q = curvature - np.diag(model.stiffness)
+    tree, S = tree_below(model)
+    by_q = curvature - both_sides(S, np.diag(tree.stiffness))
     by_q -= arms.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
     return Derivatives(state.B @ u - state.D @ state.v - state.K, by_q, -state.D, state.B)
 
@@ -118,7 +121,7 @@ def tangent_dynamics(
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        The robot's.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -129,14 +132,53 @@ def tangent_dynamics(
     Raises
     ------
     InputError
+        Wrong shape or a number that is not finite.
+    """
+    return residual_derivatives(model, q, v, np.zeros(model.nv), u)
+
+
+def residual_derivatives(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂r/∂q and ∂r/∂q̇ (nv, nv) of r = M a + h - B u; ∂r/∂a is M.
+
+    RNEA's derivatives (Pinocchio) less those of tendons, springs and dampers.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints.
+    q, v, a, u : array_like, (nq,), (nv,), (nv,), (nu,)
+        Configuration, velocity, acceleration, input.
+
+    Raises
+    ------
+    InputError
         Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     forces = joint_force_derivatives(model, q, v, u)
-    tree, size = tree_of(model), (model.nv, model.nv)
-    by_q, by_v, _ = pin.computeRNEADerivatives(
-        tree.pin_model, tree.pin_data, np.asarray(q), np.asarray(v), np.zeros(model.nv)
-    )
-    return np.reshape(by_q, size) - forces.q, np.reshape(by_v, size) - forces.v
+    by_q, by_v = _inverse_dynamics(model, q, v, np.asarray(a, float))
+    return by_q - forces.q, by_v - forces.v
+
+
+def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """Joint forces (nv, bodies) that each moving body's inertia needs for the motion (q, v, a).
+
+    Pinocchio's regressor times the body's ten parameters; the sum over the bodies is
+    M a + C v + g without armature. In the order of `softdyn.dynamics.tree.TreeModel.pin_model`.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints.
+    q, v, a : array_like, (nq,), (nv,), (nv,)
+        Configuration, velocity, acceleration.
+    """
+    tree = tree_of(model)
+    inertias = [body.toDynamicParameters() for body in tree.pin_model.inertias[1:]]
+    q, v, a = tree.about_base(np.asarray(q, float)), np.asarray(v, float), np.asarray(a, float)
+    regressor = pin.computeJointTorqueRegressor(tree.pin_model, tree.pin_data, q, v, a)
+    return np.einsum("nbp,bp->nb", regressor.reshape(model.nv, -1, 10), np.array(inertias))
 
 
 def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -147,7 +189,7 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        The robot's.
     q : array_like, (nq,)
         Configuration.
     u : array_like, (nu,)
@@ -156,22 +198,24 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        Wrong shape, a number that is not finite, or a robot with mimic joints.
+        Wrong shape or a number that is not finite.
     """
     springs = joint_force_derivatives(model, q, np.zeros(model.nv), u).q
     return gravity_stiffness(model, q) - springs
 
 
 def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
-    """∂g/∂q (nv, nv), the Hessian of gravity's energy, of a robot without mimic joints."""
-    tree = tree_of(model)
-    hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, q)
-    return np.reshape(np.array(hessian), (model.nv, model.nv))
+    """∂g/∂q (nv, nv), the Hessian of gravity's energy."""
+    tree, S = tree_below(model)
+    at = model.expand(q) if isinstance(model, Projection) else np.asarray(q, float)
+    here = tree.about_base(at)
+    hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, here)
+    return both_sides(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 
 
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
-    tree = tree_of(model)
+    tree, _ = tree_below(model)
     forces = np.bincount(tree.actuated, tree.gear * u, len(model.tendons.names))
     return forces.astype(float)  # whole numbers where there is no actuator
 
@@ -184,7 +228,7 @@ def tendon_curvature(
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        The robot's.
     q : array_like, (nq,)
         Configuration.
     force : ndarray, (tendons,)
@@ -194,6 +238,34 @@ def tendon_curvature(
     """
     if not model.tendons.spatial:
         return np.zeros((model.nv, model.nv)), np.zeros((len(force), model.nv))
-    tree = tree_of(model)
+    if isinstance(model, Projection):
+        tree, S = model.tree, model.S
+        bend, rates = tendon_curvature(tree, model.expand(q), force, S @ v)
+        return both_sides(S, bend), rates @ S
+    tree, _ = tree_below(model)
     jacobian = tree.joint_jacobian(q)
     return model.tendons.curvature(jacobian, *tree.placements(), force, v)
+
+
+def _inverse_dynamics(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂/∂q and ∂/∂q̇ (nv, nv) of M a + C q̇ + g at a constant acceleration: RNEA's derivatives."""
+    tree, S = tree_below(model)
+    given: list[np.ndarray] = [np.asarray(x, float) for x in (q, v, a)]
+    if isinstance(model, Projection):
+        given = [model.expand(given[0]), model.S @ given[1], model.S @ given[2]]
+    here = tree.about_base(given[0])
+    by_q, by_v, _ = pin.computeRNEADerivatives(tree.pin_model, tree.pin_data, here, *given[1:])
+    size = (tree.nv, tree.nv)
+    return both_sides(S, np.reshape(by_q, size)), both_sides(S, np.reshape(by_v, size))
+
+
+def _constrained(
+    model: Projection, q: np.ndarray, v: np.ndarray, u: np.ndarray, tau: Derivatives
+) -> Derivatives:
+    """Those of q̈ where joints depend on others: ∂q̈ = M⁻¹ (∂τ - ∂(M q̈ + C q̇ + g))."""
+    qdd = model.forward_dynamics(q, v, u)
+    by_q, by_v = _inverse_dynamics(model, q, v, qdd)
+    inverse = np.linalg.inv(model.state(q, v).M)
+    return Derivatives(qdd, inverse @ (tau.q - by_q), inverse @ (tau.v - by_v), inverse @ tau.u)

@@ -39,6 +39,9 @@ def build_engine(robot: Robot) -> pin.Model:
         raise UrdfError(robot.path, "<robot>", "a URDF that Pinocchio reads", error) from None
     moving = {joint.name: joint for joint in robot.moving_joints}
     if robot.floating:
+        if FREE in moving:
+            where = f'<joint name="{FREE}">'
+            raise UrdfError(robot.path, where, "another name, this one being the base's own", FREE)
         moving = {FREE: free_joint(robot)} | moving
     if not moving:
         raise UrdfError(robot.path, "<robot>", "at least one joint that moves", "none")

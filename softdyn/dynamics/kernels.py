@@ -153,7 +153,9 @@ def spatial_terms(
     _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
     _inertia(M, g, S, momenta, centre, tree, gravity, joints)
     _fixed_lengths(lengths, coordinates, tendons, coefficients)
-    arms[:] = coefficients
+    for t in range(len(tendons)):
+        for k in range(len(v)):
+            arms[t, k] = coefficients[t, k]
     moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs)
     for i in range(len(gear)):
         for k in range(len(v)):

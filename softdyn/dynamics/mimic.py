@@ -1,16 +1,7 @@
 """Robots with mimic joints: the dynamics of the tree, projected on what moves by itself.
 
-A follower's coordinate is multiplier · leader + offset. So with q the independent coordinates and S
-(tree, n) constant,
-
-    q_tree = S q + offset,    v_tree = S v,    a_tree = S a,
-
-and d'Alembert's principle gives every term of the robot from those of its tree:
-
-    M = Sᵀ M_tree S,  C = Sᵀ C_tree S,  D = Sᵀ D_tree S,
-    h = Sᵀ h_tree,    B = Sᵀ B_tree,    J = J_tree S.
-
-Armature, springs, dampers and tendons of followers are thus included. Exact, and nothing that a
+A follower's coordinate is multiplier · leader + offset: a `Projection`, with one entry in each row
+of S. Armature, springs, dampers and tendons of followers are included. Exact, and nothing that a
 robot without mimic joints would pay for.
 """
 
@@ -22,7 +13,9 @@ import numpy as np
 
 from softdyn.checks import read_only, vector
 from softdyn.description.robot import Robot
-from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.engine import BASE
+from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.projection import Projection
 from softdyn.dynamics.tree import TreeModel
 from softdyn.exceptions import UrdfError
 
@@ -60,7 +53,7 @@ def build(robot: Robot, bundled: str | None = None) -> SoftModel:
     )
 
 
-class MimicModel(SoftModel):
+class MimicModel(Projection):
     """A model whose mimic joints follow others: `q`, `v` and all columns leave them out.
 
     Parameters
@@ -88,15 +81,20 @@ class MimicModel(SoftModel):
         tree = TreeModel(free)
         self.robot, self.bundled, self.name = robot, bundled, robot.name
         followers = {joint.name: joint.mimic for joint in robot.followers}
-        self.joint_names = tuple(name for name in tree.joint_names if name not in followers)
-        column = {name: k for k, name in enumerate(self.joint_names)}
-        self.nv, self.nu = len(column), tree.nu
+        # a joint may be named like one of the base's coordinates, which come first
+        base = len(BASE) if robot.floating else 0
+        names = enumerate(tree.joint_names)
+        mimics = [None if k < base else followers.get(name) for k, name in names]
+        self._own = np.array([mimic is None for mimic in mimics])
+        self.joint_names = tuple(np.array(tree.joint_names, object)[self._own])
+        column = {name: k for k, name in enumerate(self.joint_names) if k >= base}
+        self.nv, self.nu = len(self.joint_names), tree.nu
         self.S, self.offset = np.zeros((tree.nv, self.nv)), np.zeros(tree.nv)
-        for row, name in enumerate(tree.joint_names):
-            mimic = followers.get(name)
-            self.S[row, column[mimic.leader if mimic else name]] = mimic.multiplier if mimic else 1
-            self.offset[row] = mimic.offset if mimic else 0.0
-        self._own = np.array([name in column for name in tree.joint_names])
+        self.S[np.flatnonzero(self._own), np.arange(self.nv)] = 1.0
+        for row, mimic in enumerate(mimics):
+            if mimic is not None:
+                self.S[row, column[mimic.leader]] = mimic.multiplier
+                self.offset[row] = mimic.offset
         # where the numbers of q stand in the tree's: all but those of followers
         self._slots = np.delete(np.arange(tree.nq), tree.chart.numbers_of(~self._own))
         self.nq = len(self._slots)
@@ -138,56 +136,6 @@ class MimicModel(SoftModel):
         expanded[self._slots] = q
         return expanded
 
-    def state(self, q: np.ndarray, v: np.ndarray) -> State:
-        """Every term of the dynamics at (q, v): the tree's, projected."""
-        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
-        full, S = self.tree.state(self.expand(q), self.S @ v), self.S
-        found = {
-            "q": q, "v": v, "M": S.T @ full.M @ S, "bias": S.T @ full.bias, "K": S.T @ full.K,
-            "D": S.T @ full.D @ S, "B": S.T @ full.B, "h": S.T @ full.h, "J": full.J @ S,
-            "Jdot": full.Jdot @ S, "moment_arms": full.moment_arms @ S,
-        }  # fmt: skip
-        return replace(full, model=self, **found)
-
-    def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
-        v = vector("v", v, self.nv)
-        return read_only(self.S.T @ self.tree.coriolis(self.expand(q), self.S @ v) @ self.S)
-
-    def gravity(self, q: np.ndarray) -> np.ndarray:
-        """Gravity force g (n,), the gradient of `gravity_energy`."""
-        return read_only(self.S.T @ self.tree.gravity(self.expand(q)))
-
-    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Acceleration q̈ (nv,) under the input u (nu,), of M q̈ = B u - h."""
-        state = self.state(q, v)
-        return np.linalg.solve(state.M, state.B @ vector("u", u, self.nu) - state.h)
-
-    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
-        """½ q̇ᵀ M q̇ (J), armature included."""
-        v = vector("v", v, self.nv)
-        return self.tree.kinetic_energy(self.expand(q), self.S @ v)
-
-    def gravity_energy(self, q: np.ndarray) -> float:
-        """Potential energy of gravity (J), zero at the world's origin."""
-        return self.tree.gravity_energy(self.expand(q))
-
-    def elastic_energy(self, q: np.ndarray) -> float:
-        """Energy of joint springs and elastic tendons (J)."""
-        return self.tree.elastic_energy(self.expand(q))
-
-    def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
-        """Lengths (tendons,) of all tendons, in the file's order."""
-        return self.tree.tendon_lengths(self.expand(q))
-
-    def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
-        """Moment arms ∂ℓ/∂q (tendons, nv)."""
-        return self.tree.tendon_moment_arms(self.expand(q)) @ self.S
-
-    def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
-        """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
-        return self.S.T @ self.tree.tendon_hessians(self.expand(q)) @ self.S
-
     def coordinates(self, q: np.ndarray) -> np.ndarray:
         """Coordinates (nv,) of the independent joints."""
         return self.tree.coordinates(self.expand(q))[self._own]
@@ -196,10 +144,6 @@ class MimicModel(SoftModel):
         """Configuration q (nq,) of joint coordinates (nv,): the inverse of `coordinates`."""
         values = vector("coordinates", coordinates, self.nv)
         return self.tree.configuration(self.S @ values + self.offset)[self._slots]
-
-    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
-        """Pose (4, 4) in the world of every link, followers' included."""
-        return self.tree.link_poses(self.expand(q))
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (nv,)."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -74,6 +75,13 @@ class SoftModel(Protocol):
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy's views would be of no engine's memory: built anew, from the same file
         return type(self), (self.robot, self.bundled)
+
+    def __repr__(self) -> str:
+        return f"<softdyn model of {self.name!r}: nq {self.nq}, nv {self.nv}, nu {self.nu}>"
+
+    def __str__(self) -> str:
+        # the statics, which know where it rests, stand on models: found when a text is asked for
+        return str(import_module("softdyn.statics.text").model_text(self))
 
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v).
@@ -148,7 +156,7 @@ class SoftModel(Protocol):
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class State:
     """Terms of M q̈ + C q̇ + D q̇ + K + g = B u at (q, v); paper, eq. (1). Arrays are read-only.
 
@@ -214,6 +222,12 @@ class State:
                 value = np.asfortranarray(value)  # as the model hands it out
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        return f"<State of {self.model.name!r}: tip at {' '.join(f'{x:.4f}' for x in self.y)} m>"
+
+    def __str__(self) -> str:
+        return str(import_module("softdyn.statics.text").state_text(self))
 
     @staticmethod
     def trusted(**terms: Any) -> State:

@@ -135,12 +135,13 @@ class TreeModel(SoftModel):
         """Every term of the dynamics at (q, v)."""
         q, v = vector("q", q, self.nq), vector("v", v, self.nv)
         scratch = self._scratch
-        pin.nonLinearEffects(self.pin_model, scratch.data, q, v)
-        return self._assemble(q, v, scratch)
+        here = self.about_base(q) if self.chart.floating else q
+        pin.nonLinearEffects(self.pin_model, scratch.data, here, v)
+        return self._assemble(q, here, v, scratch)
 
-    def _by_kernel(self, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
+    def _by_kernel(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
         """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
-        pin.computeCentroidalMap(self.pin_model, scratch.data, q)
+        pin.computeCentroidalMap(self.pin_model, scratch.data, here)
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
         if not scratch.arguments:
@@ -148,6 +149,8 @@ class TreeModel(SoftModel):
         joint_rows, tip_and_lengths = np.empty(self._joint_rows), np.empty(self._tip_and_lengths)
         coordinates = q if self.nq == self.nv else self.chart.of(q)
         self._fill(joint_rows, tip_and_lengths, v, coordinates, *scratch.arguments)
+        if here is not q:
+            tip_and_lengths[:3] += q[:3]
         for filled in (q, v, joint_rows, tip_and_lengths):
             filled.flags.writeable = False
         M, J, Jdot, bias, K, h, g = kernels.joint_terms(joint_rows)
@@ -163,17 +166,19 @@ class TreeModel(SoftModel):
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
         )  # fmt: skip
 
-    def _in_numpy(self, q: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
+    def _in_numpy(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
         """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
         model, data = self.pin_model, scratch.data
-        M = pin.crba(model, data, q, pin.Convention.WORLD).reshape(self.nv, self.nv)
-        pin.computeJointJacobiansTimeVariation(model, data, q, v)
+        M = pin.crba(model, data, here, pin.Convention.WORLD).reshape(self.nv, self.nv)
+        pin.computeJointJacobiansTimeVariation(model, data, here, v)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J, Jdot = (
             np.reshape(get(model, data, self._frame, axes), (6, self.nv))[:3]
             for get in (pin.getFrameJacobian, pin.getFrameJacobianTimeVariation)
         )
         y = pin.updateFramePlacement(model, data, self._frame).translation
+        if here is not q:
+            y = y + q[:3]
         poses, coordinates = self.placements(), self.chart.of(q)
         lengths = self.tendons.lengths(coordinates, *poses)
         arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
@@ -192,12 +197,12 @@ class TreeModel(SoftModel):
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
         q, v = vector("q", q, self.nq), vector("v", v, self.nv)
-        C = pin.computeCoriolisMatrix(self.pin_model, self.pin_data, q, v)
+        C = pin.computeCoriolisMatrix(self.pin_model, self.pin_data, self.about_base(q), v)
         return read_only(np.reshape(C, (self.nv, self.nv)))
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """Gravity force g (n,), the gradient of `gravity_energy`."""
-        q = vector("q", q, self.nq)
+        q = self.about_base(vector("q", q, self.nq))
         momenta = pin.computeCentroidalMap(self.pin_model, self.pin_data, q)
         linear = np.reshape(momenta, (6, self.nv))[:3]
         return read_only(-self.pin_model.gravity.linear @ linear)
@@ -206,7 +211,7 @@ class TreeModel(SoftModel):
 
     def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
-        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
         u = vector("u", u, self.nu)
         arms, B, D, coordinates = self._fixed_arms, self._fixed_B, self._fixed_D, self.chart.of(q)
         if self.tendons.spatial:
@@ -218,14 +223,19 @@ class TreeModel(SoftModel):
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """½ q̇ᵀ M q̇ (J), armature included."""
-        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
         M = np.reshape(pin.crba(self.pin_model, self.pin_data, q), (self.nv, self.nv))
         return float(v @ M @ v) / 2
 
     def gravity_energy(self, q: np.ndarray) -> float:
         """Potential energy of gravity (J), zero at the world's origin."""
         q = vector("q", q, self.nq)
-        return float(pin.computePotentialEnergy(self.pin_model, self.pin_data, q))
+        here = self.about_base(q)
+        energy = float(pin.computePotentialEnergy(self.pin_model, self.pin_data, here))
+        if here is not q:
+            weight = pin.computeTotalMass(self.pin_model) * self.pin_model.gravity.linear
+            energy -= float(weight @ q[:3])
+        return energy
 
     def elastic_energy(self, q: np.ndarray) -> float:
         """Energy of joint springs and elastic tendons (J)."""
@@ -238,7 +248,7 @@ class TreeModel(SoftModel):
 
     def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
         """Lengths (tendons,) of all tendons, in the file's order."""
-        q = vector("q", q, self.nq)
+        q = self.about_base(vector("q", q, self.nq))
         pin.forwardKinematics(self.pin_model, self.pin_data, q)
         return self.tendons.lengths(self.chart.of(q), *self.placements())
 
@@ -285,16 +295,31 @@ class TreeModel(SoftModel):
         """Pinocchio's scratch memory, of the thread that asks."""
         return self._scratch.data
 
+    def about_base(self, q: np.ndarray) -> np.ndarray:
+        """q (nq,) with a floating base at the world's origin, where all engine work is done.
+
+        Nothing but positions depends on where the base is, and rounding does: columns about an
+        origin 1000 km away have lost eight digits.
+        """
+        if not self.chart.floating:
+            return q
+        here = np.array(q, float)
+        here[:3] = 0.0
+        return here
+
     def placements(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (bodies, 3, 3), translations (bodies, 3) of the engine's last kinematics."""
+        """Rotations (bodies, 3, 3), translations (bodies, 3) of the engine's last kinematics.
+
+        Seen from a floating base's origin: see `about_base`.
+        """
         scratch = self._scratch
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
         return scratch.memory.rotations, scratch.memory.translations
 
     def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Joint Jacobian columns (v; ω) about the world's origin (6, n)."""
-        q = vector("q", q, self.nq)
+        """Joint Jacobian columns (v; ω) about the world's origin, or a floating base's (6, n)."""
+        q = self.about_base(vector("q", q, self.nq))
         jacobian = pin.computeJointJacobians(self.pin_model, self.pin_data, q)
         return np.reshape(jacobian, (6, self.nv))
 
@@ -323,8 +348,8 @@ def tree_of(model: SoftModel) -> TreeModel:
     Raises
     ------
     InputError
-        A robot with mimic joints, whose model is a projection.
+        A robot with mimic joints or a reduced one, whose model is a projection.
     """
     if not isinstance(model, TreeModel):
-        raise InputError("model", "a robot without mimic joints", model.name)
+        raise InputError("model", "a robot without mimic joints, not reduced", model.name)
     return model

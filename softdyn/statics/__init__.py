@@ -28,12 +28,16 @@ explore
     Equilibria near a point from arbitrary shapes.
 samples
     Random inputs and shapes; where a robot can rest at all.
+reach
+    Where an own robot can be asked to go: points, paths, rates.
 tip_search
     `inputs_for_tip`: all of these together.
 zero_dynamics
-    Rank of B, stiffness against gravity where no input acts.
+    Rank of B, stiffness against gravity where no input acts; the zero dynamics' poles.
 doubts
     Numbers in a file that look wrong.
+text
+    What ``print`` shows of a model or a State.
 diagnosis
     `diagnose`: both of these as a text.
 """
@@ -44,13 +48,16 @@ from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
 from softdyn.statics.explore import explore
+from softdyn.statics.reach import Loop, loop_around, spread_rests
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
 from softdyn.statics.tip_search import TipSearch, inputs_for_tip
+from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "HardStops", "SoftStops", "StaticsError", "TipSearch", "approach",
-    "balance", "diagnose", "explore", "gravity_stiffness", "inputs_for_tip", "potential", "ramp",
-    "random_inputs", "random_shapes", "residual", "rest", "sample_between", "sample_rests",
-    "settle", "stiffness",
+    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "TipSearch",
+    "approach", "balance", "diagnose", "explore", "gravity_stiffness", "inputs_for_tip",
+    "loop_around", "potential", "ramp", "random_inputs", "random_shapes", "residual", "rest",
+    "sample_between", "sample_rests", "settle", "spread_rests", "stiffness",
+    "zero_spectrum",
 ]  # fmt: skip

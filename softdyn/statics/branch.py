@@ -58,7 +58,7 @@ def approach(
         du = lsq_linear(rows, goal, room, method="bvls").x * scale
         change = here.joint_sensitivity @ du
         du *= min(1.0, LARGEST_STEP / max(np.abs(change).max(initial=0.0), 1e-300))
-        after = _follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
+        after = follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
         if after is not None and stay_stable and not after.stable:
             after = None
         if after is not None and np.linalg.norm(after.y - target) < np.linalg.norm(error):
@@ -82,8 +82,8 @@ def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
     return np.clip(needed, 1e-9, np.maximum(model.u_max - model.u_min, 1e-9))
 
 
-def _follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None) -> Equilibrium | None:
-    """The equilibrium under `u` on the same branch, None when Newton's method leaves it."""
+def follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None = None) -> Equilibrium | None:
+    """The equilibrium under `u` (nu,) on the same branch, None when Newton's method leaves it."""
     change = here.joint_sensitivity @ (u - here.u)
     try:
         after = balance(here.model, u, move(here.model, here.q, change), soft)

@@ -6,7 +6,6 @@ print(diagnose(softdyn.load("finger")))
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,9 +14,9 @@ from typing import Any
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.statics.doubts import doubts, shape_doubts
+from softdyn.statics.text import head, joint_lines
 from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
-LISTED = 12  # joints at most that the text has a line for
 JOINT = ("name", "kind", "lower", "upper", "stiffness", "rest", "damping", "armature")
 INPUT = ("name", "tendon", "gear", "lower", "upper")
 
@@ -133,14 +132,10 @@ class Diagnosis:
             }
 
     def __str__(self) -> str:
-        model, robot = self.model, self.model.robot
-        mass = sum(link.inertia.mass for link in robot.links)
         count = len(self.doubts)
         return "\n".join((
-            f"{model.name}: {len(robot.links)} links, {model.nv} degrees of freedom, "
-            f"{model.nu} inputs, {mass:.4g} kg, "
-            f"{robot.length:.4g} m from base to tip {robot.task!r}",
-            "", *self._joint_lines(),
+            head(self.model),
+            "", *joint_lines(self.model),
             "", *self._tendon_lines(),
             "", *self._actuation_lines(),
             "", *self._stability_lines(),
@@ -148,19 +143,6 @@ class Diagnosis:
             "", *(f"doubtful: {text}" for text in self.doubts),
             f"looks wrong in {count} ways" if count else "nothing looks wrong",
         ))  # fmt: skip
-
-    def _joint_lines(self) -> Iterator[str]:
-        joints = self.model.robot.moving_joints
-        kinds = Counter(joint.kind for joint in joints)
-        yield "joints: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
-        for part, key in (("spring", "stiffness"), ("damper", "damping")):
-            values = [value for joint in joints if (value := getattr(joint, key)) > 0]
-            yield f"  {len(values)} with a {part}{_range(values)}"
-        for j in joints if len(joints) <= LISTED else ():
-            yield (
-                f"  {j.name:<22} {j.kind:<11}[{j.lower:.4g}, {j.upper:.4g}]  "
-                f"stiffness {j.stiffness:g} at {j.rest:g}, damping {j.damping:g}"
-            )
 
     def _tendon_lines(self) -> Iterator[str]:
         yield f"tendons: {len(self.model.robot.tendons)}"
@@ -239,10 +221,3 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
         (*robot.warnings, *unreadable),
         (*doubts(robot), *outsize),
     )
-
-
-def _range(values: list[float]) -> str:
-    if not values:
-        return ""
-    low, high = min(values), max(values)
-    return f": {low:g}" if low == high else f": {low:g} to {high:g}"

@@ -102,6 +102,17 @@ def _bodies(robot: Robot) -> Iterator[str]:
 
 
 def _springs(robot: Robot) -> Iterator[str]:
+    free = [joint for joint in robot.moving_joints if joint.mimic is None]
+    elastic = any(j.stiffness > 0 for j in free) or any(t.stiffness > 0 for t in robot.tendons)
+    if not elastic and 0 < len(robot.actuators) < len(free):
+        yield (
+            "no springs at all: where no input acts only gravity holds it; stiffness stands in "
+            "<gazebo><springStiffness>, or in a file for --annotations"
+        )
+    for tendon in robot.tendons:
+        pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
+        if not pulled and tendon.stiffness == 0 and tendon.damping == 0:
+            yield f"tendon {tendon.name!r} does nothing: no actuator, no stiffness, no damping"
     for joint in robot.moving_joints:
         if joint.stiffness > 0 and not joint.lower <= joint.rest <= joint.upper:
             yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"

@@ -10,7 +10,7 @@ import pinocchio as pin
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.tree import tree_of
+from softdyn.dynamics.projection import Projection, tree_below
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
@@ -177,7 +177,7 @@ def ramp(
             continue
         guess = found.q if far else move(model, found.q, change)
         after = settle(model, target, guess)
-        missed = np.abs(pin.difference(tree_of(model).pin_model, guess, after.q)).max(initial=0.0)
+        missed = _apart(model, guess, after.q)
         if missed > SNAP:
             if ds > SMALLEST_RAMP_STEP:
                 ds /= 2
@@ -219,10 +219,19 @@ def _forces(
     model: SoftModel, q: np.ndarray, u: np.ndarray, stops: HardStops | SoftStops
 ) -> _Forces:
     state = model.state(q, np.zeros(model.nv))
-    forces = (state.K, state.bias, state.B @ u)
+    # of each cable by itself: where they pull against one another their sum is only rounding
+    forces = (state.K, state.bias, np.abs(state.B) @ np.abs(u))
     scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
-    r = forces[0] + forces[1] - forces[2]
+    r = state.K + state.bias - state.B @ u
     return _Forces(r, max(scale, 1e-12), *stops.push(model.coordinates(q), r))
+
+
+def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:
+    """The largest motion of a joint between two configurations (rad, m)."""
+    tree, _ = tree_below(model)
+    if isinstance(model, Projection):
+        a, b = model.expand(a), model.expand(b)
+    return float(np.abs(pin.difference(tree.pin_model, a, b)).max(initial=0.0))
 
 
 def _placed(model: SoftModel, q: np.ndarray, stops: HardStops | SoftStops) -> np.ndarray:

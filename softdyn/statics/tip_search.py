@@ -9,9 +9,11 @@ on, with ∂y/∂u = J (∂r/∂q)⁻¹ B, until the tip is as close as the boun
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 
@@ -81,6 +83,7 @@ def inputs_for_tip(
     guesses: Iterable[tuple[np.ndarray, np.ndarray]] = (),
     shapes: int = 16,
     seed: int = 0,
+    seconds: float = math.inf,
 ) -> TipSearch:
     """Inputs within their bounds that hold the tip at `target`, or as near as was found.
 
@@ -99,6 +102,8 @@ def inputs_for_tip(
         Random shapes to start from besides those.
     seed : int
         Of the shapes.
+    seconds : float
+        After which no further start is tried.
 
     Raises
     ------
@@ -107,7 +112,7 @@ def inputs_for_tip(
     InputError
         A target of the wrong shape or not finite.
     """
-    target = array("target", target, (3,))
+    target, latest = array("target", target, (3,)), perf_counter() + seconds
     known = (rest(model), *starts)
     ends = [approach(one, target) for one in known]
     ends += [approach(one, target, stay_stable=True) for one in known if one.stable]
@@ -118,6 +123,8 @@ def inputs_for_tip(
             ends.append(explore(model, target, q, u))
     explored = [(one.q, one.u) for one in known[: 1 + EXPLORED]]
     for q, u in (*explored, *random_shapes(model, shapes, seed)):
+        if perf_counter() > latest:
+            break
         with suppress(StaticsError):
             ends.append(explore(model, target, q, u))
     found: list[Equilibrium] = []

@@ -1,4 +1,4 @@
-"""What no input moves: rank of B, stiffness of the unactuated directions against gravity.
+"""What no input moves: rank of B, stiffness against gravity there, poles of the zero dynamics.
 
 Paper, section "ID-CLF-QP": the zero dynamics are stable if the stiffness in the unactuated
 coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here: with the rows of U an orthonormal basis of
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.dynamics.derivatives import gravity_stiffness
+from softdyn.dynamics.derivatives import gravity_stiffness, tangent_dynamics
 from softdyn.dynamics.model import SoftModel
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
@@ -109,3 +109,40 @@ def find_boundary(
         else:
             fails, there = middle, pose
     return fails, there
+
+
+def zero_spectrum(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Poles (2(n - r),) (1/s) of the zero dynamics y ≡ y_d, the largest real part first.
+
+    Linearised at rest, M δq̈ + D δq̇ + K_t δq = B δu with K_t = ∂(h - B u)/∂q. Inputs hold the tip in
+    the r = rank(J M⁻¹ B) directions that they reach, P (3, r); where more inputs than r could, the
+    one of least norm does, δu in the rows of J M⁻¹ B, which B takes to B' (n, r). With N spanning
+    null(Pᵀ J) and W B' = 0, the poles solve det(s² W M N + s W D N + W K_t N) = 0. For r inputs
+    these are the invariant zeros. Exact at an equilibrium; elsewhere those of the pose, frozen.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic joints.
+    q : array_like, (nq,)
+        Configuration.
+    u : array_like, (nu,)
+        Input.
+
+    Raises
+    ------
+    InputError
+        Wrong shape, a number that is not finite, or a robot with mimic joints.
+    """
+    still = np.zeros(model.nv)
+    state = model.state(q, still)
+    left, values, right = np.linalg.svd(state.J @ np.linalg.solve(state.M, state.B))
+    r = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
+    K, D = tangent_dynamics(model, q, still, np.asarray(u, float))
+    N = np.linalg.svd(left[:, :r].T @ state.J)[2][r:].T
+    W = np.linalg.svd(state.B @ right[:r].T)[0][:, r:].T
+    size = model.nv - r
+    answers = np.linalg.solve(W @ state.M @ N, -np.hstack((W @ K @ N, W @ D @ N)))
+    motion = np.vstack((np.eye(size, 2 * size, size), answers))
+    poles = np.linalg.eigvals(motion)
+    return poles[np.lexsort((poles.imag, -poles.real))]

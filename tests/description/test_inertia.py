@@ -211,4 +211,4 @@ def test_nothing_sound_is_repaired(tmp_path: Path) -> None:
     path = broken(tmp_path, "base")  # which does not move
     with pytest.warns(UserWarning, match='<link name="base">: principal moments'):
         model = softdyn.load(path, repair_inertia=True)
-    assert model.robot.mended == ""
+    assert not model.robot.mended

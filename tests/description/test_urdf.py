@@ -21,7 +21,9 @@ from softdyn import SoftdynError, UrdfError
 from softdyn.description.library import BUNDLED
 from softdyn.description.robot import Robot, moving_bodies, poses
 from softdyn.description.urdf import MAX_DOF, MAX_LINKS, parse
+from softdyn.validation import Twin
 from softdyn.validation.twin.bodies import read_bodies
+from softdyn.validation.twin.build import body_name
 from tests.support import ROOT
 from tests.support.misuses import (
     ARM,
@@ -356,9 +358,20 @@ def test_names_are_just_names(name: str, tmp_path: Path) -> None:
     assert_read_alike(robot)
 
 
-def test_a_link_named_world_may_move(tmp_path: Path) -> None:
-    text = ARM.replace('"world"', '"ground"').replace('"wheel"', '"world"')
-    assert_read_alike(parse(write(tmp_path, text)))
+@pytest.mark.parametrize("order", [("wheel", "slider", "finger"), ("slider", "finger", "wheel")])
+def test_links_may_have_the_names_that_mujoco_keeps_for_itself(order, tmp_path: Path) -> None:
+    """MuJoCo's own body is called world: the twin's names are others, and no two are one."""
+    text, plain = ARM.replace('"world"', '"ground"'), Twin(parse(write(tmp_path, ARM)))
+    for old, new in zip(order, ("world", "link:world", "link:link:world"), strict=True):
+        text = text.replace(f'"{old}"', f'"{new}"')
+    robot = parse(write(tmp_path, text))
+    assert_read_alike(robot)
+    twin = Twin(robot)
+    names = [body_name(robot, link.name) for link in robot.links]
+    assert len({*names, "world"}) == len(names) + 1
+    for name in ("body_mass", "body_parentid", "body_pos"):
+        np.testing.assert_array_equal(getattr(twin.model, name), getattr(plain.model, name))
+    assert {twin.model.body(i).name for i in range(1, twin.model.nbody)} <= set(names)
 
 
 @pytest.mark.parametrize("number", ["0.10", ".1", "1e-1", "+0.1", "1.E-1", "0.1E+00"])

@@ -14,17 +14,20 @@ from softdyn.dynamics.derivatives import (
     stiffness,
     tendon_curvature,
 )
+from tests.support.arms import PROJECTIONS
 from tests.support.oracles import gradient, relative
 from tests.support.random_robots import write_robot
 
 BAR = 1e-7
 # of the random robots: continuous and prismatic joints, elastic, damped, branching tendons
-SOURCES = ("finger", "helix", "spirob", *range(8))
+SOURCES = ("finger", "helix", "spirob", *range(8), *PROJECTIONS)
 
 
 @pytest.fixture(params=SOURCES, ids=str)
 def model(request, tmp_path) -> SoftModel:
     source = request.param
+    if source in PROJECTIONS:
+        return PROJECTIONS[source](tmp_path)
     return softdyn.load(source if isinstance(source, str) else write_robot(source, tmp_path))
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
+from softdyn.dynamics import derivatives
 from softdyn.validation import StateMap, Twin, crosscheck, simulate
 from softdyn.validation.crosschecks.crosscheck import random_state
 from softdyn.validation.twin import free_base
@@ -71,6 +72,37 @@ def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
     assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
 
 
+@pytest.mark.parametrize("names", [("base_vx", "base_wz"), ("base_wy", "base_vx")])
+def test_a_follower_with_a_name_of_the_base_is_no_base(names, tmp_path):
+    """Nor is its leader: the same robot by other names, and the twin's."""
+    text = GRIPPER
+    for old, new in zip(("b_slide", "a_lead"), names, strict=True):
+        text = text.replace(f'"{old}"', f'"{new}"')
+    plain = softdyn.load(write(tmp_path, GRIPPER), floating=True)
+    model = softdyn.load(write(tmp_path, text), floating=True)
+    assert model.nv == plain.nv
+    assert model.joint_names[:6] == plain.joint_names[:6]
+    # Pinocchio orders joints by their names, behind the base
+    where = dict(zip(names[::-1], ("a_lead", "b_slide"), strict=True))
+    own = [where.get(name, name) for name in model.joint_names[6:]]
+    order = [*range(6), *(6 + plain.joint_names[6:].index(name) for name in own)]
+    rng = np.random.default_rng(5)
+    values, v = rng.uniform(-0.5, 0.5, (2, plain.nv))
+    ours = model.state(model.configuration(values[order]), v[order])
+    theirs = plain.state(plain.configuration(values), v)
+    np.testing.assert_allclose(ours.M, theirs.M[np.ix_(order, order)], atol=1e-12)
+    np.testing.assert_allclose(ours.h, theirs.h[order], atol=1e-12)
+    StateMap(model, Twin(model))
+
+
+def test_the_base_s_own_joint_has_a_name_that_no_other_may_have(tmp_path):
+    text = FLOATING.replace('"ja"', '"floating base"')
+    with pytest.raises(UrdfError, match="another name"):
+        softdyn.load(write(tmp_path, text), floating=True)
+    model = softdyn.load(write(tmp_path, text))
+    StateMap(model, Twin(model))
+
+
 def test_there_and_back(pair):
     model, _, states = pair
     for seed in range(5):
@@ -117,6 +149,56 @@ def test_one_body_obeys_newton_and_euler(tmp_path):
     np.testing.assert_allclose(state.bias, np.concatenate((force, moment)), atol=1e-13)
     np.testing.assert_allclose(state.y, q[:3], atol=1e-15)
     np.testing.assert_allclose(state.ydot, R @ x, atol=1e-14)
+
+
+@pytest.mark.parametrize("text", [FLOATING, GRIPPER], ids=["walker", "mimic"])
+@pytest.mark.parametrize("compiled", [True, False])
+def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_path):
+    """The same robot at 0, 1 km and 1000 km: gravity is uniform, rounding must not matter."""
+    model = softdyn.load(write(tmp_path, text), floating=True)
+    tree = getattr(model, "tree", model)
+    tree._assemble = tree._by_kernel if compiled else tree._in_numpy
+    q, v = random_state(model, np.random.default_rng(4))
+    u = np.linspace(0.1, 0.2, model.nu)
+    weight = sum(link.inertia.mass for link in model.robot.links) * 9.81
+
+    def terms(place):
+        at = np.concatenate((place, q[3:]))
+        state = model.state(at, v)
+        names = ("M", "bias", "g", "K", "D", "B", "h", "J", "Jdot", "ydot", "lengths")
+        found = {name: getattr(state, name) for name in names}
+        found["C q̇"] = model.coriolis(at, v) @ v
+        found["gravity"] = model.gravity(at)
+        found["q̈"] = model.forward_dynamics(at, v, u)
+        found["energies"] = [
+            model.kinetic_energy(at, v),
+            model.elastic_energy(at),
+            model.gravity_energy(at) - weight * place[2],
+        ]
+        found["y"] = state.y - place
+        found["arms"] = model.tendon_moment_arms(at)
+        found["tendon lengths"] = model.tendon_lengths(at)
+        if tree is model:
+            found["curvature"] = model.tendon_hessians(at)
+            by = derivatives.acceleration_derivatives(model, at, v, u)
+            found |= {"∂q̈/∂q": by.q, "∂q̈/∂v": by.v}
+            tangent = derivatives.tangent_dynamics(model, at, v, u)
+            found["K_t"], found["D_t"] = tangent
+            found["stiffness"] = derivatives.stiffness(model, at, u)
+        found["links"] = [pose[:3, 3] - place for pose in model.link_poses(at).values()]
+        return found
+
+    near = terms(np.zeros(3))
+    for distance in (1e3, 1e6):
+        place = distance * np.array([0.6, -0.5, 0.7])
+        for name, value in terms(place).items():
+            # a number at this place has an absolute rounding of its own
+            slack = distance * 1e-15 if name in ("y", "links") else 0.0
+            slack = weight * distance * 1e-15 if name == "energies" else slack
+            size = max(1.0, np.abs(near[name]).max())
+            np.testing.assert_allclose(
+                value, near[name], rtol=0, atol=4 * slack + 1e-14 * size, err_msg=name
+            )
 
 
 def test_the_twin_agrees(tmp_path):

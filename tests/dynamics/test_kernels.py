@@ -24,10 +24,11 @@ FIELDS = (
 def both(model, q, v):
     """The State of either path, from the same Data."""
     state = model.state(q, v)
-    scratch = model._scratch
-    return model._by_kernel(state.q.copy(), state.v.copy(), scratch), model._in_numpy(
-        state.q.copy(), state.v.copy(), scratch
-    )
+    scratch, found = model._scratch, []
+    for path in (model._by_kernel, model._in_numpy):
+        q = state.q.copy()
+        found.append(path(q, model.about_base(q), state.v.copy(), scratch))
+    return found
 
 
 def gravity(model, q):

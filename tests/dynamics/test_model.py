@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
+from tests.support.arms import PROJECTIONS
 from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import gradient, rate, relative
 from tests.support.random_robots import write_robot
@@ -20,15 +21,16 @@ BAR = 1e-7
 
 
 MICRO = {
-    "mimic": (GRIPPER, False),
     "floating": (FLOATING, True),
     "mimic, floating": (GRIPPER, True),
 }
 
 
-@pytest.fixture(params=[*BUNDLED, *RANDOM, *MICRO], ids=str)
+@pytest.fixture(params=[*BUNDLED, *RANDOM, *MICRO, *PROJECTIONS], ids=str)
 def model(request, tmp_path) -> SoftModel:
     source = request.param
+    if source in PROJECTIONS:
+        return PROJECTIONS[source](tmp_path)
     if source in MICRO:
         text, floating = MICRO[source]
         return softdyn.load(write(tmp_path, text), floating=floating)
@@ -242,6 +244,23 @@ def test_one_degree_of_freedom(tmp_path):
 def test_a_singular_mass_matrix_is_refused(tmp_path):
     with pytest.raises(UrdfError, match="positive definite"):
         load(tmp_path, ONE.format(kind="revolute", axis="1 0 0"))
+
+
+COAXIAL = """<robot name="r"><link name="base"/>
+<link name="a"><inertial><mass value="1"/><inertia ixx="{first}" iyy="{first}" izz="{first}"
+ ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"
+ ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="i" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/></joint>
+<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+def test_how_singular_a_mass_matrix_may_be(tmp_path):
+    """Two joints on one axis, M = [[x + 1, 1], [1, 1]]: scaled, its least eigenvalue is x/4."""
+    assert load(tmp_path, COAXIAL.format(first="1.6e-13")).nv == 2
+    with pytest.raises(UrdfError, match="positive definite"):
+        load(tmp_path, COAXIAL.format(first="1e-14"))
 
 
 def test_a_robot_without_moving_joints_is_refused(tmp_path):

@@ -1,9 +1,10 @@
-"""What check_urdf.py says, against pendulums whose answers are known in closed form."""
+"""What check.py says, against pendulums whose answers are known in closed form."""
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 
 import softdyn
 from softdyn import SoftModel, parse
-from softdyn.commands import check_urdf
-from softdyn.statics import diagnose
+from softdyn.commands import check
+from softdyn.statics import diagnose, zero_dynamics
 from softdyn.statics.doubts import doubts, shape_doubts
 from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
 from tests.support import CORPUS
@@ -77,11 +78,15 @@ def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.abs(pose.unactuated), [[0.0, 1.0]], atol=1e-12)
     gravity = MASS * G * LEVER * math.cos(-0.5)
     np.testing.assert_allclose(pose.stiffness, [STIFFNESS - gravity], rtol=1e-12)
+    both = examine(load(tmp_path, links(2, True, STIFFNESS)), np.zeros(2))
+    G2 = MASS * G * LEVER * np.array([[3.0, 1.0], [1.0, 1.0]])  # of two masses, by hand
+    np.testing.assert_allclose(both.gravity, np.linalg.eigvalsh(G2)[::-1], rtol=1e-9)  # falling
+    np.testing.assert_allclose(both.stiffness, STIFFNESS - np.linalg.eigvalsh(G2)[::-1], rtol=1e-9)
     full = examine(load(tmp_path, links(2, True, 0.0, actuated=(1, 2))), np.zeros(2))
     assert (full.rank, full.stiffness.size, full.dominates) == (2, 0, True)
 
 
-def test_where_gravity_begins_to_win(tmp_path: Path) -> None:
+def test_where_gravity_begins_to_win(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # hanging at 0, its spring weaker than gravity pulls beyond cos q = -k / m g l
     stiffness = 0.5 * MASS * G * LEVER
     model = load(tmp_path, links(1, False, stiffness))
@@ -91,6 +96,16 @@ def test_where_gravity_begins_to_win(tmp_path: Path) -> None:
     assert limit is not None
     assert limit[1].coordinates[0] == pytest.approx(math.acos(-0.5), abs=3e-3 * 1.01)
     assert not examine(model, limit[1].coordinates).dominates
+    looked = []
+    monkeypatch.setattr(zero_dynamics, "examine", lambda *a: looked.append(a) or examine(*a))
+    for resolution in (0.3, 1e-3, 1e-8):
+        looked.clear()
+        share, pose = find_boundary(model, weak, resolution) or (0.0, weak)
+        assert pose.coordinates == pytest.approx(share * weak.coordinates)
+        assert pose.name == "up"
+        # from above, and no farther than that
+        assert 0 <= share * 3.0 - math.acos(-0.5) <= 3.0 * resolution
+        assert len(looked) == 1 + math.ceil(-math.log2(resolution))  # in halves
     assert find_boundary(model, examine(model, np.array([0.1]))) is None
     inverted = load(tmp_path, links(1, True, stiffness))
     assert find_boundary(inverted, examine(inverted, np.array([0.1]))) is None
@@ -104,6 +119,13 @@ def test_rank_drops_where_three_cables_meet() -> None:
         np.testing.assert_allclose(pose.unactuated @ B, 0.0, atol=1e-5 * np.abs(B).max())
         np.testing.assert_allclose(pose.unactuated @ pose.unactuated.T, np.eye(27 - pose.rank),
                                    atol=1e-12)  # fmt: skip
+
+
+def test_joints_without_limits_are_tried_half_a_turn_either_way() -> None:
+    at_zero, lower, upper = sample_poses(robot("sliding and turning"), 0)
+    assert not at_zero.coordinates.any()
+    np.testing.assert_allclose(lower.coordinates, [-2, -math.pi, -2, -2])
+    np.testing.assert_allclose(upper.coordinates, [2, math.pi, 2, 2])
 
 
 # -- doubtful numbers ------------------------------------------------------------------------------
@@ -141,9 +163,34 @@ def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path
     assert any(doubt in text for text in found), found
 
 
+def test_how_dense_a_body_may_be(tmp_path: Path) -> None:
+    """A solid ball of density ρ has ρ = m / (4/3 π r³) and moments 2/5 m r²."""
+    ball = '<mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'
+    path = tmp_path / "chain.urdf"
+    for density, wrong in ((0.96, True), (1.04, False), (24_000.0, False), (26_000.0, True)):
+        mass = density * 4 / 3 * math.pi * 0.05**3
+        moment = 0.4 * mass * 0.05**2
+        text = links(1, False, STIFFNESS)
+        start, end = text.index("<mass"), text.index("</inertial>")
+        path.write_text(text[:start] + ball.format(mass, *[moment] * 3) + text[end:])
+        assert any("kg/m³" in found for found in doubts(parse(path))) is wrong, density
+
+
 @pytest.mark.parametrize("name", softdyn.bundled_names())
 def test_bundled_robots_look_right(name: str) -> None:
     assert doubts(robot(name).robot) == ()
+
+
+def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:
+    soft = load(tmp_path, links(2, False, STIFFNESS, actuated=(1,))).robot
+    assert not [line for line in doubts(soft) if "springs" in line or "tendon" in line]
+    (line,) = [x for x in doubts(load(tmp_path, links(2, False, 0.0, actuated=(1,))).robot)
+               if "springs" in x]  # fmt: skip
+    assert line.startswith("no springs at all: ")
+    assert "--annotations" in line
+    idle = replace(soft.tendons[0], name="spare")
+    found = doubts(replace(soft, tendons=(*soft.tendons, idle)))
+    assert "tendon 'spare' does nothing: no actuator, no stiffness, no damping" in found
 
 
 def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
@@ -167,7 +214,7 @@ def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert check_urdf.main(["finger", "--samples", "3"]) == 0
+    assert check.main(["finger", "--samples", "3"]) == 0
     text = capsys.readouterr().out
     assert "4 degrees of freedom, 2 inputs" in text
     assert "4 with a spring: 0.01" in text
@@ -176,18 +223,18 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "nothing looks wrong" in text
     path = tmp_path / "chain.urdf"
     path.write_text(links(2, True, STIFFNESS, actuated=(1,)))
-    assert check_urdf.main([str(path), "--json", "-"]) == 0
+    assert check.main([str(path), "--json", "-"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["nv"], report["nu"], report["rank"], report["unactuated"]) == (2, 1, 1, 1)
     assert report["stiffness_at_rest"] == pytest.approx(STIFFNESS - MASS * G * LEVER)
     assert report["dominates_at_rest"]
     assert report["softest_unactuated"] == {"j2": pytest.approx(1.0)}
     path.write_text(SOUND.replace('gear="-1"', 'gear="1"'))
-    assert check_urdf.main([str(path)]) == 1
+    assert check.main([str(path)]) == 1
     assert "doubtful: actuator 'pull' pushes its cable" in capsys.readouterr().out
     path.write_text("<robot")
-    assert check_urdf.main([str(path)]) == 2
-    assert check_urdf.main(["finger", "--floating"]) == 2
+    assert check.main([str(path)]) == 2
+    assert check.main(["finger", "--floating"]) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 2)
 

@@ -13,6 +13,7 @@ import softdyn
 from softdyn import InputError, SoftModel, statics
 from softdyn.commands import statics as command
 from softdyn.validation.crosschecks.rests import hold
+from softdyn.validation.report import statics_figure
 from tests.support.oracles import gradient, relative
 from tests.support.random_robots import write_robot
 
@@ -51,6 +52,8 @@ def test_pendulum_with_spring(tmp_path, u):
     J = np.array([-0.1 * np.cos(angle), 0.0, 0.1 * np.sin(angle)])
     assert found.tip_compliance == pytest.approx(np.outer(J, J) / slope)
     assert found.tip_sensitivity[:, 0] == pytest.approx(J / slope)
+    for array in (found.q, found.held, found.limit_forces, found.stiffness):
+        assert not array.flags.writeable
     poles = np.roots([found.state.M[0, 0], 0.05, slope])
     assert np.sort_complex(found.poles) == pytest.approx(np.sort_complex(poles))
 
@@ -167,6 +170,26 @@ def test_a_ramp_ends_where_the_slow_robot_does(model):
         assert relative(again.y, found.y, 1e-3) < 1e-6
 
 
+def test_a_ramp_counts_its_snaps(tmp_path):
+    """Upright, m g r > k: k q - m g r sin q = u folds where cos q = k / m g r, a snap each way."""
+    model, weight = pendulum(tmp_path, height=0.1), 0.1 * G
+    bent = statics.settle(model, [0.0], np.array([1.5]))
+    assert bent.q[0] > 1
+    fold = np.arccos(STIFFNESS / weight)
+    limit = STIFFNESS * fold - weight * np.sin(fold)
+    before, none = statics.ramp(model, [0.98 * limit], bent)
+    assert none == 0
+    assert before.q[0] > fold
+    after, one = statics.ramp(model, [1.5 * limit], bent)
+    assert (one, after.held[0]) == (1, True)
+    assert after.q == pytest.approx([-1.0])
+    back, again = statics.ramp(model, [1.0], after)  # off its stop, across to the other one
+    assert again == 1
+    assert back.q == pytest.approx([2.0])
+    _, hanging = statics.ramp(pendulum(tmp_path), [0.5])
+    assert hanging == 0
+
+
 def test_approach_recovers_a_tip_that_is_reachable():
     """From rest to the tip of an equilibrium, exactly; the branch has one input for it."""
     model = softdyn.load("finger")
@@ -258,9 +281,12 @@ def test_spread_rests_are_stable_and_apart(tmp_path):
     assert angles.max() <= 2 + 1e-9
 
 
-def test_the_command_reports_every_target(tmp_path, capsys):
+def test_the_command_reports_every_target(tmp_path, capsys, monkeypatch):
     pendulum(tmp_path)
     picture = tmp_path / "map.png"
+    drawn = []
+    real = statics_figure.draw
+    monkeypatch.setattr(statics_figure, "draw", lambda *a: (drawn.append(a), real(*a)))
     options = "--target 0.05 0 -0.0866 --rays 1 --spread 1 --shapes 1 --hold 0.1 --json -"
     arguments = options.split()
     robot = str(tmp_path / "pendulum.urdf")
@@ -273,6 +299,7 @@ def test_the_command_reports_every_target(tmp_path, capsys):
     )
     assert closest["stable"] == (closest["smallest_eigenvalue"] > 0)
     assert picture.read_bytes().startswith(b"\x89PNG")
+    assert drawn[0][2] is None  # nobody's robot is asked to follow the paper's ellipse
 
 
 def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
@@ -302,3 +329,11 @@ def test_the_error_crosses_processes():
     error = pickle.loads(pickle.dumps(statics.StaticsError("no rest", 0.25)))
     assert error.residual == 0.25
     assert str(error) == str(statics.StaticsError("no rest", 0.25))
+
+
+def test_cables_that_pull_against_one_another_leave_a_rest() -> None:
+    """Their forces sum to rounding alone, which is no scale for what is left unbalanced."""
+    model = softdyn.load("spirob")
+    rest = statics.settle(model, np.full(model.nu, 0.3))
+    assert rest.stable
+    np.testing.assert_allclose(rest.y[:2], 0.0, atol=1e-9)

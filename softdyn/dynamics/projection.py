@@ -1,0 +1,113 @@
+"""A model whose coordinates determine those of a tree: its dynamics, projected.
+
+With q the coordinates, S (tree, n) constant and of full rank,
+
+    q_tree = S q + offset,    v_tree = S v,    a_tree = S a,
+
+and d'Alembert's principle gives every term from those of the tree:
+
+    M = Sᵀ M_tree S,  C = Sᵀ C_tree S,  D = Sᵀ D_tree S,
+    h = Sᵀ h_tree,    B = Sᵀ B_tree,    J = J_tree S.
+
+S is constant, so Ṁ - 2C stays skew and forces stay gradients: every identity of the tree holds.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import replace
+
+import numpy as np
+
+from softdyn.checks import read_only, vector
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.tree import TreeModel, tree_of
+
+
+class Projection(SoftModel):
+    """Every term of a tree's dynamics, projected; how q stands for the tree's is a subclass's.
+
+    Attributes
+    ----------
+    tree : TreeModel
+        The model whose terms they are.
+    S : ndarray, (tree.nv, nv)
+        Velocities of the tree from those of the robot.
+    """
+
+    tree: TreeModel
+    S: np.ndarray
+
+    @abstractmethod
+    def expand(self, q: np.ndarray) -> np.ndarray:
+        """Configuration (tree.nq,) of the tree at q (nq,)."""
+
+    def state(self, q: np.ndarray, v: np.ndarray) -> State:
+        """Every term of the dynamics at (q, v): the tree's, projected."""
+        q, v = vector("q", q, self.nq), vector("v", v, self.nv)
+        full, S = self.tree.state(self.expand(q), self.S @ v), self.S
+        found = {
+            "q": q, "v": v, "M": S.T @ full.M @ S, "bias": S.T @ full.bias, "K": S.T @ full.K,
+            "D": S.T @ full.D @ S, "B": S.T @ full.B, "h": S.T @ full.h, "J": full.J @ S,
+            "Jdot": full.Jdot @ S, "moment_arms": full.moment_arms @ S,
+        }  # fmt: skip
+        return replace(full, model=self, **found)
+
+    def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Coriolis matrix C (n, n) with Ṁ - 2C skew-symmetric."""
+        v = vector("v", v, self.nv)
+        return read_only(self.S.T @ self.tree.coriolis(self.expand(q), self.S @ v) @ self.S)
+
+    def gravity(self, q: np.ndarray) -> np.ndarray:
+        """Gravity force g (n,), the gradient of `gravity_energy`."""
+        return read_only(self.S.T @ self.tree.gravity(self.expand(q)))
+
+    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Acceleration q̈ (n,) under the input u (m,), of M q̈ = B u - h."""
+        state = self.state(q, v)
+        return np.linalg.solve(state.M, state.B @ vector("u", u, self.nu) - state.h)
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """½ q̇ᵀ M q̇ (J), armature included."""
+        v = vector("v", v, self.nv)
+        return self.tree.kinetic_energy(self.expand(q), self.S @ v)
+
+    def gravity_energy(self, q: np.ndarray) -> float:
+        """Potential energy of gravity (J), zero at the world's origin."""
+        return self.tree.gravity_energy(self.expand(q))
+
+    def elastic_energy(self, q: np.ndarray) -> float:
+        """Energy of joint springs and elastic tendons (J)."""
+        return self.tree.elastic_energy(self.expand(q))
+
+    def tendon_lengths(self, q: np.ndarray) -> np.ndarray:
+        """Lengths (tendons,) of all tendons, in the file's order."""
+        return self.tree.tendon_lengths(self.expand(q))
+
+    def tendon_moment_arms(self, q: np.ndarray) -> np.ndarray:
+        """Moment arms ∂ℓ/∂q (tendons, nv)."""
+        return self.tree.tendon_moment_arms(self.expand(q)) @ self.S
+
+    def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
+        """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
+        return self.S.T @ self.tree.tendon_hessians(self.expand(q)) @ self.S
+
+    def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
+        """∂K/∂q (nv, nv): the tree's, projected."""
+        return self.S.T @ self.tree.tangent_stiffness(self.expand(q)) @ self.S
+
+    def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
+        """Pose (4, 4) in the world of every link."""
+        return self.tree.link_poses(self.expand(q))
+
+
+def tree_below(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:
+    """The tree whose engine makes the model's terms, and S; None where it is the model itself."""
+    if isinstance(model, Projection):
+        return model.tree, model.S
+    return tree_of(model), None
+
+
+def both_sides(S: np.ndarray | None, matrix: np.ndarray) -> np.ndarray:
+    """Sᵀ A S, and A itself where there is no S."""
+    return matrix if S is None else S.T @ matrix @ S

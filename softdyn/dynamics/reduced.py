@@ -1,0 +1,156 @@
+"""Fewer coordinates for a robot: `reduce`, its dynamics on a subspace of its joints' motions.
+
+What is assumed is kinematic: joints move as q = S ξ, as under ideal constraints. A basis of
+piecewise constant strains makes the chain of a rod the PCC or PCS model of it, up to the chain's
+own discretisation (`softdyn.design.strain_basis`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import array, read_only, vector
+from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.projection import Projection
+from softdyn.dynamics.tree import tree_of
+from softdyn.exceptions import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Which motions of the joints are kept.
+
+    Attributes
+    ----------
+    matrix : ndarray, (joints, n)
+        S: joints' coordinates (rad, m) for one unit of each reduced one.
+    joints : tuple of str
+        Names of the rows.
+    names : tuple of str
+        Of the reduced coordinates.
+    """
+
+    matrix: np.ndarray
+    joints: tuple[str, ...]
+    names: tuple[str, ...]
+
+
+def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float]]) -> ReducedModel:
+    """The model of a robot on a subspace of its joints' motions, q = S ξ.
+
+    Parameters
+    ----------
+    model : SoftModel
+        Of a robot without mimic and continuous joints whose base does not float.
+    basis : Basis or array_like, (nv, n)
+        S, of full rank.
+
+    Raises
+    ------
+    InputError
+        Another robot, names of other joints, a matrix of another shape or of lower rank.
+    """
+    if not isinstance(basis, Basis):
+        columns = np.shape(basis)[1] if np.ndim(basis) == 2 else 0
+        names = tuple(f"xi_{k + 1}" for k in range(columns))
+        basis = Basis(array("basis", basis, (model.nv, columns)), model.joint_names, names)
+    if sorted(basis.joints) != sorted(model.joint_names):
+        other = sorted(set(basis.joints) ^ set(model.joint_names))
+        raise InputError("basis", f"a row for each joint of {model.name!r}", f"of others: {other}")
+    rows = [basis.joints.index(name) for name in model.joint_names]
+    matrix = array("basis", np.asarray(basis.matrix)[rows], (model.nv, len(basis.names)))
+    return ReducedModel(model, replace(basis, matrix=matrix, joints=model.joint_names))
+
+
+class ReducedModel(Projection):
+    """A robot's dynamics in fewer coordinates; made by `reduce`.
+
+    `stiffness`, `damping`, `armature` are the diagonals of Sᵀ diag(·) S: all there is where columns
+    share no joint, as those of constant strains; K, D and M of a State have the rest. A limit of a
+    reduced coordinate is one of a joint that it alone moves.
+
+    Attributes
+    ----------
+    full : SoftModel
+        The model that was reduced.
+    basis : Basis
+        Rows in the order of its joints.
+    """
+
+    def __init__(self, full: SoftModel, basis: Basis) -> None:
+        self.full, self.basis = full, basis
+        tree = self.tree = tree_of(full)
+        if tree.nq != tree.nv:
+            expected = "a fixed base and no continuous joint"
+            raise InputError("model", expected, full.name)
+        S = self.S = basis.matrix
+        self.nq = self.nv = S.shape[1]
+        rank = int(np.linalg.matrix_rank(S / np.abs(S).max(initial=1e-300)))
+        if rank < self.nv or self.nv == 0:
+            raise InputError("basis", "a matrix of full column rank", f"rank {rank} of {S.shape}")
+        # another robot to a law's guard: its States have other shapes
+        kind = hashlib.sha256(S.tobytes() + repr(basis.names).encode()).hexdigest()
+        self.robot = replace(full.robot, xml=f"{full.robot.xml}<!-- on the basis {kind} -->")
+        self.bundled, self.name, self.nu = None, f"{full.name}, reduced", full.nu
+        self.joint_names = basis.names
+        self.q0 = read_only(np.zeros(self.nq))
+        self.u_min, self.u_max = full.u_min, full.u_max
+        self.lower, self.upper = (read_only(x) for x in self._limits())
+        self.stiffness, self.damping, self.armature = (
+            read_only(np.square(S).T @ getattr(full, name))
+            for name in ("stiffness", "damping", "armature")
+        )
+        pull = S.T @ (full.stiffness * full.rest)
+        self.rest = read_only(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
+        self.tendons, self.tendon_rest = full.tendons, full.tendon_rest
+        self.tendon_stiffness, self.tendon_damping = full.tendon_stiffness, full.tendon_damping
+        # the ξ nearest to q, in the energy of the springs
+        weight = full.stiffness if (full.stiffness > 0).all() else np.ones(full.nv)
+        self._nearest = np.linalg.solve(S.T @ (weight[:, None] * S), S.T * weight)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.full, self.basis)
+
+    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
+        for row, low, high in zip(self.S, self.full.lower, self.full.upper, strict=True):
+            (moving,) = np.nonzero(row)
+            if len(moving) == 1:
+                k = int(moving[0])
+                ends = sorted((low / row[k], high / row[k]))
+                lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
+        return lower, upper
+
+    def expand(self, q: np.ndarray) -> np.ndarray:
+        """Configuration (tree.nq,) of the robot at the reduced coordinates (nq,)."""
+        return self.S @ vector("q", q, self.nq)
+
+    def project(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reduced coordinates and velocities nearest to those of the robot.
+
+        In the energy of its springs: what is left over stores the least.
+
+        Parameters
+        ----------
+        q, v : array_like, (full.nq,), (full.nv,)
+            Of the robot.
+        """
+        full = self.full
+        return self._nearest @ vector("q", q, full.nq), self._nearest @ vector("v", v, full.nv)
+
+    def coordinates(self, q: np.ndarray) -> np.ndarray:
+        """The reduced coordinates (nv,) themselves."""
+        return np.asarray(q, float)
+
+    def configuration(self, coordinates: np.ndarray) -> np.ndarray:
+        """The same numbers (nq,)."""
+        return vector("coordinates", coordinates, self.nv)
+
+    def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
+        """q + dv (nq,)."""
+        return vector("q", q, self.nq) + vector("dv", dv, self.nv)

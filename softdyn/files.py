@@ -1,0 +1,127 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+import secrets
+import stat
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from softdyn.exceptions import InputError
+
+MAX_TOML = 1_000_000  # bytes
+
+
+@contextmanager
+def atomic(path: str | Path) -> Iterator[BinaryIO]:
+    """Open a file for writing that takes the name `path` when all went well.
+
+    A symbolic link is followed. What is no regular file (a device, a pipe) is written through at
+    the end instead of being replaced, and so is what is named below ``/dev`` or ``/proc``.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written there. A regular file that stood there is then untouched.
+    """
+    path = Path(path)
+    try:
+        if is_stream(path):
+            content = io.BytesIO()  # what is written may need to seek
+            yield content
+            with open(path, "wb", buffering=0) as stream:
+                _write_all(stream, content.getbuffer())
+            return
+        target = followed(path)
+        temporary = beside(target)
+        try:
+            with open(temporary, "xb") as file:
+                with suppress(FileNotFoundError):
+                    os.fchmod(file.fileno(), stat.S_IMODE(target.stat().st_mode))
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, target)
+        finally:
+            with suppress(OSError):  # it is gone when all went well
+                temporary.unlink()
+    except OSError as error:
+        raise not_writable(path, error) from None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write `text` to a file, whole or not at all."""
+    with atomic(path) as file:
+        file.write(text.encode())
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The table in a TOML file of at most `MAX_TOML` bytes.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, is larger, or is no TOML that Python can hold.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(MAX_TOML + 1)
+    except (OSError, ValueError) as error:  # a name that no system accepts
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(str(path), "a readable file", reason) from None
+    if len(content) > MAX_TOML:
+        raise InputError(str(path), f"a file of at most {MAX_TOML} bytes", "a larger one")
+    try:
+        table = tomllib.loads(content.decode())
+        if _holds_large_integer(table):  # Python cannot even print one of thousands of digits
+            raise ValueError("an integer of more than 64 bits")
+        return table
+    except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
+        raise InputError(str(path), "a TOML file", error) from None
+
+
+def is_stream(path: Path) -> bool:
+    """Whether `path` takes what is written and cannot be replaced by a file."""
+    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
+        return path.exists()
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except FileNotFoundError:
+        return False
+
+
+def followed(path: Path) -> Path:
+    """Where the link leads, or `path`; links in a circle are an error of the operating system."""
+    if not path.name:
+        raise InputError(str(path), "a file", "a folder")
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        target.stat()  # raises
+    return target
+
+
+def beside(path: Path) -> Path:
+    """A name for a file that becomes `path`: of no other process, thread or machine."""
+    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+
+
+def not_writable(path: Path, error: OSError) -> InputError:
+    """The error of a file that cannot be written."""
+    return InputError(str(path), "a writable file", error.strerror or error)
+
+
+def _write_all(stream: Any, content: memoryview) -> None:
+    while content:
+        content = content[stream.write(content) :]
+
+
+def _holds_large_integer(value: Any) -> bool:
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        return any(_holds_large_integer(part) for part in parts)
+    return isinstance(value, int) and not -(2**63) <= value < 2**63

@@ -1,0 +1,139 @@
+"""What a person wants to know of a model or a State: what ``print`` shows of them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.exceptions import SoftdynError
+from softdyn.statics.equilibria import rest
+
+PRINTED = 64  # degrees of freedom at most that a text finds the rest of: milliseconds
+LISTED = 12  # joints or inputs at most that a text has a line for
+
+
+def model_text(model: SoftModel) -> str:
+    """A few lines: sizes, joints, inputs, tip, where it rests."""
+    origin = f"{model.robot.path}{' (bundled)' if model.bundled else ''}"
+    return "\n".join((
+        head(model),
+        f"  file    {origin}",
+        *(f"  {line}" for line in joint_lines(model)),
+        *(f"  {line}" for line in _input_lines(model)),
+        f"  rests   {rest_text(model)}",
+    ))  # fmt: skip
+
+
+def rest_text(model: SoftModel) -> str:
+    """Where the robot rests in words, for ``print(model)``: never an error, and never long."""
+    if model.robot.floating:
+        return "nowhere by itself: its base floats"
+    if model.nv > PRINTED:
+        return "softdyn.statics.rest(model) finds where"
+    try:
+        found = rest(model)
+    except SoftdynError as error:  # mimic joints, or a joint that nothing holds
+        return f"not found: {error}"
+    input = "no input" if not found.u.any() else "the least input"
+    firmly = "" if found.stable else ", in no firm balance"
+    return f"with its tip at {numbers(found.y)} m under {input}{firmly}"
+
+
+def head(model: SoftModel) -> str:
+    """Name and sizes on one line."""
+    robot = model.robot
+    mass = sum(link.inertia.mass for link in robot.links)
+    return (
+        f"{model.name}: {len(robot.links)} links, {model.nv} degrees of freedom, "
+        f"{model.nu} inputs, {mass:.4g} kg, "
+        f"{robot.length:.4g} m from base to tip {robot.task!r}"
+    )
+
+
+def joint_lines(model: SoftModel) -> Iterator[str]:
+    """How many joints of which kind, their springs and dampers; each one where they are few."""
+    joints = model.robot.moving_joints
+    kinds = [f"{n} {kind}" for kind, n in Counter(joint.kind for joint in joints).items()]
+    if model.robot.followers:
+        kinds.append(f"{len(model.robot.followers)} of them follow another")
+    if model.robot.floating:
+        kinds.insert(0, "a floating base")
+    yield f"joints: {', '.join(kinds)}"
+    for part, key in (("spring", "stiffness"), ("damper", "damping")):
+        values = [value for joint in joints if (value := getattr(joint, key)) > 0]
+        yield f"  {len(values)} with a {part}{_range(values)}"
+    for j in joints if len(joints) <= LISTED else ():
+        yield (
+            f"  {j.name:<22} {j.kind:<11}[{j.lower:.4g}, {j.upper:.4g}]  "
+            f"stiffness {j.stiffness:g} at {j.rest:g}, damping {j.damping:g}"
+        )
+
+
+def state_text(state: State) -> str:
+    """Joints, tip and tendons at a State."""
+    model = state.model
+    q, speed = model.coordinates(state.q), float(np.linalg.norm(state.ydot))
+    lines = [
+        f"State of {model.name}: tip at {numbers(state.y)} m, "
+        + (f"moving at {speed:.4g} m/s" if state.v.any() else "at rest"),
+    ]
+    units = _units(model)
+    rows = range(model.nv) if model.nv <= LISTED else [int(np.argmax(np.abs(q)))]
+    if len(rows) < model.nv:
+        lines.append(f"  {model.nv} joints, the farthest from 0:")
+    for j in rows:
+        degrees = f" ({math.degrees(q[j]):.4g}°)" if units[j] == "rad" else ""
+        lines.append(
+            f"  {model.joint_names[j]:<22} {q[j]:.4g} {units[j]}{degrees}, "
+            f"{state.v[j]:.4g} {units[j]}/s"
+        )
+    if len(rows) < model.nv:
+        j = int(np.argmax(np.abs(state.v)))
+        lines.append(f"  fastest: {model.joint_names[j]}, {state.v[j]:.4g} {units[j]}/s")
+    tendons = zip(model.robot.tendons, state.lengths, strict=True)
+    shown = [f"{tendon.name} {length:.4g}" for tendon, length in tendons]
+    if shown:
+        lines.append(f"  tendon lengths: {short(shown)}")
+    return "\n".join(lines)
+
+
+def numbers(values: np.ndarray) -> str:
+    """Numbers of four decimals with spaces between; no minus before zeros."""
+    return " ".join(f"{x:.4f}" for x in np.round(values, 4) + 0.0)
+
+
+def short(texts: Sequence[str]) -> str:
+    """All of a few texts; of many the first ones and the last."""
+    return ", ".join(texts if len(texts) <= LISTED else [*texts[:3], "…", texts[-1]])
+
+
+def _units(model: SoftModel) -> list[str]:
+    kinds = {joint.name: joint.kind for joint in model.robot.moving_joints}
+    units = ["m" if kinds.get(name) == "prismatic" else "rad" for name in model.joint_names]
+    return ["m"] * 3 + units[3:] if model.robot.floating else units
+
+
+def _input_lines(model: SoftModel) -> Iterator[str]:
+    actuators = model.robot.actuators
+    if not actuators:
+        yield "inputs: none"
+        return
+    yield f"inputs: {len(actuators)}"
+    shown = [
+        f"{a.name:<22} [{a.lower:g}, {a.upper:g}] times {a.gear:g} on tendon {a.tendon}"
+        for a in actuators
+    ]
+    if len(shown) > LISTED:
+        shown = [*shown[:3], "…", shown[-1]]
+    yield from (f"  {line}" for line in shown)
+
+
+def _range(values: list[float]) -> str:
+    if not values:
+        return ""
+    low, high = min(values), max(values)
+    return f": {low:g}" if low == high else f": {low:g} to {high:g}"

@@ -1,0 +1,57 @@
+"""Where a robot can be asked to go: rests that are rests in the twin too, paths with a slope."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, statics
+from softdyn.statics.reach import APART, ROOM
+from softdyn.validation import StateMap, Twin
+
+
+@pytest.fixture(scope="module")
+def rests():
+    model = softdyn.load("finger")
+    return model, statics.spread_rests(model, 6, seed=3)
+
+
+def test_spread_rests_are_rests_in_the_twin_and_far_apart(rests):
+    model, found = rests
+    twin = Twin(model.robot)
+    states = StateMap(model, twin)
+    start = statics.rest(model).y
+    tips = [start, *(one.y for one in found)]
+    gaps = [np.linalg.norm(a - b) for i, a in enumerate(tips) for b in tips[:i]]
+    assert min(gaps) > APART * model.robot.length
+    for one in found:
+        assert (np.abs(one.u) <= ROOM * model.u_max).all()
+        twin.set_state(*states.to_twin(one.q, np.zeros(model.nv)))
+        twin.advance(one.u, 400)
+        q, _ = states.from_twin(twin.qpos, twin.qvel)
+        np.testing.assert_allclose(q, one.q, atol=1e-6)
+    again = statics.spread_rests(model, 6, seed=3)
+    np.testing.assert_array_equal([one.y for one in again], [one.y for one in found])
+
+
+def test_a_path_is_followed_by_rests_and_knows_its_slope(rests):
+    model, found = rests
+    loop = statics.loop_around(found[-1])
+    h = 1e-5
+    for t in (0.0, 0.3 * loop.period):
+        here, before, after = loop(t), loop(t - h), loop(t + h)
+        np.testing.assert_allclose(here.ydot, (after.y - before.y) / (2 * h), atol=1e-9)
+        np.testing.assert_allclose(here.yddot, (after.ydot - before.ydot) / (2 * h), atol=1e-8)
+        near = statics.inputs_for_tip(model, here.y, [found[-1]], shapes=0).nearest
+        assert np.linalg.norm(near.y - here.y) < 0.01 * model.robot.length
+    np.testing.assert_allclose(loop(loop.period).y, loop(0.0).y, atol=1e-12)
+
+
+def test_a_robot_that_cannot_be_moved_is_told(tmp_path):
+    text = softdyn.load("finger").robot.path.read_text()
+    weak = text.replace('lower="-1" upper="1"', 'lower="-1e-6" upper="1e-6"')
+    assert weak != text
+    (tmp_path / "weak.urdf").write_text(weak)
+    with pytest.raises(InputError, match="inputs that move the tip"):
+        statics.spread_rests(softdyn.load(tmp_path / "weak.urdf"), 4)

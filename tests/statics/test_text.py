@@ -1,0 +1,49 @@
+"""What `print` says of a model and of a State: true, on any robot, and never an error."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import statics
+
+
+def test_a_model_says_its_sizes_inputs_and_where_it_rests():
+    model = softdyn.load("finger")
+    text = str(model)
+    assert "4 degrees of freedom, 2 inputs" in text
+    for name in (*model.joint_names, "u1", "u2", "tip", str(model.robot.path)):
+        assert name in text
+    found = re.search(r"rests .* tip at (\S+) (\S+) (\S+) m under no input", text)
+    np.testing.assert_allclose([*map(float, found.groups())], statics.rest(model).y, atol=5e-5)
+    assert "finger" in repr(model)
+    assert "\n" not in repr(model)
+
+
+def test_a_state_says_joints_tip_and_speed():
+    model = softdyn.load("helix")
+    q, v = np.zeros(36), np.zeros(36)
+    q[5], v[7] = 0.25, -0.5
+    state = model.state(q, v)
+    text = str(state)
+    speed = math.sqrt(sum(x * x for x in state.ydot))
+    assert f"moving at {speed:.4g} m/s" in text
+    assert re.search(rf"{model.joint_names[5]} +0\.25 m, 0 m/s", text)  # it slides
+    assert f"{model.joint_names[7]}, -0.5 " in text
+    assert "\n" not in repr(state)
+    assert "at rest" in str(model.state(q, np.zeros(36)))
+    degrees = str(softdyn.load("finger").state([0.5, 0, 0, 0], np.zeros(4)))
+    assert "0.5 rad (28.65°)" in degrees
+
+
+@pytest.mark.parametrize(("name", "options", "said"), [
+    ("ur5", {}, "not found"), ("talos_reduced", {"floating": True}, "its base floats"),
+])  # fmt: skip
+def test_robots_that_rest_nowhere_can_be_printed(name, options, said):
+    model = softdyn.load(name, **options)
+    assert said in str(model).splitlines()[-1]
+    assert str(model.state(model.q0, np.zeros(model.nv)))
