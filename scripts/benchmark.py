@@ -20,6 +20,9 @@ the robots and controllers of the last call: index.html with replays/ and thumbn
 table.tex, results.json and figures/; of all calls: runs/ with the log and the
 figures of every case, and times/.
 
+A chaotic loop has no value: the table shows median and range, marked ~, of the ensembles that stand
+beside the code (validation/studies/measured), or of those that --ensemble runs.
+
 exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
 130 interrupted.
 """
@@ -36,6 +39,7 @@ parser.add_argument(
 )
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 parser.add_argument("--out", default="results", metavar="DIR", help="default: results")
+cli.add_ensemble_options(parser)
 figures = parser.add_mutually_exclusive_group()
 figures.add_argument(
     "--plots",
@@ -54,7 +58,7 @@ def command(arguments: cli.Arguments) -> int:
 
     began = perf_counter()
     out, jobs = Path(arguments.out), arguments.jobs or -1
-    cli.check_outputs(arguments.json)
+    cli.check_outputs(arguments.json, arguments.keep)
     cases = benchmark.grid(
         arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
     )
@@ -70,7 +74,10 @@ def command(arguments: cli.Arguments) -> int:
     cli.make_folder(out)
     tasks = benchmark.tasks(cases)
     executors.follow(benchmark.store(out).run(tasks, executors.strict(jobs)), tasks)
-    report = benchmark.report(cases, out)
+    kept = benchmark.committed()
+    if arguments.ensemble:
+        kept = {**kept, **cli.distributions(arguments, benchmark.cells(cases))}
+    report = benchmark.report(cases, out, kept)
     benchmark_table.write(report["rows"], out)
     where = f"Table, figures and logs: {out}/"
     if not arguments.no_plots:

@@ -19,6 +19,8 @@ integrated: at each recorded state the emulated law's input and the emulated pla
 compared with the recorded ones. The experiments are then all that the recorded commit has, hulls
 too where there are --files, or those asked for.
 
+With --ensemble or --keep the experiments run alone, as distributions, without the grid beside them.
+
 scs and clf-objective need cvxpy and scs (pip install cvxpy scs), angular and exact quadprog, which
 the test extra installs.
 
@@ -39,13 +41,13 @@ parser.add_argument("--out", default="results/reproduction", metavar="DIR")
 parser.option("--grid", str, "DIR", "benchmark.py's folder", "results")
 parser.add_argument("--records", metavar="DIR", help="one-step table of the runs recorded in DIR")
 parser.add_argument("--files", metavar="DIR", help="the reference implementation, for hulls")
+cli.add_ensemble_options(parser)
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then the table."""
-    from softdyn import InputError
-    from softdyn.controllers import CONTROLLERS
+    from softdyn.controllers import find_controller
     from softdyn.validation.files import write_text
     from softdyn.validation.studies import benchmark, reproduction
     from softdyn.validation.studies.engine import executors
@@ -59,8 +61,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.records is not None:
         return one_step_table(arguments)
     for name in arguments.controllers or ():
-        if name not in CONTROLLERS:
-            raise InputError("controller", f"one of {', '.join(CONTROLLERS)}", repr(name))
+        find_controller(name)
     names = arguments.experiments or [*reproduction.CHANGES, *reproduction.ALIASES]
     wanted = [
         (name, case)
@@ -69,10 +70,18 @@ def command(arguments: cli.Arguments) -> int:
             name, arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
         )
     ]
+    cli.check_outputs(arguments.json, arguments.keep)
+    if arguments.keep or arguments.ensemble:
+        from softdyn.validation.studies.engine.distribution import pivot
+
+        cli.make_folder(Path(arguments.out))
+        found = cli.distributions(arguments, reproduction.labelled(wanted, files(arguments)))
+        table = pivot(found, ["experiment", "robot", "controller"])
+        cli.write_report(cli.summaries(found), arguments.json, table)
+        return cli.PASSED
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
     for folder in (out, grid):
         cli.make_folder(folder)
-    cli.check_outputs(arguments.json)
     ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
     reproduction.run(wanted, out, jobs, files(arguments))

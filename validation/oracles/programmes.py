@@ -109,6 +109,18 @@ def soft_id_clf_qp(
     return _inverse_dynamics(variables, state, task, gains, rows, tolerance)
 
 
+def mass_orthogonal(
+    variables: Variables, state: State, task: Task, gains: Gains, *, decrease: bool
+) -> Programme:
+    """Soft ID-CLF-QP, or IC-QP without `decrease`, with the other T_u: T_u M⁻¹ B = 0.
+
+    R = (Bᵀ M⁻¹ B)⁻¹ Bᵀ M⁻¹, here in a basis of range(B): actuated accelerations are the model's.
+    """
+    basis = scipy.linalg.orth(state.B, rcond=RANK_TOLERANCE).T @ np.linalg.inv(state.M)
+    rows = basis, basis @ state.B
+    return _inverse_dynamics(variables, state, task, gains, rows, decrease=decrease)
+
+
 def id_clf_qp(variables: Variables, state: State, task: Task, gains: Gains) -> Programme:
     """ID-CLF-QP: all of the dynamics (dynamics) are hard, M q̈ + h = B u."""
     return _inverse_dynamics(variables, state, task, gains, (np.eye(len(state.v)), state.B))
@@ -218,18 +230,23 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(matrix, rcond=RANK_TOLERANCE)
 
 
+def task_inertia(mobility: np.ndarray) -> np.ndarray:
+    """Λ of J M⁻¹ Jᵀ, whose singular values are about the squares of those of J."""
+    return np.linalg.pinv(mobility, rcond=RANK_TOLERANCE**2, hermitian=True)
+
+
 def impedance(
     state: State,
     task: Task,
     gains: Gains,
-    task_inertia: Callable[[np.ndarray], np.ndarray] = inverse,
+    invert: Callable[[np.ndarray], np.ndarray] = task_inertia,
 ) -> np.ndarray:
     """Jᵀ f (n,) of eq. (eq:impedance_acc), f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇.
 
-    `task_inertia` makes Λ of J M⁻¹ Jᵀ.
+    `invert` makes Λ of J M⁻¹ Jᵀ.
     """
     J = task.J
-    Lambda = task_inertia(J @ np.linalg.inv(state.M) @ J.T)
+    Lambda = invert(J @ np.linalg.inv(state.M) @ J.T)
     ahead = task.yddot + task.mu_ref(gains) - task.Jdot @ state.v
     return J.T @ (Lambda @ ahead + inverse(J).T @ (state.C @ state.v))
 

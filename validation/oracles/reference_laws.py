@@ -3,8 +3,9 @@
 They differ from the paper in what is asked for only: `angular` regulates the tip's angular velocity
 to zero beside its position (six task rows instead of three), `scs` solves the programme with SCS
 through cvxpy at cvxpy's default tolerances, a failed solve giving zero input, and `clf` is the
-reference's CLF-QP, whose objective has V̇² and ‖u‖₁² beside the published terms. Its IC and UIC
-have thresholds of their own.
+reference's CLF-QP, whose objective has V̇² and ‖u‖₁² beside the published terms. `thresholds` gives
+IC and UIC the reference's: singular values below 1e-2 of Λ, where a determinant is small, count as
+zero, and below 1e-8 in UIC's projection. `mass` takes the other coordinates of the actuated rows.
 cvxpy, scs and quadprog are no dependencies of this project: ``pip install cvxpy scs quadprog``.
 """
 
@@ -33,7 +34,7 @@ TaskOf = Callable[[State, Reference], Task]
 
 
 def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) -> Controller:
-    """The law `name` with options out of exact, angular, difference, scs and clf.
+    """The law `name` with options out of exact, angular, difference, thresholds, mass, scs and clf.
 
     Raises
     ------
@@ -45,12 +46,15 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
     if "difference" in options:
         task = Differenced(task)
     if name in ("ic", "uic"):
-        return ClosedForm(model, gains, task, project=name == "uic")
+        theirs = "thresholds" in options
+        return ClosedForm(model, gains, task, project=name == "uic", theirs=theirs)
     if name not in ("clf-qp", "soft-id-clf-qp", "ic-qp"):
         raise InputError("controller", "a law of the paper's table", repr(name))
-    write = (
+    write: Callable[..., Programme] = (
         reference_clf_qp if name == "clf-qp" and "clf" in options else programmes.PROGRAMMES[name]
     )
+    if "mass" in options and name != "clf-qp":
+        write = partial(programmes.mass_orthogonal, decrease=name == "soft-id-clf-qp")
     if options & {"scs", "clf"}:
         return Qp(model, gains, task, write, solvers.Scs())
     exact = solvers.LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
@@ -109,20 +113,22 @@ pseudo_inverse = partial(np.linalg.pinv, rcond=1e-8)  # UIC's inner one
 
 
 class ClosedForm:
-    """IC, and with `project` UIC, with the reference implementation's thresholds."""
+    """IC, and with `project` UIC; `theirs` are the reference implementation's thresholds."""
 
-    def __init__(self, model: SoftModel, gains: Gains, task: TaskOf, *, project: bool) -> None:
+    def __init__(
+        self, model: SoftModel, gains: Gains, task: TaskOf, *, project: bool, theirs: bool
+    ) -> None:
         self.gains, self._task, self._project = gains, task, project
+        self._mobility_inverse = reference_inertia if theirs else programmes.task_inertia
+        self._pseudo_inverse = pseudo_inverse if theirs else programmes.inverse
         self.guard = InputGuard(model.u_min, model.u_max)
 
     def __call__(self, state: State, reference: Reference) -> Command:
         """The input at this state."""
         task = self._task(state, reference)
-        torque = programmes.impedance(state, task, self.gains, reference_inertia)
+        torque = programmes.impedance(state, task, self.gains, self._mobility_inverse)
         if self._project:
-            torque = programmes.underactuated(
-                state, task, torque, partial(np.linalg.pinv, rcond=1e-8)
-            )
+            torque = programmes.underactuated(state, task, torque, self._pseudo_inverse)
         return self.guard.accept(programmes.inputs(state, torque), np.nan, np.nan, clamped=True)
 
 

@@ -8,8 +8,13 @@
 - `beyond`: every cell of the paper at several control periods.
 - `hold`: the soft law over several horizons.
 - `tuning`: CMA-ES on the gains of `best`.
+- `own`: anyone's robots and classes: their goals, tuning, `benchmark` from Python.
 - `reproduction`: what the paper's reference implementation does otherwise.
 - `one_step`: where that emulation leaves its recorded runs, one step at a time.
 - `obstacle`: the tip meets a ball, with and without barriers.
 - `names`: what robots, controllers and experiments are called in tables and figures.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["paper"])

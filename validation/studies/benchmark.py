@@ -7,9 +7,10 @@ with the step times, see `engine.store`.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,20 @@ from softdyn.validation.plain import plain
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case, number_text
+from softdyn.validation.studies.engine.distribution import Distribution, over, read, value
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import Task
+from softdyn.validation.studies.names import cell_title
+
+# figures that stand beside the code; of the paper's grid: `benchmark.py --ensemble` makes it
+MEASURED = Path(__file__).parent / "measured"
+ENSEMBLES = MEASURED / "benchmark.json"
+# kind → its short name in a row, unit, figure of a run, all of them in a row
+KINDS = {
+    "set_point": ("sp", "cm", "final_error_cm", "set_points_cm"),
+    "tracking": ("tt", "cm2", "mse_cm2", "trajectories_cm2"),
+}
 
 
 def grid(
@@ -85,10 +97,30 @@ def _gains(robot: str, controller: str) -> Any:
         return plain(getattr(law, "gains", None))
 
 
-def report(cases: Sequence[Case], folder: Path) -> dict[str, Any]:
+def label(case: Case) -> str:
+    """What a cell is called in a file of ensembles."""
+    return f"{case.robot}/{case.controller}/{cell_title(case.kind, case.value)}"
+
+
+def cells(cases: Iterable[Case]) -> dict[str, Case]:
+    """Each case by its label."""
+    return {label(case): case for case in cases}
+
+
+@cache
+def committed() -> dict[str, Distribution]:
+    """The ensembles of the paper's grid that stand beside the code."""
+    return read(ENSEMBLES)
+
+
+def report(
+    cases: Sequence[Case],
+    folder: Path,
+    ensembles: Mapping[str, Distribution] | None = None,
+) -> dict[str, Any]:
     """All figures: the rows, simulated seconds, and the cases' median step times (µs).
 
-    Those are means by robot and controller.
+    Those are means by robot and controller; `ensembles` as in `rows`.
     """
     kept = store(folder)
     results = [kept.result(case.name) or {} for case in cases]
@@ -98,7 +130,7 @@ def report(cases: Sequence[Case], folder: Path) -> dict[str, Any]:
         if median is not None:
             medians.setdefault(case.robot, {}).setdefault(case.controller, []).append(median)
     return {
-        "rows": rows(cases, folder),
+        "rows": rows(cases, folder, ensembles),
         "simulated_s": sum(result.get("simulated_s", 0.0) for result in results),
         "step_us": {
             robot: {name: float(np.mean(values)) for name, values in found.items()}
@@ -107,10 +139,14 @@ def report(cases: Sequence[Case], folder: Path) -> dict[str, Any]:
     }
 
 
-def rows(cases: Iterable[Case], folder: Path) -> list[dict[str, Any]]:
+def rows(
+    cases: Iterable[Case], folder: Path, ensembles: Mapping[str, Distribution] | None = None
+) -> list[dict[str, Any]]:
     """The table: one row a robot and controller, means over all their runs.
 
-    A run that ended early has no figure, and a mean that contains it is None.
+    A run that ended early has no figure, and a mean that contains it is None. With `ensembles`
+    a row has ``ensemble``, the distribution of each figure that moves, and ``outside``, the cells
+    whose run here lies out of its own.
 
     Raises
     ------
@@ -124,14 +160,42 @@ def rows(cases: Iterable[Case], folder: Path) -> list[dict[str, Any]]:
             where = str(store(folder).result_path(case.name))
             raise InputError(where, "the result of a run", "none")
         groups.setdefault((case.robot, case.controller), []).append((case, result))
-    return [_row(*key, group) for key, group in groups.items()]
+    return [
+        row(*key, group) | ({} if ensembles is None else distributions(group, ensembles))
+        for key, group in groups.items()
+    ]
 
 
-def _row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) -> dict[str, Any]:
+def distributions(
+    runs: Iterable[tuple[Case, dict[str, Any]]], kept: Mapping[str, Distribution]
+) -> dict[str, Any]:
+    """What kept ensembles say of the runs of one row."""
+    moving: dict[str, Any] = {}
+    outside = []
+    for kind, (short, unit, figure, every) in KINDS.items():
+        mine = [(case, result) for case, result in runs if case.kind == kind]
+        cells = {case: kept[label(case)] for case, _ in mine if label(case) in kept}
+        each = {number_text(c.value): cell.summary() for c, cell in cells.items() if cell.moves}
+        for case, result in mine:
+            if case in cells and not cells[case].holds(value(result[figure])):
+                outside.append(cell_title(kind, case.value))
+        if each:
+            moving[every] = each
+            if len(cells) == len(mine):
+                mean, std = over(list(cells.values()))
+                moving[f"{short}_mean_{unit}"] = mean.summary() | {"text": mean.text(std)}
+    return {"ensemble": moving, "outside": outside}
+
+
+def row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) -> dict[str, Any]:
+    """A row of the table: the figures of one robot and controller over all their runs."""
+
     def of(kind: str, figure: str) -> dict[str, Any]:
         return {number_text(c.value): r[figure] for c, r in runs if c.kind == kind}
 
+    own = [(c, r) for c, r in runs if c.kind == "point"]
     points, rates = of("set_point", "final_error_cm"), of("tracking", "mse_cm2")
+    points |= {cell_title(c.kind, c.value): r["final_error_cm"] for c, r in own}
     second = of("tracking", "second_cycle_mse_cm2")
     sp, tt, late = (mean_std(map(_number, x.values())) for x in (points, rates, second))
     published = paper.published(robot, controller)
@@ -151,6 +215,7 @@ def _row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) -
         ],
         "set_points_cm": points,
         "trajectories_cm2": rates,
+        "input_activity": mean_std(_number(result["input_activity"]) for result in results)[0],
         "not_solved": sum(result["not_solved"] for result in results),
         "fallbacks": sum(result["fallbacks"] for result in results),
         "max_bound_violation": max(_number(r["max_bound_violation"]) for r in results),

@@ -6,15 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from softdyn.validation.files import write_json, write_text
+from softdyn.validation.studies import paper
+from softdyn.validation.studies.engine.distribution import NOTE, number
 from softdyn.validation.studies.names import CONTROLLERS, cell_title
 from softdyn.validation.tables import columns, pipes
 
-TITLES = ("Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Failed runs")
+TITLES = (
+    "Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Inputs (1/s)",
+    "Failed runs",
+)  # fmt: skip
 
 
 def spread(mean: float | None, std: float | None) -> str:
     """Mean ± standard deviation; "none" for a mean over a run that did not reach its end."""
-    return "none" if mean is None or std is None else f"{mean:.2f} ± {std:.2f}"
+    return "none" if mean is None or std is None else f"{number(mean)} ± {number(std)}"
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -22,22 +27,26 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     published = row["paper"]
 
     def ours(kind: str, unit: str, runs: str) -> str:
+        chaotic = row.get("ensemble", {}).get(f"{kind}_mean_{unit}")
+        if chaotic is not None:
+            return str(chaotic["text"])
         mean, std = (row[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
         return spread(mean, std) if row[runs] else "-"
 
-    def paper(kind: str, unit: str) -> str:
+    def theirs(kind: str, unit: str) -> str:
         if published is None:
             return "-"
         mean, std = (published[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
-        return "failed" if mean is None else spread(mean, std)
+        return paper.spread(mean, std)
 
     return (
         row["robot"],
         CONTROLLERS.get(row["controller"], row["controller"]),
         ours("sp", "cm", "set_points_cm"),
-        paper("sp", "cm"),
+        theirs("sp", "cm"),
         ours("tt", "cm2", "trajectories_cm2"),
-        paper("tt", "cm2"),
+        theirs("tt", "cm2"),
+        "-" if row.get("input_activity") is None else f"{row['input_activity']:.3g}",
         ", ".join(cell_title(f["kind"], f["value"]) for f in row["failed"]) or "-",
     )
 
@@ -61,10 +70,18 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         "",
         "SP: mean ± population standard deviation over the set points of the final error. "
         "TT: the same over the trajectories of the time-mean of the squared error. Means contain "
-        'every run; "none" where one of them ended before its time.',
+        'every run; "none" where one of them ended before its time. Inputs: how much they change '
+        "a second, over their range, mean over the inputs and the runs. " + NOTE,
         "",
     ]
     parts += ["## Every run", "", *pipes(every_run(rows))]
+    apart = [
+        f"- {row['robot']}, {cells(row)[1]}: {', '.join(row['outside'])}"
+        for row in rows
+        if row.get("outside")
+    ]
+    if apart:
+        parts += ["", "## Outside the committed ensembles", "", *apart]
     failures = [
         f"- {row['robot']}, {cells(row)[1]}, {cell_title(f['kind'], f['value'])}: {f['reason']}"
         for row in rows
@@ -85,8 +102,12 @@ def every_run(rows: list[dict[str, Any]]) -> list[list[str]]:
     ]  # fmt: skip
     lines = [titles]
     for row in rows:
-        found = [*row["set_points_cm"].values(), *row["trajectories_cm2"].values()]
-        shown = ["-" if value is None else f"{value:.3g}" for value in found]
+        shown = []
+        for every in ("set_points_cm", "trajectories_cm2"):
+            chaotic = row.get("ensemble", {}).get(every, {})
+            for value, found in row[every].items():
+                usual = "none" if found is None else number(found)
+                shown.append(chaotic[value]["text"] if value in chaotic else usual)
         shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
         lines.append([*cells(row)[:2], *shown])
     return lines
@@ -95,7 +116,7 @@ def every_run(rows: list[dict[str, Any]]) -> list[list[str]]:
 def latex(rows: list[dict[str, Any]]) -> str:
     """A booktabs table in the paper's layout, ours beside the published values."""
     lines = [
-        r"\begin{tabular}{llrrrrl}",
+        r"\begin{tabular}{llrrrrrl}",
         r"\toprule",
         " & ".join(_tex(title) for title in TITLES) + r" \\",
     ]

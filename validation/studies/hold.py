@@ -2,67 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-import softdyn
-from softdyn import SoftModel
 from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers.gains import from_table
 from softdyn.controllers.programmes.horizon import default_horizon
+from softdyn.validation.files import safe
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.executors import run_all
-from softdyn.validation.tables import pipes
+from softdyn.validation.studies.engine.distribution import Distribution, pivot
+from softdyn.validation.studies.engine.sources import load_model
+from softdyn.validation.studies.names import cell_title
+from softdyn.validation.studies.own.goals import goals
 
 SHARES = (0.0, 0.5, 0.8, 1.0, 1.2, 2.0)  # of ε
 CELLS = (*(("set_point", theta) for theta in paper.THETAS), ("tracking", 0.5))
-KEPT = ("failed", "reason", "final_error_cm", "mse_cm2", "not_solved")
 
 
-def over_horizon(_name: str, model: SoftModel, share: float) -> SoftIdClfQp:
-    """The law over a horizon that is this share of ε, with the published gains."""
-    return SoftIdClfQp(model, horizon=_horizon(model, share))
+def cells(
+    robot: str,
+    shares: Iterable[float] = SHARES,
+    period: float | None = None,
+    table: Mapping[str, Any] | None = None,
+    annotations: str | None = None,
+) -> dict[str, Case]:
+    """For each share of ε the paper's set points and one trajectory, or rests of anyone's robot.
 
-
-def _horizon(model: SoftModel, share: float) -> float:
-    return share * default_horizon(SoftIdClfQp(model).gains)
-
-
-def report(
-    robot: str, shares: Iterable[float] = SHARES, period: float | None = None, jobs: int = -1
-) -> list[dict[str, Any]]:
-    """For each share of ε the paper's set points and one trajectory."""
-    shares, model = list(shares), softdyn.load(robot)
-    cases = [
-        Case(robot, SoftIdClfQp.name, kind, value, period=period,
-             law=partial(over_horizon, share=share))
-        for share in shares
-        for kind, value in CELLS
-    ]  # fmt: skip
-    results = iter(run_all(cases, jobs))
-    rows = []
+    Parameters
+    ----------
+    robot : str
+    shares : iterable of float
+    period : float, optional
+    table : mapping, optional
+        Gains, over the published ones.
+    annotations : str, optional
+        The robot's annotations in a file of their own.
+    """
+    found, model = {}, load_model(robot, annotations)
+    eps = default_horizon(from_table(model, SoftIdClfQp.name, table or {}))
+    asked = goals(model, CELLS)
     for share in shares:
-        runs = []
-        for kind, value in CELLS:
-            result = next(results)
-            found = {"theta": None, "omega": None, "tau_s": _horizon(model, share)}
-            found["theta" if kind == "set_point" else "omega"] = value
-            found |= {name: result[name] for name in KEPT}
-            found["mse_cm2" if kind == "set_point" else "final_error_cm"] = None
-            runs.append(found)
-        rows.append({"share": share, "runs": runs})
-    return rows
+        for kind, value in asked:
+            label = f"{safe(robot)}/{share:g}/{1e3 * share * eps:g} ms/{cell_title(kind, value)}"
+            found[label] = Case(
+                robot, SoftIdClfQp.name, kind, value, period=period, annotations=annotations,
+                parameters={**(table or {}), "horizon": share * eps},
+            )  # fmt: skip
+    return found
 
 
-def markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """Final errors at the set points, their mean, the mean squared error tracking."""
-    lines = [["τ / ε", "τ (ms)", "SP at θ = 0, 0.5, 1, 1.5 (cm)", "mean", "TT at ω = 0.5 (cm²)"]]
-    for row in rows:
-        *points, track = row["runs"]
-        errors = [run["final_error_cm"] for run in points]
-        texts = [f"{run['final_error_cm']:.2f}{'!' * run['failed']}" for run in points]
-        mean, tt = sum(errors) / len(errors), f"{track['mse_cm2']:.2f}{'!' * track['failed']}"
-        tau = f"{1e3 * track['tau_s']:g}"
-        lines.append([f"{row['share']:g}", tau, ", ".join(texts), f"{mean:.2f}", tt])
-    return "\n".join(pipes(lines))
+def markdown(cells: Mapping[str, Distribution]) -> str:
+    """Final errors at the set points (cm), the mean squared error tracking (cm²)."""
+    return pivot(cells, ["robot", "τ / ε", "τ"])

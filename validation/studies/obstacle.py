@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from softdyn import SetPoint, SoftModel
-from softdyn.controllers import SoftIdClfQp
+from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, Sphere
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.own.goals import points
 
 BALL = 0.08  # its radius, as a share of the robot's length
 OFFSET = 0.6  # of its radius: how far beside the path it stands
@@ -65,13 +66,15 @@ def meet(
     limits: bool = False,
     random: int = 0,
     seed: int = 0,
+    gains: Gains | None = None,
+    target: Any = None,
 ) -> Encounters:
     """Run the three laws to a set point with a ball in the way, then into random balls.
 
     Parameters
     ----------
     model : SoftModel
-        A bundled robot.
+        The robot.
     theta : float
         The set point, in multiples of π.
     duration : float
@@ -80,6 +83,11 @@ def meet(
         Whether the file's joint limits are barriers too.
     random, seed : int
         Number of runs to random targets beside random balls, all with barriers, and their seed.
+    gains : Gains, optional
+        The published ones of a bundled robot by default.
+    target : array_like, (3,), optional
+        The set point (m) instead of `theta`; of a robot that is not the paper's by default one that
+        it can rest at.
 
     Returns
     -------
@@ -87,17 +95,20 @@ def meet(
         Passed when no barrier was violated by more than 1 mm or 0.01 rad.
     """
     setup = paper.setup_of(model)
-    radius, tau = BALL * setup.length, SoftIdClfQp(model).gains.eps
+    plain = SoftIdClfQp(model, gains)
+    radius, tau = BALL * setup.length, plain.gains.eps
 
     def run(law: SoftIdClfQp, goal: Any) -> Log:
         return simulate(model, law, goal, duration=duration, period=setup.period)
 
     def barriers(ball: Sphere) -> SoftIdClfQp:
         walls = [JointLimits(model)] if limits else []
-        return SoftIdClfQp(model, horizon=tau, barriers=[ball, *walls])
+        return SoftIdClfQp(model, gains, horizon=tau, barriers=[ball, *walls])
 
-    goal = setup.set_point(theta)
-    laws = {"published": SoftIdClfQp(model), "over the hold": SoftIdClfQp(model, horizon=tau)}
+    if target is None and model.bundled not in paper.ROBOTS:
+        target = points(model, 1)[0]
+    goal = setup.set_point(theta) if target is None else setup.target(target)
+    laws = {"published": plain, "over the hold": SoftIdClfQp(model, gains, horizon=tau)}
     logs = {name: run(law, goal) for name, law in laws.items()}
     ball = in_the_way([log.y for log in logs.values()], radius)
     laws["with barriers"] = barriers(ball)
@@ -119,7 +130,7 @@ def meet(
 
 
 def in_the_way(paths: Sequence[np.ndarray], radius: float) -> Sphere:
-    """A ball beside a path (samples, 3) of the tip in the xz-plane that cuts as many as it can."""
+    """A ball beside a path (samples, 3) of the tip that cuts as many as it can."""
 
     def depth(ball: Sphere) -> float:
         return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
@@ -133,7 +144,11 @@ def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[Sphere]:
         for share in (0.3, 0.4, 0.5, 0.6, 0.7):
             k = max(int(np.argmax(left < left[0] * share)), 1)
             along = path[k + 1] - path[k - 1]
-            beside = np.array([-along[2], 0.0, along[0]]) / np.linalg.norm(along)
+            # across it in the xz-plane; across it and z where that is no direction
+            beside = np.array([-along[2], 0.0, along[0]])
+            if np.linalg.norm(beside) < 0.1 * np.linalg.norm(along):
+                beside = np.array([-along[1], along[0], 0.0])
+            beside = beside / np.linalg.norm(along)
             for side in (-OFFSET, OFFSET):
                 yield Sphere(path[k] + side * radius * beside, radius)
 

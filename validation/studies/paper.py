@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
-from softdyn.checks import number
+from softdyn.checks import array, number
+from softdyn.description.library import bundled_file
+from softdyn.description.urdf import parse
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import CM, mean_square
+from softdyn.validation.loop.verdict import DIVERGED
 
 THETAS = (0.0, 0.5, 1.0, 1.5)  # set points, in multiples of π
 OMEGAS = (0.1, 0.2, 0.3, 0.4, 0.5)  # tracking rates, in multiples of π rad/s
@@ -168,12 +171,37 @@ def experiment(
     if period is not None:
         found = replace(found, period=period)
     if target is not None:
+        check_reach(model, target)
         return found.target(target)
     if theta is not None:
         return found.set_point(theta)
     if omega is None:
         raise InputError("experiment", "theta, omega or target", "none of them")
     return found.tracking(omega)
+
+
+def check_reach(model: SoftModel, target: Any) -> None:
+    """Refuse a target (3,) (m) that no pose comes near; what is just out of reach statics says.
+
+    Raises
+    ------
+    InputError
+        Naming the reach, and the unit that the target seems to be in.
+    """
+    chain = model.robot.chain(model.robot.task)
+    slides = (max(abs(j.lower), abs(j.upper)) for j in chain if j.kind == "prismatic")
+    reach = model.robot.length + sum(slides)
+    within = f"three finite numbers in m, within the robot's reach of {reach:.3g} m"
+    try:
+        away = float(np.linalg.norm(array("target", target, (3,))))
+    except InputError as error:
+        raise InputError("target", within, error.got) from None
+    if model.robot.floating or not reach > 0 or away <= DIVERGED * reach:
+        return
+    units = {"cm": 100, "mm": 1000}
+    fits = [name for name, factor in units.items() if away / factor <= reach]
+    unit = f": in {fits[0]}?" if fits else ""
+    raise InputError("target", within, f"one {away:.3g} m from the base{unit}")
 
 
 def set_point(robot: str, theta: float) -> Experiment:
@@ -247,18 +275,23 @@ def published(robot: str, controller: str) -> Published | None:
 
 
 def beside(log: Log) -> dict[str, str]:
-    """What the paper published for a run's robot and controller, for `Log.summary`."""
+    """What the paper published for a run's robot and controller, for `Log.summary`.
+
+    Nothing for a robot that has the name of one of the paper's, but is another.
+    """
     row = published(log.robot, log.controller)
-    if row is None:
+    file = bundled_file(log.robot)
+    if row is None or file is None or parse(file).digest != log.source.digest:
         return {}
     if log.theta is not None:
-        sp = _spread(row.sp_mean_cm, row.sp_std_cm)
+        sp = spread(row.sp_mean_cm, row.sp_std_cm)
         return {"final_error_cm": f"paper, over its set points: {sp} cm"}
     if log.omega is not None:
-        tt = _spread(row.tt_mean_cm2, row.tt_std_cm2)
+        tt = spread(row.tt_mean_cm2, row.tt_std_cm2)
         return {"mse_cm2": f"paper, over its trajectories: {tt} cm²"}
     return {}
 
 
-def _spread(mean: float | None, std: float | None) -> str:
-    return "failed convergence" if mean is None else f"{mean:.2f} ± {std:.2f}"
+def spread(mean: float | None, std: float | None) -> str:
+    """A published figure as the paper prints it."""
+    return "failed" if mean is None else f"{mean:.2f} ± {std:.2f}"

@@ -34,9 +34,6 @@ PAPER = ("clf-qp", "soft-id-clf-qp", "ic", "uic", "ic-qp")
 ROBOTS = ("finger", "helix", "spirob")
 
 
-# -- what a controller is shown --------------------------------------------------------------------
-
-
 def seen(state: State, **changes: Any) -> State:
     """A copy of `state` with other terms, read-only; `C` and `g` too, which it computes itself."""
     own: dict[str, Any] = {name: changes.pop(name) for name in ("C", "g") if name in changes}
@@ -78,9 +75,6 @@ class Stale:
 def always(view: View) -> View:
     """What makes a view that remembers nothing."""
     return view
-
-
-# -- another reference -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +130,6 @@ def another_law(
     return reference_laws.make_law(name, model, own, options)
 
 
-# -- the experiments -------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Change:
     """One way in which a run differs from ours, and the cells it is meant for.
@@ -156,7 +147,7 @@ class Change:
     law : str
         What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
         rows), "angular" (the same with the tip's angular velocity as three more), "difference",
-        "scs", "clf".
+        "thresholds", "mass", "scs", "clf".
     gains : mapping
         Gains that are not the published ones; the law is then one of `reference_laws`.
     hulls : bool
@@ -221,6 +212,14 @@ CHANGES = {
     "angular": Change(
         "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
     ),
+    "thresholds": Change(
+        "the reference's thresholds on Λ and on UIC's projection", controllers=CLOSED,
+        law="thresholds",
+    ),
+    "mass-orthogonal": Change(
+        "the actuated rows with T_u M-orthogonal to B, not null(Bᵀ)",
+        controllers=("soft-id-clf-qp", "ic-qp"), law="mass",
+    ),
     "jdot": Change("J̇ by a difference over 1 µs", law="difference"),
     "w2": Change(
         "w2 = 0.2 as at 37d7d0f", ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2}
@@ -239,13 +238,23 @@ HULLS = {
 }
 
 # What the reference implementation has, robot by robot; `{law}` depends on the controller.
-_COMMON = "ellipse+sampled+late+stale+no-coriolis+plant-step+soft-stops+contacts"
+_COMMON = "ellipse+sampled+late+stale+no-coriolis+plant-step+soft-stops+contacts+thresholds"
 REFERENCE = {
     "finger": _COMMON,
     "helix": f"passive-sign+{_COMMON}+angular",
     "spirob": f"dof48+friction+{_COMMON}+angular",
 }
-ALIASES = {"reference": "all of it, as each robot has it (exact QPs; +scs for its solver)"}
+# Its task and its plant, around a controller that is left as it is.
+_TASK = "ellipse+sampled+plant-step"
+THERE = {
+    "finger": _TASK,
+    "helix": f"{_TASK}+soft-stops+hulls",
+    "spirob": f"{_TASK}+soft-stops+contacts+friction",
+}
+ALIASES = {
+    "reference": "all of it, as each robot has it (exact QPs; +scs for its solver)",
+    "there": "its targets, sampling and plant, the controller as it is (SpiRob of 27 DOF)",
+}
 
 
 def parse(name: str, robot: str) -> tuple[Change, ...]:
@@ -259,7 +268,7 @@ def parse(name: str, robot: str) -> tuple[Change, ...]:
     found: list[Change] = []
     for part in name.split("+"):
         if part in ALIASES:
-            found += parse(REFERENCE[robot], robot)
+            found += parse({"reference": REFERENCE, "there": THERE}[part][robot], robot)
         elif part in CHANGES:
             found.append(CHANGES[part])
         else:
@@ -308,13 +317,16 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
         if files is None:
             raise InputError("files", "the reference's folder, which hulls needs", None)
         case = replace(case, plant=replace(case.plant, shapes=files / HULLS[case.robot]))
-    laws = tuple(change.law for change in changes if change.law)
+    # a robot's whole list holds changes of laws that are not this cell's
+    laws = tuple(c.law for c in changes if c.law and cell.controller in c.controllers)
     if not laws and not gains:
         return case
     return replace(case, law=partial(another_law, options=laws, gains=gains))
 
 
-# -- running ---------------------------------------------------------------------------------------
+def labelled(wanted: Iterable[tuple[str, Case]], files: Path | None = None) -> dict[str, Case]:
+    """Experiments and cells as cases by ``experiment/robot/controller/cell``."""
+    return {f"{name}/{benchmark.label(c)}": changed(c, name, files) for name, c in wanted}
 
 
 def run(
@@ -346,8 +358,8 @@ def rows(wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path) -> list[d
 
 def _cells(row: dict[str, Any]) -> list[str]:
     """One row of the table as text: ours between the experiment's and the paper's figures."""
-    robot, controller, sp, sp_paper, tt, tt_paper, failed = benchmark_table.cells(row)
-    _, _, our_sp, _, our_tt, _, _ = benchmark_table.cells(row["ours"])
+    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = benchmark_table.cells(row)
+    _, _, our_sp, _, our_tt, *_ = benchmark_table.cells(row["ours"])
     # no run of a kind: nothing to show
     points = (sp, our_sp, sp_paper) if row["set_points_cm"] else ("-",) * 3
     rates = (tt, our_tt, tt_paper) if row["trajectories_cm2"] else ("-",) * 3
@@ -355,7 +367,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
 
 def _lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    robot, controller, sp, sp_paper, tt, tt_paper, failed = TITLES
+    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = TITLES
     titles = [robot, controller, sp, "SP, ours", sp_paper, tt, "TT, ours", tt_paper, failed]
     return [["Experiment", *titles], *map(_cells, rows)]
 

@@ -1,59 +1,99 @@
-"""A controller away from its model: other targets, plants, delayed inputs, a noisy tip."""
+"""A controller away from its model: other targets, other plants, another link between the two."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from softdyn.validation.files import safe
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.deviations import Link, Plant
-from softdyn.validation.studies.engine.executors import run_all
-from softdyn.validation.tables import pipes
+from softdyn.validation.studies.engine.distribution import Distribution, pivot
+from softdyn.validation.studies.engine.sources import load_model
+from softdyn.validation.studies.names import cell_title
+from softdyn.validation.studies.own.goals import goals
 
-CELLS = (("set_point", 0.25), ("set_point", 1.25), ("tracking", 0.25))  # none of them the paper's
+CELLS = (("set_point", 0.25), ("set_point", 1.25), ("tracking", 0.25))  # not the paper's
 FACTORS = (0.8, 0.9, 1.1, 1.2)
-FIGURE = {"set_point": "final_error_cm", "tracking": "mse_cm2"}
-NAME = {"set_point": "theta", "tracking": "omega"}
-
-# what is changed → the fields of a case that do it
-CHANGES: dict[str, dict[str, Any]] = {
-    "none": {},
-    "ellipse x 0.7": {"shrink": 0.7},
-    **{
-        f"{name} x {factor:g}": {"plant": Plant(**{name: factor})}  # type: ignore[arg-type]
-        for name in ("mass", "stiffness", "damping")
-        for factor in FACTORS
-    },
-    "5 ms delay": {"link": Link(delay=0.005)},
-    "1 mm noise": {"link": Link(noise=0.001)},
-}
+# N m or N a joint: 0.1 is what the paper's reference implementation has on SpiRob
+DRY = {"finger": 0.001, "helix": 0.01}
+REFERENCE_DRY = 0.1
 
 
-def report(
-    robots: Iterable[str], controller: str, period: float, jobs: int = -1
-) -> list[dict[str, Any]]:
-    """A row for each robot and change: final errors (cm), mean squared ones (cm²), failures."""
-    cells = [(robot, change, *cell) for robot in robots for change in CHANGES for cell in CELLS]
-    results = run_all(
-        [Case(robot, controller, kind, value, period=period, **CHANGES[change])
-         for robot, change, kind, value in cells],
-        jobs,
-    )  # fmt: skip
-    rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for (robot, change, kind, value), result in zip(cells, results, strict=True):
-        row = rows.setdefault((robot, change), {"robot": robot, "change": change, "failed": 0})
-        row[f"{NAME[kind]} {value:g}"] = result[FIGURE[kind]]
-        row["failed"] += result["failed"]
-    return list(rows.values())
+def changes(robot: str) -> dict[str, dict[str, Any]]:
+    """What is changed → the fields of a case that do it, for one robot."""
+    dry = Plant(dry_friction=DRY.get(robot, REFERENCE_DRY))
+    return {
+        "none": {},
+        "ellipse x 0.7": {"shrink": 0.7},
+        **{
+            f"{name} x {factor:g}": {"plant": Plant(**{name: factor})}  # type: ignore[arg-type]
+            for name in ("mass", "stiffness", "damping")
+            for factor in FACTORS
+        },
+        "5 ms delay": {"link": Link(delay=0.005)},
+        "1 mm noise": {"link": Link(noise=0.001)},
+        "actuators lag 10 ms": {"link": Link(lag=0.01)},
+        "actuators lag 50 ms": {"link": Link(lag=0.05)},
+        "cable friction 5 %": {"plant": Plant(cable_friction=0.05)},
+        "dry friction": {"plant": dry},
+        # what the plant of the paper's reference implementation has
+        "contacts": {"plant": Plant(contacts=True)},
+        "soft stops": {"plant": Plant(soft_stops=True)},
+        "contacts, soft stops": {"plant": Plant(contacts=True, soft_stops=True)},
+        "one plant step a period": {"timestep": math.inf},
+    }
 
 
-def nearby_failures(rows: Iterable[dict[str, Any]]) -> int:
-    """How many runs failed with a plant within 10 % of the model."""
-    far = tuple(f" x {factor:g}" for factor in (FACTORS[0], FACTORS[-1]))
-    return sum(row["failed"] for row in rows if not row["change"].endswith(far))
+def cells(
+    robots: Iterable[str],
+    controller: str,
+    period: float | None,
+    parameters: Any = None,
+    annotations: str | None = None,
+) -> dict[str, Case]:
+    """Each change of each robot, at a control period (s) or the robot's own.
+
+    Parameters
+    ----------
+    robots : iterable of str
+    controller : str
+    period : float, optional
+    parameters : Any
+        What the controller is built with besides the model.
+    annotations : str, optional
+        The robots' annotations in a file of their own.
+    """
+    at = "" if period is None else f"{1e3 * period:g} ms/"
+    found = {}
+    for robot in robots:
+        model = load_model(robot, annotations)
+        asked = goals(model, CELLS)
+        for change, fields in changes(robot).items():
+            if "shrink" in fields and asked != list(CELLS):
+                continue  # its goals are on no ellipse
+            for kind, value in asked:
+                label = f"{safe(robot)}/{safe(controller)}/{at}{change}/{cell_title(kind, value)}"
+                found[label] = Case(
+                    robot, controller, kind, value, parameters=parameters, period=period,
+                    annotations=annotations, **fields,
+                )  # fmt: skip
+    return found
 
 
-def markdown(rows: Sequence[dict[str, Any]]) -> str:
+def nearby_failures(cells: Mapping[str, Distribution]) -> int:
+    """How many cells failed from rest with springs, masses and damping within 10 % of the model."""
+    near = [f"/{name} x {x:g}/" for name in ("mass", "stiffness", "damping") for x in FACTORS[1:3]]
+    return sum(
+        cell.failed.get("nominal", 0)
+        for label, cell in cells.items()
+        if any(part in label for part in ("/none/", *near))
+    )
+
+
+def markdown(cells: Mapping[str, Distribution]) -> str:
     """The table; set points in cm, trajectories in cm²."""
-    texts = [[f"{x:.2f}" if isinstance(x, float) else x for x in row.values()] for row in rows]
-    return "\n".join(pipes([list(rows[0]), *texts]))
+    titles = ["robot", "controller", "period", "change"]
+    parts = max(label.count("/") for label in cells)
+    return pivot(cells, titles if parts == len(titles) else [*titles[:2], "change"])

@@ -7,7 +7,7 @@ alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 
 from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
-from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.gains import from_table
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
@@ -29,6 +29,7 @@ FIGURES = {
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
 PLANT = ("period", "duration", "timestep", "contacts", "friction")
+GAINS = tuple(field.name for field in fields(Gains))
 TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}  # in a file → of a case
 NAMES = {kind: name for name, kind in TARGETS.items()}
 
@@ -112,6 +113,8 @@ class Sweep:
         What the best cases are best in, one of `FIGURES`.
     models : dict of str to SoftModel
         The robots' analytic models.
+    annotations : dict of str to str
+        Robot → the file of its annotations, where its own has none.
     """
 
     path: Path
@@ -124,6 +127,7 @@ class Sweep:
     logs: bool
     figure: str
     models: dict[str, SoftModel]
+    annotations: dict[str, str]
 
     def tasks(self) -> list[Task]:
         """Every case with what it depends on."""
@@ -183,6 +187,7 @@ class Sweep:
             parameters=resolve_gains(model, controller, groups["gains"]),
             period=plant.get("period"),
             plant=Plant(plant.get("contacts", False), plant.get("friction", False)),
+            annotations=self.annotations.get(robot),
             sample=sample,
         )  # fmt: skip
         try:
@@ -199,10 +204,14 @@ class Sweep:
 def resolve_gains(model: SoftModel, controller: str, given: dict[str, Any]) -> Any:
     """All gains of a controller of the paper, the published ones where `given` has none.
 
-    Any other controller gets what is given, and None without any.
+    Its options, such as a horizon, are as given. Any other controller gets what is given, and None
+    without any.
     """
     if controller not in CONTROLLERS:
         return given or None
-    base = PUBLISHED.get(model.bundled or "", {}).get(controller)
-    gains = Gains(**given) if base is None else replace(base, **given)
-    return {name: float(value) for name, value in asdict(gains).items()}
+    options = CONTROLLERS[controller].options
+    own = {name: value for name, value in given.items() if name in GAINS}
+    gains = from_table(model, controller, own)
+    return {name: float(value) for name, value in asdict(gains).items()} | {
+        name: value for name, value in given.items() if name in options
+    }

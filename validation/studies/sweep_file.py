@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,11 +16,11 @@ from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.files import read_toml
 from softdyn.validation.studies.engine import sources
-from softdyn.validation.studies.sweep import FIGURES, PLANT, TARGETS, Axis, Sweep
+from softdyn.validation.studies.sweep import FIGURES, GAINS, PLANT, TARGETS, Axis, Sweep
 
 MAX_CASES = 100_000
-GAINS = tuple(field.name for field in fields(Gains))
 KEYS = ("robots", "controllers", "targets", "gains", "plant", "samples", "logs", "figure")
+OVERLAYS = "annotations"
 RANGE = ("from", "to", "count", "spacing")
 DRAWN = {"uniform": False, "log_uniform": True}  # distribution → whether of the logarithm
 
@@ -57,7 +56,7 @@ class _Reader:
             raise InputError(where, expected, got if isinstance(got, str) else repr(got))
 
     def sweep(self) -> Sweep:
-        self.known("", self.table, KEYS)
+        self.known("", self.table, (*KEYS, OVERLAYS))
         if "samples" in self.table:
             table = self.section("samples", ("count", "seed"))
             self.count = self.whole("samples.count", table.get("count"), 1, MAX_CASES)
@@ -75,7 +74,7 @@ class _Reader:
         self.check(isinstance(logs, bool), "logs", "true or false", logs)
         sweep = Sweep(
             self.path, tuple(models), tuple(controllers), tuple(targets), tuple(axes), self.count,
-            self.seed, logs, self.read_figure(targets, axes), models,
+            self.seed, logs, self.read_figure(targets, axes), models, self.overlays(),
         )  # fmt: skip
         _ = sweep.cases  # finds what no single key tells
         return sweep
@@ -84,9 +83,10 @@ class _Reader:
 
     def read_robots(self) -> dict[str, SoftModel]:
         models = {}
+        overlays = self.overlays()
         for text in self.names("robots"):
             try:
-                _, model = sources.of_robot(text, self.path.parent)
+                _, model = sources.of_robot(text, self.path.parent, overlays.get(text))
             except (InputError, UrdfError) as error:
                 # of a defect in a robot's file, also where
                 where = f" in {text}: {error.element}" if isinstance(error, UrdfError) else ""
@@ -94,6 +94,13 @@ class _Reader:
             self.check(model.nu > 0, "robots", "robots with actuators", f"{text!r} without any")
             models[text] = model
         return models
+
+    def overlays(self) -> dict[str, str]:
+        """Robot → the file of its annotations, for those that have them in a file of their own."""
+        table = self.section(OVERLAYS, tuple(self.names("robots")))
+        for name, file in table.items():
+            self.check(isinstance(file, str), f"{OVERLAYS}.{name}", "a file's name", file)
+        return table
 
     def read_controllers(self) -> list[str]:
         found = self.names("controllers")
@@ -135,10 +142,13 @@ class _Reader:
     # -- what varies -------------------------------------------------------------------------------
 
     def read_gains(self, controllers: Sequence[str]) -> list[Axis]:
-        papers = any(name in CONTROLLERS for name in controllers)
-        table = self.section("gains", GAINS if papers else None)
-        check = gain if papers else anything
-        return [self.axis(f"gains.{k}", f"gains.{k}", v, check) for k, v in table.items()]
+        laws = [CONTROLLERS[name] for name in controllers if name in CONTROLLERS]
+        options = dict.fromkeys(name for law in laws for name in law.options)
+        table = self.section("gains", (*GAINS, *options) if laws else None)
+        return [
+            self.axis(f"gains.{k}", f"gains.{k}", v, gain if laws and k in GAINS else anything)
+            for k, v in table.items()
+        ]
 
     def read_plant(self) -> list[Axis]:
         checks: dict[str, Check] = dict.fromkeys(PLANT[:3], positive)
@@ -295,7 +305,9 @@ def gain(key: str, value: Any) -> float:
 
 
 def anything(key: str, value: Any) -> Any:
-    """A number, true or false, or a text, for a user's own controller."""
+    """A number, true or false, a text, or a list of such, for a user's own controller."""
+    if isinstance(value, list):
+        return tuple(anything(key, item) for item in value)
     return value if isinstance(value, bool | str) else number(key, value)
 
 

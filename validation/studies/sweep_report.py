@@ -221,7 +221,8 @@ def _varied(sweep: Sweep) -> list[str]:
             kind = axis.drawn.replace("_", "-")
             text = f"{len(axis.values)} {kind} samples, seed {sweep.seed}"
         elif len(axis.values) > 12:
-            text = f"{len(axis.values)} values from {axis.values[0]:g} to {axis.values[-1]:g}"
+            ends = [_value(axis.values[k]) for k in (0, -1)]
+            text = f"{len(axis.values)} values from {' to '.join(ends)}"
         else:
             text = ", ".join(_value(value) for value in axis.values)
         lines.append(f"- {label(axis.name)}: {text}")
@@ -304,5 +305,5 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):
-        return "(" + ", ".join(f"{x:g}" for x in value) + ")"
+        return "(" + ", ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in value) + ")"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Tuning of a schedule's gains by CMA-ES, on cases that the paper does not have.
+"""Tuning of a schedule's gains by CMA-ES, on other set points and rates than the paper's.
 
 Two searches: of the approach on the first second of runs, with the law of that stage alone, then of
 the stay on whole runs that begin with the approach found. Runs near unstable shapes hang on
@@ -321,6 +321,7 @@ def tune(
     spread: float = 0.15,
     jobs: int = -1,
     each: Callable[[dict[str, Any]], None] | None = None,
+    enough: Callable[[], bool] = lambda: False,
 ) -> list[dict[str, Any]]:
     """Minimise the cost over `cases`, see `judge`, in the logarithms of `start`'s values.
 
@@ -344,6 +345,8 @@ def tune(
         Processes, -1 for one per core.
     each : Callable[[dict], None], optional
         Told every entry of the trace as it comes.
+    enough : Callable[[], bool]
+        Asked before every generation whether to end.
 
     Returns
     -------
@@ -377,6 +380,8 @@ def tune(
         centre, spread, {"seed": seed, "popsize": population, "verbose": -9}
     )
     for generation in range(1, generations + 1):
+        if enough():
+            break
         points = search.ask()
         search.tell(points, costs(points, generation))
     return trace

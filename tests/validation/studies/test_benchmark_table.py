@@ -20,6 +20,7 @@ def row(**changes):
         "failed": [{"kind": "tracking", "value": 0.2, "reason": "the tip | diverged"}],
         "set_points_cm": {"0": 0.125, "0.5": 0.0},
         "trajectories_cm2": {"0.2": None},
+        "input_activity": 12.345,
         "not_solved": 3,
         "fallbacks": 4,
         "max_bound_violation": 0.0,
@@ -46,8 +47,10 @@ def columns(line):
 
 def test_cells():
     assert tables.cells(row()) == (
-        "finger", "Soft ID-CLF-QP", "0.06 ± 0.50", "0.08 ± 0.09", "none", "failed", "ω = 0.2π",
+        "finger", "Soft ID-CLF-QP", "0.06 ± 0.50", "0.08 ± 0.09", "none", "failed", "12.3",
+        "ω = 0.2π",
     )  # fmt: skip
+    assert tables.cells(row(input_activity=None))[6] == "-"
 
 
 def test_what_was_not_asked_for_is_not_a_failure():
@@ -64,7 +67,7 @@ def test_markdown_columns():
         assert len({columns(line) for line in block}) == 1
         assert set(block[1]) == set("| -")
     assert "- finger, Soft ID-CLF-QP, ω = 0.2π: the tip | diverged" in text
-    assert "| finger | Soft ID-CLF-QP | 0.125 | 0 | - | 3 | 4 | 0 |" in text
+    assert "| finger | Soft ID-CLF-QP | 0.12 | 0.00 | none | 3 | 4 | 0 |" in text
 
 
 def test_markdown_without_failures():

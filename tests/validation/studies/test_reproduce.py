@@ -501,7 +501,7 @@ def test_bad_input_is_one_line_and_exit_code_2(call, arguments):
 def test_list_names_every_experiment(call, tmp_path):
     code, text, _ = call("--list")
     assert code == 0
-    assert [line.split()[0] for line in text.splitlines()] == [*CHANGES, "reference"]
+    assert [line.split()[0] for line in text.splitlines()] == [*CHANGES, "reference", "there"]
     assert not list(tmp_path.iterdir())
 
 

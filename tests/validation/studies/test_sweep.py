@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
-from softdyn.controllers import Gains
+from softdyn import InputError, SetPoint
+from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import Log, simulate
 from softdyn.validation.studies import paper, sweep, sweep_report
@@ -188,6 +188,46 @@ SAMPLED = (
     'robots = "finger"\ncontrollers = ["ic", "uic"]\n[targets]\ntheta = {{ uniform = [0, 2] }}\n'
     "[gains]\nKp = {{ log_uniform = [10, 1000] }}\n{more}\n[samples]\ncount = {count}\nseed = 3\n"
 )
+
+
+def test_vectors_horizons_and_overlays(written, folder):
+    sweep = written("""
+robots = "finger"
+controllers = ["soft-id-clf-qp"]
+targets.theta = 0.5
+[gains]
+horizon = [0, 0.02]
+u_ref = [[0.1, -0.2], 0]
+""")
+    found = [(case.parameters["horizon"], case.parameters["u_ref"]) for case in sweep.cases]
+    assert found == [(0, (0.1, -0.2)), (0, 0), (0.02, (0.1, -0.2)), (0.02, 0)]
+    assert sweep.cases[0].parameters["eps"] == PUBLISHED["finger"]["soft-id-clf-qp"].eps
+    assert "u_ref: (0.1, -0.2), 0" in "\n".join(sweep_report._varied(sweep))
+    overlay = (ROOT / "docs" / "examples" / "soft_ur5.xml").read_text()
+    (folder / "mine.xml").write_text(overlay)
+    sweep = written("""
+robots = "ur5"
+annotations.ur5 = "mine.xml"
+controllers = ["mpc", "own.py:Spring"]
+targets.point = [0.5, 0.2, 0]
+plant.duration = 0.02
+gains.horizon = 0.2
+""")
+    task, own = sweep.tasks()
+    assert own.case.parameters == {"horizon": 0.2}
+    expected = worker.run(task)
+    model = softdyn.load("ur5", annotations=folder / "mine.xml")
+    log = simulate(
+        model, Mpc(model, {"horizon": 0.2}), SetPoint([0.5, 0.2, 0]), duration=0.02, period=0.002
+    )
+    assert expected.result["final_error_cm"] == log.final_error_cm
+    # a worker without the file gets it
+    sha = dict(task.robot.overlay.files)["mine.xml"]
+    there = replace(task.robot, overlay=replace(task.robot.overlay, path="/nowhere/mine.xml"))
+    sources._kept.__dict__.clear()
+    assert worker.attempt(replace(task, robot=there)).result["outcome"] == "not_run"
+    sent = {sha: overlay.encode()}
+    assert worker.attempt(replace(task, robot=there), sent).result == expected.result
 
 
 def test_samples_are_seeded_paired_and_stable(written):

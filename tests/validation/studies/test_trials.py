@@ -8,18 +8,20 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 import softdyn
 from softdyn import Reference, SetPoint
 from softdyn.commands import tune
-from softdyn.controllers import Command
+from softdyn.controllers import Command, Status
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation import Twin
-from softdyn.validation.studies import beyond, paper, tuning
+from softdyn.validation.studies import beyond, paper, robustness, tuning
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.deviations import Link, Plant
+from softdyn.validation.studies.engine.distribution import Distribution
 from softdyn.validation.studies.engine.executors import run_all
 from tests.support import ROOT
 from tests.support.control_cases import robot
@@ -72,16 +74,47 @@ def test_a_trial_is_what_simulate_says() -> None:
     assert result["second_cycle_mse_cm2"] is None
 
 
+def test_actuators_lag() -> None:
+    model, inner = robot("finger"), Counting()
+    state = model.state(model.q0, np.zeros(model.nv))
+    late = Link(lag=0.01).around(inner, 0.005)
+    late.reset(0.005)
+    assert inner.period == 0.005
+    acts, dt = 0.0, 1e-6
+    for k in range(3):  # what acts follows the command by Euler's fine steps
+        inner.calls, mean = 0, 0.0  # each command is (1, 1)
+        for _ in range(5000):
+            mean += acts / 5000
+            acts += dt / 0.01 * (1.0 - acts)
+        command = late(state, SetPoint(state.y))
+        assert command.u == pytest.approx(mean, abs=2e-4), k
+        assert command.status is Status.OK
+
+
+def test_cables_rub() -> None:
+    twin = Plant(cable_friction=0.05).twin("finger", friction=True)
+    twin.advance(np.array([1.0, -1.0]), 100)  # both tendons slide
+    rubs = twin.data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
+    largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1
+    np.testing.assert_allclose(np.abs(twin.data.efc_force[rubs]), [largest] * 2)
+    assert (twin.data.efc_force[rubs] * twin.data.ten_velocity < 0).all()
+
+
 def test_cells_cover_the_grid() -> None:
-    trials = beyond.cells(("finger", "spirob"), "best")
-    assert len(trials) == (3 + 2) * 4 + 2 * 5
-    assert max(t.period or 0 for t in trials if t.robot == "spirob") == 0.002
-    row = {
-        "robot": "finger", "kind": "set_point", "period": 0.005, "mean": 1.0, "failed": 1,
-        "cells": [{"final_error_cm": x, "failed": x > 2} for x in (0.5, 1.0, math.nan, 3.0)],
-    }  # fmt: skip
-    text = beyond.markdown([row])
-    assert "| finger | 5 ms | 0.50 | 1.00 | – | 3.00 failed | 1.00 | 1 |" in text
+    cells = beyond.cells(("finger", "spirob"), "best")
+    assert len(cells) == (3 + 2) * 4 + 2 * 5
+    assert max(c.period or 0 for c in cells.values() if c.robot == "spirob") == 0.002
+    made = {label: Distribution(case.value) for label, case in cells.items()}
+    first, second = beyond.markdown(made).split("\n\n")
+    assert "| spirob | best | 1 ms | 0.00 | 0.50 | 1.00 | 1.50 | 0.75 ± 0.56 |" in first
+    assert "| finger | best | 5 ms | 0.10 | 0.20 | 0.30 | 0.40 | 0.50 | 0.30 ± 0.14 |" in second
+    trials = robustness.cells(("finger", "spirob"), "best", None)
+    assert len(trials) == len(set(trials.values()))
+    lost = {label: Distribution(1.0, {}, {"nominal": 1}) for label in trials}
+    assert robustness.nearby_failures(lost) == 2 * 3 * (1 + 3 * 2)
+    assert "| spirob | best | one plant step a period | 1.00 | 1.00 | 1.00 |" in (
+        robustness.markdown(lost)
+    )
 
 
 def test_the_costs_of_a_run() -> None:
@@ -209,27 +242,3 @@ def test_the_kept_summaries_can_be_made_again() -> None:
         )
         assert wanted.seed > 0
         assert set(wanted.generations) == set(tuning.STAGES)
-
-
-def test_the_report_groups_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    def made_up(trials: list[Case], jobs: int) -> list[dict[str, Any]]:
-        return [
-            {
-                "final_error_cm": t.value, "mse_cm2": 10 * t.value, "second_cycle_mse_cm2": t.value,
-                "failed": t.value == 1.5, "step_us": {"median": 100.0},
-            }
-            for t in trials
-        ]  # fmt: skip
-
-    monkeypatch.setattr(beyond, "run_all", made_up)
-    rows = beyond.report(("spirob",), "best")
-    assert [(row["kind"], row["period"]) for row in rows] == [
-        ("set_point", 0.001), ("set_point", 0.002), ("tracking", 0.002),
-    ]  # fmt: skip
-    assert rows[0]["mean"] == pytest.approx(0.75)
-    assert rows[0]["failed"] == 1
-    assert rows[2]["mean"] == pytest.approx(3.0)
-    assert rows[2]["second_cycle_mean"] == pytest.approx(0.3)
-    text = beyond.markdown(rows)
-    assert "1.50 failed" in text
-    assert "3.00 (0.30)" in text

@@ -6,5 +6,6 @@
 - `fingerprint`: what a run depends on, as one hash.
 - `worker`: `Task` → `Answer`, in whichever process and on whichever machine.
 - `executors`: tasks on the processes of this machine, or on a dask cluster (`cluster`).
+- `ensemble`: the same loop from starts that differ by 1e-9; `distribution`: what came of it.
 - `store`: a file a case, whole or not at all; what is missing below a folder.
 """

@@ -52,7 +52,9 @@ class Case:
     shrink : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
-        Every initial velocity (rad/s, m/s).
+        Every initial velocity (rad/s, m/s); with a `draw` the standard deviation of each.
+    draw : tuple of int, optional
+        Seed and number of the random initial velocities.
     target : Callable[[str, Experiment], Callable[[float], Reference]], optional
         (robot, the paper's experiment) → what the tip is to follow instead.
     law : Callable[[str, SoftModel], Any], optional
@@ -60,6 +62,8 @@ class Case:
     sampled : bool
         Whether the mean squared error is the plain mean over every fifth control step, t = 0
         included, as in the reference implementation.
+    annotations : str, optional
+        A file that holds the robot's ``<softdyn>`` block, where its own has none.
     sample : int, optional
         Number of the random sample that its parameters are.
     """
@@ -76,9 +80,11 @@ class Case:
     link: Link = field(default_factory=Link)
     shrink: float = 1.0
     nudge: float = 0.0
+    draw: tuple[int, int] | None = None
     target: Callable[[str, Experiment], Callable[[float], Reference]] | None = None
     law: Callable[[str, SoftModel], Any] | None = None
     sampled: bool = False
+    annotations: str | None = None
     sample: int | None = None
 
     @cached_property
@@ -100,6 +106,12 @@ class Case:
         if self.target is not None:
             experiment = replace(experiment, reference=self.target(self.robot, experiment))
         return experiment
+
+    def start(self, size: int) -> np.ndarray:
+        """The initial velocities (size,)."""
+        if self.draw is None:
+            return np.full(size, self.nudge)
+        return self.nudge * np.random.default_rng(self.draw).normal(size=size)
 
     def cost(self, model: SoftModel) -> float:
         """Rough work: control steps, weighed by the robot's size."""
@@ -125,7 +137,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
             experiment,
             duration=case.duration,
             timestep=None if step is None else min(step, experiment.period),
-            v0=np.full(model.nv, case.nudge),
+            v0=case.start(model.nv),
             name=case.controller,
             **case.plant.options(),
         )
@@ -134,7 +146,8 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
 def figures(case: Case, log: Log) -> dict[str, Any]:
     """Every figure of merit of a run, by its one name; NaN or None where the run ended early."""
     found = log.report()
-    for name in ("robot", "controller", "kind"):
+    # deadlines are the machine's; the verdict of a study is its own
+    for name in ("robot", "controller", "kind", "missed_deadlines", "verdict"):
         del found[name]
     error = 100 * np.linalg.norm(log.error, axis=1)
     if case.sampled and log.complete:

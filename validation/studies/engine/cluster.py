@@ -89,7 +89,8 @@ def _worker_code() -> str:
 
 def _contents(client: Any, order: list[Task]) -> Any:
     """The user's own files as a task of the cluster: sent once, made again where it got lost."""
-    found = {s for task in order for s in (task.robot, task.controller) if s is not None}
+    files = {s for task in order for s in (task.robot, task.controller) if s is not None}
+    found = {part for source in files for part in source.parts}
     contents = {sha: data for s in found if s.own for sha, data in s.contents().items()}
     return client.submit(dict, contents, key=f"files-{uuid.uuid4()}") if contents else None
 

@@ -13,6 +13,7 @@ import numpy as np
 from softdyn import Reference, State
 from softdyn.controllers import Command
 from softdyn.validation.twin.borrowed import BorrowedShapes
+from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 from softdyn.validation.twin.twin import Twin
 
 View = Callable[[State], State]
@@ -30,6 +31,8 @@ class Plant:
         Whether links touch, whether the file's dry friction acts.
     dry_friction : float
         Dry friction of every joint (N m or N) instead of the file's, where it is not 0.
+    cable_friction : float
+        Friction along every driven tendon, as a share of its largest force.
     soft_stops : bool
         Joint limits and dry friction as soft as MuJoCo has them by default.
     shapes : Path, optional
@@ -42,6 +45,7 @@ class Plant:
     contacts: bool = False
     friction: bool = False
     dry_friction: float = 0.0
+    cable_friction: float = 0.0
     soft_stops: bool = False
     shapes: Path | None = None
     mass: float = 1.0
@@ -57,6 +61,14 @@ class Plant:
         model = twin.model
         if self.dry_friction:
             model.dof_frictionloss[:] = self.dry_friction
+        if self.cable_friction:
+            largest = np.abs(model.actuator_gear[:, 0]) * np.abs(model.actuator_ctrlrange).max(
+                axis=1
+            )
+            tendons = model.actuator_trnid[:, 0]
+            model.tendon_frictionloss[tendons] = self.cable_friction * largest
+            model.tendon_solref_fri[tendons] = STIFF_SOLREF
+            model.tendon_solimp_fri[tendons] = STIFF_SOLIMP
         if self.soft_stops:
             model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
             model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
@@ -73,7 +85,7 @@ class Plant:
 
     def options(self) -> dict[str, Any]:
         """The arguments of `simulate` that are the plant's."""
-        friction = self.friction or self.dry_friction > 0
+        friction = self.friction or self.dry_friction > 0 or self.cable_friction > 0
         contacts = self.contacts or self.shapes is not None
         return {"twin": self.twin, "contacts": contacts, "friction": friction}
 
@@ -86,6 +98,8 @@ class Link:
     ----------
     delay : float
         Time (s) from a state to the input that answers it, in whole control periods.
+    lag : float
+        Time constant (s) with which the inputs follow the commands.
     noise : float
         Standard deviation (m) of each coordinate of the tip that the controller sees.
     seed : int
@@ -97,6 +111,7 @@ class Link:
     """
 
     delay: float = 0.0
+    lag: float = 0.0
     noise: float = 0.0
     seed: int = 0
     views: tuple[Callable[[], View], ...] = ()
@@ -109,7 +124,8 @@ class Link:
         views = [view() for view in self.views]
         if self.noise > 0:
             views.insert(0, Noise(self.noise, self.seed))
-        return Linked(controller, views, lag=round(self.delay / period), late=self.late)
+        linked = Linked(controller, views, wait=round(self.delay / period), late=self.late)
+        return Lagging(linked, self.lag) if self.lag > 0 else linked
 
 
 class Noise:
@@ -124,17 +140,17 @@ class Noise:
 
 
 class Linked:
-    """A controller that sees states through views and answers `lag` periods later.
+    """A controller that sees states through views and answers `wait` periods later.
 
     Until there is an answer to give, it gives its first one; a `late` one answers its first state
     with zero input. Everything else, its gains and counts, is the inner controller's.
     """
 
     def __init__(
-        self, controller: Any, views: list[View], *, lag: int = 0, late: bool = False
+        self, controller: Any, views: list[View], *, wait: int = 0, late: bool = False
     ) -> None:
         self._controller, self._views = controller, views
-        self._lag, self._late = lag, late
+        self._wait, self._late = wait, late
         self._waiting: list[Any] = []
 
     def reset(self, period: float) -> None:
@@ -154,4 +170,43 @@ class Linked:
             self._late = False
             return Command(np.clip(np.zeros(state.model.nu), state.model.u_min, state.model.u_max))
         self._waiting.append(self._controller(state, reference))
-        return self._waiting[0] if len(self._waiting) <= self._lag else self._waiting.pop(0)
+        return self._waiting[0] if len(self._waiting) <= self._wait else self._waiting.pop(0)
+
+
+class Lagging:
+    """A controller behind actuators that follow with a time constant λ, from zero input on.
+
+    Over a period T a command u moves what acts from a to u + (a - u) e^(-T/λ); the plant, which
+    holds its input, gets the mean of that. All else is the inner controller's.
+    """
+
+    def __init__(self, controller: Any, lag: float) -> None:
+        self._controller, self._lag = controller, lag
+
+    def reset(self, period: float) -> None:
+        """Begin a run: nothing acts yet."""
+        share = period / self._lag
+        self._left, self._mean = np.exp(-share), -np.expm1(-share) / share
+        self._acts: np.ndarray | float = 0.0
+        self._controller.reset(period)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["_controller"], name)
+
+    def __call__(self, state: State, reference: Reference) -> Any:
+        """The mean input that acts over the next period."""
+        command = self._controller(state, reference)
+        rest = self._acts - command.u
+        self._acts = command.u + self._left * rest
+        u = np.clip(command.u + self._mean * rest, state.model.u_min, state.model.u_max)
+        return Delivered(command, u)
+
+
+class Delivered:
+    """A command of which another input arrives."""
+
+    def __init__(self, command: Any, u: np.ndarray) -> None:
+        self._command, self.u = command, u
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["_command"], name)

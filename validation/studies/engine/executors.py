@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from softdyn.validation.processes import WorkerKilled, in_order, in_processes, numbered
 from softdyn.validation.studies.engine import worker

@@ -13,6 +13,7 @@ from typing import Any
 from softdyn.compiled import COMPILES
 from softdyn.validation.plain import plain
 from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.twin.borrowed import content
 
 # what in softdyn decides a run's numbers; statics, view, tables and plots do not
 RUN_BY = (
@@ -27,9 +28,17 @@ ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 def fingerprint(case: Case, *parts: Any) -> str:
     """A hash of a case, of `parts` that it depends on, of softdyn and of the engines.
 
-    softdyn counts as it is on disk when this process first asks.
+    softdyn counts as it is on disk when this process first asks; a file of shapes by its content,
+    now.
+
+    Raises
+    ------
+    InputError
+        That file cannot be read.
     """
     calls = case.law or case.target or case.link.views
+    if case.plant.shapes is not None:
+        parts = (*parts, content(case.plant.shapes))
     everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
     return hashlib.sha256(json.dumps(plain(everything)).encode()).hexdigest()
 

@@ -11,7 +11,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import softdyn
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.controllers import find_controller
 from softdyn.controllers.registry import is_own
+from softdyn.controllers.schedule import schedule_path
 from softdyn.description.library import bundled_names, find
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
@@ -44,12 +45,20 @@ class Source:
         (path relative to the main file's folder, SHA-256) of each, in order.
     own : bool
         The user's own; any other is part of a package that every worker has.
+    overlay : Source, optional
+        A robot's annotations in a file of their own.
     """
 
     text: str
     path: str
     files: tuple[tuple[str, str], ...]
     own: bool
+    overlay: Source | None = None
+
+    @property
+    def parts(self) -> tuple[Source, ...]:
+        """Itself, and its overlay where there is one."""
+        return (self,) if self.overlay is None else (self, self.overlay)
 
     @classmethod
     def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
@@ -76,8 +85,12 @@ class Source:
 # -- where they are found --------------------------------------------------------------------------
 
 
-def of_robot(text: str, folder: Path = Path()) -> tuple[Source, SoftModel]:
+def of_robot(
+    text: str, folder: Path = Path(), annotations: str | None = None
+) -> tuple[Source, SoftModel]:
     """A robot's file, a path being relative to `folder`, and its model.
+
+    With it go the schedule beside it and the file of its `annotations`.
 
     Raises
     ------
@@ -86,9 +99,15 @@ def of_robot(text: str, folder: Path = Path()) -> tuple[Source, SoftModel]:
     """
     beside = folder / text
     own = text not in bundled_names() and os.path.isfile(beside)
-    model = load_model(beside if own else text)
+    model = load_model(beside if own else text, annotations and folder / annotations)
     own = own and model.bundled is None
-    return Source.of(model.bundled or text, [model.robot.path], own), model
+    schedule = [schedule_path(model)] if os.path.isfile(schedule_path(model)) else []
+    if annotations is None:
+        beside_it = schedule if own else []
+        return Source.of(model.bundled or text, [model.robot.path, *beside_it], own), model
+    found = Source.of(text, [model.robot.path], own)
+    overlay = Source.of(annotations, [folder / annotations, *schedule], own=True)
+    return replace(found, overlay=overlay), model
 
 
 def of_controller(text: str, folder: Path = Path()) -> Source | None:
@@ -140,13 +159,13 @@ def _modules(node: ast.AST) -> list[str]:
     return []
 
 
-def load_model(robot: str | Path) -> SoftModel:
-    """The model of a robot as its file is now; read once as long as that does not change."""
-    path = find(robot)
-    key = (str(robot), digest(path) if os.access(path, os.R_OK) else "")
+def load_model(robot: str | Path, annotations: str | Path | None = None) -> SoftModel:
+    """The model of a robot as its files are now; read once as long as they do not change."""
+    files = [find(robot), *([] if annotations is None else [Path(annotations)])]
+    key = (str(robot), *((str(f), digest(f) if os.access(f, os.R_OK) else "") for f in files))
     models = _kept.__dict__.setdefault("models", {})
     if key not in models:
-        models[key] = softdyn.load(robot)
+        models[key] = softdyn.load(robot, annotations=annotations)
     found: SoftModel = models[key]
     return found
 
@@ -156,11 +175,12 @@ def load_model(robot: str | Path) -> SoftModel:
 
 def model_of(source: Source, contents: Mapping[str, bytes]) -> SoftModel:
     """The model of a robot, from the user's own file or from the package of this machine."""
+    overlay = None if source.overlay is None else _own_file(source.overlay, contents)
     if source.own:
-        return load_model(_own_file(source, contents))
+        return load_model(_own_file(source, contents), overlay)
     if digest(find(source.text)) != source.files[0][1]:
         raise NotHere(f"this worker has another {source.text}")
-    return load_model(source.text)
+    return load_model(source.text, overlay)
 
 
 def class_of(source: Source, contents: Mapping[str, bytes]) -> Callable[..., Any]:

@@ -107,14 +107,17 @@ def tasks(
     InputError, UrdfError
         A robot, a controller or an experiment that cannot be run.
     """
-    robots = {r: sources.of_robot(r, folder) for r in dict.fromkeys(c.robot for c in cases)}
-    controllers = dict.fromkeys(case.controller for case in cases)
+    asked = dict.fromkeys((case.robot, case.annotations) for case in cases)
+    robots = {pair: sources.of_robot(pair[0], folder, pair[1]) for pair in asked}
+    controllers = dict.fromkeys(case.controller for case in cases if case.law is None)
     own = {name: sources.of_controller(name, folder) for name in controllers}
     code = fingerprint.code()
     found = []
     for i, case in enumerate(cases):
-        (robot, model), controller = robots[case.robot], own[case.controller]
-        parts = (robot.files, controller and controller.files, paper.setup_of(model))
+        robot, model = robots[case.robot, case.annotations]
+        controller = own.get(case.controller)
+        files = [part.files for part in robot.parts]
+        parts = (files, controller and controller.files, paper.setup_of(model))
         mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
         name, head = names[i] if names else case.name, heads[i] if heads else {}
         cost = case.cost(model)
@@ -168,8 +171,11 @@ def _prepare(task: Task, contents: Mapping[str, bytes]) -> Callable[[], Log]:
         raise NotHere("this worker has another softdyn, or another version of an engine")
     case, source = task.case, task.controller
     model = sources.model_of(task.robot, contents)
-    cls = sources.class_of(source, contents) if source else find_controller(case.controller)
-    make = partial(make_controller, case.controller, model, case.parameters, cls)
+    if case.law is None:
+        cls = sources.class_of(source, contents) if source else find_controller(case.controller)
+        make = partial(make_controller, case.controller, model, case.parameters, cls)
+    else:
+        make = partial(case.law, case.controller, model)
     return lambda: cases_.run(case, model, make)
 
 

@@ -1,0 +1,156 @@
+"""Cells as distributions: what is run, what is told, and what stands beside the code."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from softdyn import InputError
+from softdyn.validation.studies import benchmark, benchmark_table
+from softdyn.validation.studies.engine import distribution, ensemble
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.distribution import Distribution
+from softdyn.validation.studies.engine.store import Store
+from softdyn.validation.studies.engine.worker import Answer
+
+STEADY = Case("finger", "ic", "set_point", 0.5)
+CHAOTIC = Case("finger", "ic", "tracking", 0.5)
+GONE = Case("finger", "uic", "tracking", 0.5)
+
+
+class Made:
+    """An executor that runs nothing: a figure hangs on the draw, one in four has any."""
+
+    def __init__(self) -> None:
+        self.ran: list[Case] = []
+
+    def __call__(self, order: list[Any]) -> Any:
+        for index, task in enumerate(order):
+            case = task.case
+            self.ran.append(case)
+            number = 0 if case.draw is None else case.draw[1] + 1
+            mse = {CHAOTIC.controller: 3.0 + number, GONE.controller: None if number % 4 else 5.0}
+            figures = {"final_error_cm": 0.125, "mse_cm2": mse[case.controller]}
+            yield index, Answer({"outcome": "done", "failed": number == 2, **figures})
+
+
+def run(folder: Path, seed: int = 1, **options: Any) -> tuple[dict[str, Distribution], list[Case]]:
+    made, cells = Made(), {"steady": STEADY, "chaotic": CHAOTIC, "gone": GONE}
+    return ensemble.run(cells, Store(folder), made, 8, seed, **options), made.ran
+
+
+def test_only_what_moves_is_run_often(tmp_path: Path) -> None:
+    found, ran = run(tmp_path)
+    often = {case: sum(r.robot == case.robot and r.controller == case.controller
+                       and r.kind == case.kind for r in ran)
+             for case in (STEADY, CHAOTIC, GONE)}  # fmt: skip
+    assert often == {STEADY: 1 + ensemble.SCREEN, CHAOTIC: 1 + 8, GONE: 1 + 8}
+    assert found["steady"] == Distribution(0.125, {}, {"1": 1})
+    assert found["chaotic"].values == (3.0, *np.arange(4.0, 12.0))
+    assert found["chaotic"].text() == "~7.00 [3.00, 11.0]"
+    assert found["gone"].text() == "~none [5.00, none]"
+    # all is kept: nothing runs a second time, another seed but for what has none
+    assert run(tmp_path)[1] == []
+    assert {case.draw[0] for case in run(tmp_path, seed=2)[1] if case.draw} == {2}
+
+
+def test_starts_are_seeded_and_tiny() -> None:
+    one, other = (case.start(36) for case in ensemble.members(STEADY, 2, 7))
+    np.testing.assert_array_equal(one, ensemble.members(STEADY, 2, 7)[0].start(36))
+    assert not np.allclose(one, other, rtol=1e-3, atol=0)
+    assert 0 < np.abs(one).max() < 5e-9
+    assert not STEADY.start(36).any()
+
+
+def test_what_moved_with_another_seed_is_run_as_often(tmp_path: Path) -> None:
+    known = {"steady": Distribution(0.125, {"1": (0.125, 2.0)})}
+    found, ran = run(tmp_path, 2, known=known)
+    assert sum(case.kind == "set_point" for case in ran) == 1 + 8
+    assert found["steady"].seeds == {"2": (0.125,) * 8}
+    assert distribution.join(known, found)["steady"].text() == "~0.12 [0.12, 2.00]"
+
+
+def test_a_file_of_distributions(tmp_path: Path) -> None:
+    found, _ = run(tmp_path)
+    path = tmp_path / "kept.json"
+    distribution.write(path, found)
+    assert distribution.read(path) == found
+    again = distribution.join(found, run(tmp_path, seed=2)[0])
+    assert set(again["chaotic"].seeds) == {"1", "2"}
+    assert again["chaotic"].seeds_agree()
+    # runs of another code are not joined
+    other = Distribution(30.0, {"2": (31.0, 32.0)})
+    assert distribution.join(again, {"chaotic": other})["chaotic"] == other
+    for text in ("", "[]", "{}", '{"cells": 1}', '{"cells": {"a": {"1": [1]}}}',
+                 '{"cells": {"a": {"nominal": 1, "1": ["x"]}}}'):  # fmt: skip
+        path.write_text(text)
+        with pytest.raises(InputError, match="distributions"):
+            distribution.read(path)
+
+
+def test_labels_make_a_table() -> None:
+    cells = {"finger/a/θ = 0π": Distribution(1.0), "finger/b/θ = 0π": Distribution(3.0),
+             "finger/a/θ = 1π": Distribution(3.0, {"1": (5.0,)})}  # fmt: skip
+    assert distribution.pivot(cells, ["robot", "change"], "mean").splitlines() == [
+        "| robot | change | θ = 0π | θ = 1π | mean |",
+        "| --- | --- | --- | --- | --- |",
+        "| finger | a | 1.00 | ~4.00 [3.00, 5.00] | ~2.50 ± 1.50 [2.00, 3.00] |",
+        "| finger | b | 3.00 | - | 3.00 ± 0.00 |",
+    ]
+
+
+def test_what_a_distribution_holds() -> None:
+    cell = Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (2.5, 9.0, 4.0)})
+    assert cell.holds(9.0)
+    assert cell.holds(0.9996)  # prints as 1.00
+    assert not cell.holds(0.9)
+    assert not cell.holds(math.inf)
+    assert cell.seeds_agree()
+    assert not Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (4.5, 9.0, 5.0)}).seeds_agree()
+    assert Distribution(1.0, {"1": (2.0, 4.0), "2": (4.5, 9.0, 5.0)}).seeds_agree()  # too few
+    # the range of many runs holds the other's median too
+    assert not Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (3.5, *[9.0] * 7)}).seeds_agree()
+    assert Distribution(1.0, {"1": (2.0, 5.0, 6.0), "2": (3.5, *[9.0] * 7)}).seeds_agree()
+    assert Distribution(math.inf).text() == "none"
+
+
+def test_means_are_taken_run_by_run() -> None:
+    cells = [Distribution(1.0, {"1": (2.0, 4.0)}), Distribution(3.0)]
+    mean, std = distribution.over(cells)
+    assert mean == Distribution(2.0, {"1": (2.5, 3.5)})
+    assert std == Distribution(1.0, {"1": (0.5, 0.5)})
+    assert mean.text(std) == "~2.50 ± 0.50 [2.00, 3.50]"
+    assert distribution.over([*cells, Distribution(math.inf)])[0].text() == "none"
+    uneven = [Distribution(1.0, {"1": (2.0, 4.0, 8.0)}), Distribution(3.0, {"1": (4.0,)})]
+    assert distribution.over(uneven)[0] == Distribution(2.0, {"1": (3.0,)})
+
+
+def test_the_table_is_marked() -> None:
+    kept = {benchmark.label(CHAOTIC): Distribution(3.0, {"1": (4.0, 5.0)}),
+            benchmark.label(STEADY): Distribution(0.125)}  # fmt: skip
+    runs = [(STEADY, {"final_error_cm": 0.5}), (CHAOTIC, {"mse_cm2": None})]
+    found = benchmark.distributions(runs, kept)
+    assert found["outside"] == ["θ = 0.5π", "ω = 0.5π"]
+    assert set(found["ensemble"]) == {"trajectories_cm2", "tt_mean_cm2"}
+    row = {
+        "robot": "finger", "controller": "ic", "paper": None, "failed": [], "not_solved": 0,
+        "sp_mean_cm": 0.5, "sp_std_cm": 0.0, "tt_mean_cm2": None, "tt_std_cm2": None,
+        "set_points_cm": {"0.5": 0.5}, "trajectories_cm2": {"0.5": None}, "fallbacks": 0,
+        "max_bound_violation": 0.0, **found,
+    }  # fmt: skip
+    text = benchmark_table.markdown([row])
+    assert "| 0.50 ± 0.00 | - | ~4.00 ± 0.00 [3.00, 5.00] | - |" in text
+    assert "| 0.50 | ~4.00 [3.00, 5.00] | 0 |" in text
+    assert "- finger, IC: θ = 0.5π, ω = 0.5π" in text
+    assert benchmark.distributions(runs, {}) == {"ensemble": {}, "outside": []}
+
+
+def test_two_seeds_of_the_committed_ensembles_agree() -> None:
+    cells = benchmark.committed()
+    apart = [label for label, cell in cells.items() if not cell.seeds_agree()]
+    assert apart == []
+    assert sum(len(cell.seeds) == 2 for cell in cells.values()) >= 40

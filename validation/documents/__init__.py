@@ -1,0 +1,1 @@
+"""The documents' tables (`tables`), written from the figures that stand beside the code."""

@@ -1,0 +1,225 @@
+"""What came of a cell in several runs: its distribution, tables and files of them.
+
+A figure that moves is printed as the median of all runs and their range, marked ``~``; one that
+does not move as a plain number.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from statistics import fmean, pstdev
+from typing import Any
+
+from softdyn import InputError
+from softdyn.validation.files import read_json, write_text
+from softdyn.validation.tables import pipes
+
+MANY = 8  # runs of a seed whose range means something
+MARK = "~"  # before a figure that stands for a distribution
+NOTE = f"{MARK}: the loop is chaotic; median [range] of runs whose first velocities differ by 1e-9."
+
+
+def number(value: float) -> str:
+    """A figure as tables print it: two decimals, or three digits; "none" where a run has none."""
+    if not math.isfinite(value):
+        return "none"
+    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """The figure of one cell in several runs.
+
+    Attributes
+    ----------
+    nominal : float
+        From rest (cm or cm²); inf where the run ended before its time.
+    seeds : mapping
+        Seed → the figures of its nudged runs; none where the printed figure does not move.
+    failed : mapping
+        Seed, and "nominal" → how many of its runs failed, where any did.
+    """
+
+    nominal: float
+    seeds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    failed: Mapping[str, int] = field(default_factory=dict)
+
+    @cached_property
+    def values(self) -> tuple[float, ...]:
+        """Every run's, the one from rest first."""
+        return (self.nominal, *(x for found in self.seeds.values() for x in found))
+
+    @property
+    def moves(self) -> bool:
+        """Whether its runs print differently."""
+        return len(set(map(number, self.values))) > 1
+
+    @property
+    def median(self) -> float:
+        """Of all runs."""
+        return _median(self.values)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest of all runs."""
+        return min(self.values), max(self.values)
+
+    def holds(self, value: float) -> bool:
+        """Whether another run's figure lies in the range, or prints as one of its ends."""
+        return _within(value, self.values)
+
+    def seeds_agree(self) -> bool:
+        """Whether seeds tell the same: ranges overlap, that of `MANY` runs holds other medians.
+
+        The range of fewer is no measure: the median of three runs is beyond that of five others of
+        the same distribution in one case of five. Seeds of less than three runs say nothing.
+        """
+        seeds = [found for found in self.seeds.values() if len(found) > 2]
+        both = [(a, b) for a in seeds for b in seeds]
+        overlap = all(min(a) <= max(b) or _within(min(a), b) for a, b in both)
+        return overlap and all(_within(_median(a), b) for a, b in both if len(b) >= MANY)
+
+    def summary(self) -> dict[str, Any]:
+        """Median, range, how many runs, what failed, and the figure as tables print it."""
+        low, high = self.range
+        found: dict[str, Any] = {"median": self.median, "low": low, "high": high}
+        found["failed"] = dict(self.failed)
+        return found | {"runs": len(self.values), "text": self.text()}
+
+    def text(self, std: Distribution | None = None) -> str:
+        """The figure, or the median and the range, marked; with a deviation, its median."""
+        after = "" if std is None or math.isinf(std.median) else f" ± {number(std.median)}"
+        if not self.moves:
+            return number(self.nominal) + after
+        low, high = self.range
+        return f"{MARK}{number(self.median)}{after} [{number(low)}, {number(high)}]"
+
+
+def over(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
+    """Mean and population standard deviation over cells, run by run of the same number and seed.
+
+    Of a seed as many runs as every cell has that has any.
+    """
+    lengths: dict[str, int] = {}
+    for cell in cells:
+        lengths |= {s: min(lengths.get(s, len(x)), len(x)) for s, x in cell.seeds.items()}
+
+    def combined(of: Any) -> Distribution:
+        def at(seed: str, k: int) -> float:
+            # a cell that does not move has the same figure in every run
+            return of([c.seeds[seed][k] if seed in c.seeds else c.nominal for c in cells])
+
+        seeds = {seed: tuple(at(seed, k) for k in range(n)) for seed, n in lengths.items()}
+        return Distribution(of([c.nominal for c in cells]), seeds)
+
+    return combined(_finite(fmean)), combined(_finite(pstdev))
+
+
+def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = "") -> str:
+    """A Markdown table of cells whose labels are ``row/…/column``.
+
+    Parameters
+    ----------
+    cells : mapping
+        In the order of the table.
+    titles : sequence of str
+        Of all parts of a label but the last.
+    mean : str
+        Title of a last column with mean ± standard deviation over the row; none by default.
+    """
+    rows: dict[tuple[str, ...], dict[str, Distribution]] = {}
+    for label, cell in cells.items():
+        *row, column = label.split("/")
+        rows.setdefault(tuple(row), {})[column] = cell
+    columns = list(dict.fromkeys(column for found in rows.values() for column in found))
+    lines = [[*titles, *columns, *([mean] if mean else [])]]
+    for row_, found in rows.items():
+        lines.append([*row_, *(found[c].text() if c in found else "-" for c in columns)])
+        if mean:
+            average, std = over(list(found.values()))
+            lines[-1].append(average.text(std))
+    return "\n".join(pipes(lines))
+
+
+def read(path: Path) -> dict[str, Distribution]:
+    """The cells that `write` wrote.
+
+    Raises
+    ------
+    InputError
+        For any other file.
+    """
+    expected = "distributions of closed loops, as --keep writes them"
+    try:
+        return {label: _read(entry) for label, entry in read_json(path, expected)["cells"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(str(path), expected, repr(error)) from None
+
+
+def write(path: Path, cells: Mapping[str, Distribution]) -> None:
+    """A cell a line, so that a change shows which."""
+    lines = [
+        f"{json.dumps(label, ensure_ascii=False)}: {json.dumps(_written(cell))}"
+        for label, cell in cells.items()
+    ]
+    write_text(path, '{"cells": {\n' + ",\n".join(lines) + "\n}}\n")
+
+
+def join(
+    old: Mapping[str, Distribution], new: Mapping[str, Distribution]
+) -> dict[str, Distribution]:
+    """Old cells and new ones; of a cell that is in both, the runs of all seeds.
+
+    Where its figure from rest is another one the old runs are of another code, and are dropped.
+    """
+    both = dict(old)
+    for label, cell in new.items():
+        before = both.get(label)
+        if before is None or number(before.nominal) != number(cell.nominal):
+            both[label] = cell
+        else:
+            seeds, failed = {**before.seeds, **cell.seeds}, {**before.failed, **cell.failed}
+            both[label] = replace(cell, seeds=seeds, failed=failed)
+    return both
+
+
+def _written(cell: Distribution) -> dict[str, Any]:
+    def short(value: float) -> float | None:
+        return float(f"{value:.5g}") if math.isfinite(value) else None
+
+    seeds = {seed: [short(x) for x in found] for seed, found in cell.seeds.items()}
+    failed = {"failed": dict(cell.failed)} if cell.failed else {}
+    return {"nominal": short(cell.nominal), **seeds, **failed}
+
+
+def _read(entry: Mapping[str, Any]) -> Distribution:
+    seeds = {k: tuple(map(value, v)) for k, v in entry.items() if k not in ("nominal", "failed")}
+    return Distribution(value(entry["nominal"]), seeds, dict(entry.get("failed", {})))
+
+
+def value(figure: float | None) -> float:
+    """A figure of a run as a number: inf where it has none."""
+    return math.inf if figure is None or math.isnan(figure) else float(figure)
+
+
+def _within(x: float, values: Sequence[float]) -> bool:
+    low, high = min(values), max(values)
+    return low <= x <= high or number(x) in (number(low), number(high))
+
+
+def _median(values: Sequence[float]) -> float:
+    found = sorted(values)
+    low, high = found[(len(found) - 1) // 2], found[len(found) // 2]
+    return high if math.isinf(high) else (low + high) / 2
+
+
+def _finite(of: Any) -> Any:
+    def safe(values: Sequence[float]) -> float:
+        return float(of(values)) if all(map(math.isfinite, values)) else math.inf
+
+    return safe

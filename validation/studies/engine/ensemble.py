@@ -1,0 +1,83 @@
+"""The same closed loop from starts that differ by 1e-9: cells as distributions.
+
+A chaotic loop has no value. Every cell runs from rest, then a few times with tiny random
+velocities, and those whose printed figure moves as often as asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from softdyn.validation.studies.engine import worker
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.distribution import Distribution, value
+from softdyn.validation.studies.engine.executors import follow
+from softdyn.validation.studies.engine.store import Executor, Store
+
+NUDGE = 1e-9  # rad/s, m/s: standard deviation of each initial velocity
+SCREEN = 2  # nudged runs of every cell; more only where the figure moves
+FIGURE = {"set_point": "final_error_cm", "point": "final_error_cm", "tracking": "mse_cm2"}
+
+
+def members(case: Case, count: int, seed: int) -> list[Case]:
+    """A case from `count` random starts of this seed."""
+    return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
+
+
+def run(
+    cells: Mapping[str, Case],
+    store: Store,
+    execute: Executor,
+    count: int = 0,
+    seed: int = 1,
+    known: Mapping[str, Distribution] | None = None,
+) -> dict[str, Distribution]:
+    """The distribution of every cell; what `store` has is not run again.
+
+    Parameters
+    ----------
+    cells : mapping
+        Label → case.
+    store : Store
+    execute : Executor
+    count : int
+        Nudged runs of a cell whose printed figure moves in `SCREEN` of them.
+    seed : int
+        Of the nudges.
+    known : mapping, optional
+        Cells as they were found with other seeds: what moved there is run as often.
+    """
+
+    def results(cases: Iterable[Case]) -> dict[Case, dict[str, Any]]:
+        tasks = worker.tasks(list(dict.fromkeys(cases)))
+        follow(store.run(tasks, execute), tasks)
+        return {task.case: store.result(task.name) or {} for task in tasks}
+
+    def distribution(case: Case, count: int) -> Distribution:
+        nudged = members(case, count, seed)
+        groups = {"nominal": [case], str(seed): nudged}
+        failed = {key: sum(_failed(found[x]) for x in group) for key, group in groups.items()}
+        figures = tuple(_figure(x, found[x]) for x in nudged)
+        lost = {key: number for key, number in failed.items() if number}
+        return Distribution(_figure(case, found[case]), {str(seed): figures}, lost)
+
+    few = min(SCREEN, count)
+    found = results(each for case in cells.values() for each in (case, *members(case, few, seed)))
+    first = {label: distribution(case, few) for label, case in cells.items()}
+    moving = {label for of in (known or {}, first) for label, cell in of.items() if cell.moves}
+    often = [label for label in cells if label in moving]
+    found |= results(each for label in often for each in members(cells[label], count, seed))
+    every = first | {label: distribution(cells[label], count) for label in often}
+    return {
+        label: cell if label in moving else replace(cell, seeds={}) for label, cell in every.items()
+    }
+
+
+def _failed(result: Mapping[str, Any]) -> bool:
+    return bool(result.get("failed", True))
+
+
+def _figure(case: Case, result: Mapping[str, Any]) -> float:
+    return value(result.get(FIGURE[case.kind]))

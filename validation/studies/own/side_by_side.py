@@ -1,0 +1,100 @@
+"""Controllers side by side, from Python: classes of one's own beside those of the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import softdyn
+from softdyn import InputError, SoftModel
+from softdyn.validation.studies import paper
+from softdyn.validation.studies.benchmark import row
+from softdyn.validation.studies.benchmark_table import markdown, text
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.executors import run_all
+from softdyn.validation.studies.own.goals import goals
+
+Make = Callable[[SoftModel], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Benchmark:
+    """What `benchmark` found; its text is the table.
+
+    Attributes
+    ----------
+    rows : tuple of dict
+        A row for each robot and controller, under the names of the command's JSON.
+    """
+
+    rows: tuple[dict[str, Any], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {"rows": list(self.rows)}
+
+    def __str__(self) -> str:
+        return text(list(self.rows))
+
+    def _repr_markdown_(self) -> str:
+        return markdown(list(self.rows))
+
+
+@dataclass(frozen=True)
+class Built:
+    """Makes a case's controller from a class."""
+
+    make: Make
+
+    def __call__(self, _name: str, model: SoftModel) -> Any:
+        """The controller for one run."""
+        return self.make(model)
+
+
+def benchmark(
+    controllers: Mapping[str, Make] | Iterable[str],
+    robots: Iterable[str | Path | SoftModel] = ("finger", "helix", "spirob"),
+    *,
+    thetas: Iterable[float] = paper.THETAS,
+    omegas: Iterable[float] = paper.OMEGAS,
+    jobs: int = -1,
+) -> Benchmark:
+    """The paper's experiments of several controllers, and a table that prints.
+
+    Parameters
+    ----------
+    controllers : mapping or iterable of str
+        Name → what is called with the model, e.g. a class; or names as on the command line.
+    robots : iterable of str, Path or SoftModel
+        Robots that are not the paper's go to as many points that they can rest at.
+    thetas, omegas : iterable of float
+        Set points and rates, in multiples of π.
+    jobs : int
+        Processes, -1 for one per core, 1 for this one alone.
+
+    Raises
+    ------
+    InputError
+        What is no robot or controller, or a controller that cannot be built.
+    """
+    makes = controllers if isinstance(controllers, Mapping) else dict.fromkeys(controllers)
+    asked = [("set_point", x) for x in thetas] + [("tracking", x) for x in omegas]
+    cases = []
+    for one in robots:
+        model = one if isinstance(one, SoftModel) else softdyn.load(one)
+        robot = model.bundled or str(model.robot.path)
+        overlay = model.robot.overlay
+        for name, make in makes.items():
+            if make is not None and not callable(make):
+                raise InputError(name, "a class, called with the model", repr(make))
+            cases += [
+                Case(robot, name, kind, value, law=None if make is None else Built(make),
+                     annotations=None if overlay is None else str(overlay))
+                for kind, value in goals(model, asked)
+            ]  # fmt: skip
+    groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
+    for case, result in zip(cases, run_all(cases, jobs), strict=True):
+        groups.setdefault((case.robot, case.controller), []).append((case, result))
+    return Benchmark(tuple(row(*pair, runs) for pair, runs in groups.items()))
