@@ -8,9 +8,9 @@
 
 # %% [markdown]
 # # softdyn in five cells
-# Load a robot, look at it, run a controller, look at the run, plot it. `python docs/tour.py` runs
-# it as a script; `jupytext --to notebook docs/tour.py` makes a notebook of it, whose pages then
-# show below their cells.
+# Load a robot, look at it, run a controller, look at the run, plot it. `python tour.py` runs it as
+# a script; `jupytext --to notebook tour.py` makes a notebook of it, whose pages then show below
+# their cells.
 
 # %% Load
 import numpy as np

@@ -1,0 +1,193 @@
+"""README and documents: their files are saved, their commands and Python run, in their order.
+
+A block with `<!-- not run: REASON -->` before it is not run; its commands must exist all the same.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from softdyn.commands.__main__ import COMMANDS
+from tests.support import ROOT
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+NAMES = {name.replace("_", "-") for names in COMMANDS.values() for name in names}
+BLOCK = re.compile(
+    r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
+)
+GENERATED = re.compile(r"^<!-- (?!not run|end)[^\n]*-->$.*?^<!-- end[^\n]*-->$", re.M | re.S)
+WHOLLY_GENERATED = {"catalogue.md", "pairs.md"}
+# The text around a block tells where its content belongs.
+SAVE, APPEND = re.compile(r"Save as\s+`([^`]+)`"), re.compile(r"Append it to\s+`([^`]+)`")
+
+
+def commands(code: str) -> list[list[str]]:
+    """The lines that call softdyn: the command's name and its arguments."""
+    found = []
+    for line in code.splitlines():
+        words = shlex.split(line.removeprefix("$ ").partition("||")[0], comments=True)
+        if words[:1] == ["softdyn"] and len(words) > 1:
+            found.append(words[1:])
+        elif words[:1] == ["python"] and words[1].startswith("scripts/"):
+            found.append([Path(words[1]).stem.replace("_", "-"), *words[2:]])
+    return found
+
+
+def follow(page: Path, folder: Path) -> dict[str, str]:
+    """Do what the page says, in an empty folder; output of each command by its text."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+
+    def run(command: list[str]) -> str:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, text=True, check=False,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+        assert done.returncode == 0, f"{command[-1]}\n{done.stdout}"
+        return done.stdout
+
+    output, last, end, session, printed = {}, "", 0, "", ""
+    text = page.read_text(encoding="utf-8")
+    for block in BLOCK.finditer(text):
+        before, after, code = text[end : block.start()], text[block.end() :], block["code"]
+        end = block.end()
+        if block["mark"]:
+            continue
+        if SAVE.search(before):
+            last = SAVE.findall(before)[-1]
+            (folder / last).write_text(code, encoding="utf-8")
+        elif target := APPEND.match(after.lstrip()):
+            with (folder / target[1]).open("a", encoding="utf-8") as file:
+                file.write(code)
+        elif block["kind"] == "sh":
+            for line in code.splitlines():
+                output[line] = run(["bash", "-c", line])
+        elif block["kind"] == "python":
+            session += code  # what one block makes, the next may use
+            whole = run([sys.executable, "-c", session])
+            output[code], printed = whole.removeprefix(printed), whole
+    return output
+
+
+def said(output: dict[str, str], command: str) -> str:
+    """What the only command that contains these words printed."""
+    (found,) = [text for line, text in output.items() if command in line]
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_command_shown_is_one(page: Path) -> None:
+    for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
+        if block["kind"] in ("sh", "console"):
+            for name, *arguments in commands(block["code"]):
+                assert name in NAMES, f"{page.name}: softdyn {name}"
+                module = importlib.import_module(f"softdyn.commands.{name.replace('-', '_')}")
+                module.parser.parse_args(arguments)
+
+
+WITH_TESTS = {
+    "README.md",
+    "your_robot.md",
+    "silicone_arm.md",
+    "your_controller.md",
+    "first_minutes.md",
+}
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page.name not in WITH_TESTS], ids=lambda page: page.name
+)
+def test_what_a_page_shows_runs(page: Path, tmp_path: Path) -> None:
+    follow(page, tmp_path)
+
+
+def test_the_readme_closes_a_loop(tmp_path: Path) -> None:
+    said_ = said(follow(PAGES[0], tmp_path), "SoftIdClfQp")
+    assert "Status.OK" in said_
+    assert float(re.findall(r"after 10 s: ([\d.]+) cm", said_)[0]) <= 0.05
+
+
+def test_the_first_minutes(tmp_path: Path) -> None:
+    output = follow(ROOT / "docs/first_minutes.md", tmp_path)
+    assert "the two engines agree" in said(output, "crosscheck")
+    for page in ("ours.html", "both.html", "spirob.html"):
+        assert 0.8e6 < (tmp_path / page).stat().st_size < 1.3e6
+
+
+def test_your_own_robot(tmp_path: Path) -> None:
+    page = ROOT / "docs/your_robot.md"
+    output = follow(page, tmp_path)
+    checked = said(output, "softdyn check tentacle.urdf")
+    for quoted in re.findall(r"\*`([^`]+)`\*", page.read_text(encoding="utf-8")):
+        assert quoted in checked
+    assert checked.endswith("nothing looks wrong\n")
+    assert "fewer at 1 of 103 poses: q = 0 (rank 1)" in checked
+    wrong = said(output, "softdyn check wrong.urdf")
+    assert "expected <springStiffness>, got <springStifness> (misspelt?)" in wrong
+    assert wrong.endswith("exit code 2\n")
+    assert said(output, "crosscheck").endswith("the two engines agree\n")
+    for file in ("tentacle.html", "tentacle_inputs.html"):
+        assert "<html" in (tmp_path / file).read_text(encoding="utf-8")[:2000].lower()
+    u = [float(x) for x in said(output, "SoftIdClfQp").strip(" []\n").split()]
+    assert all(0 <= x <= 30 for x in u)
+
+
+def test_a_silicone_arm(tmp_path: Path) -> None:
+    """Three sections and twelve cables: file, two checks, statics, control, pictures."""
+    output = follow(ROOT / "docs/silicone_arm.md", tmp_path)
+    assert len((tmp_path / "silicone.toml").read_text().splitlines()) <= 30
+    assert "degrees_of_freedom 18, inputs 12" in said(output, "softdyn new")
+    assert said(output, "softdyn check").endswith("nothing looks wrong\n")
+    assert said(output, "crosscheck").endswith("the two engines agree\n")
+    tip = re.search(r"its tip at (.*) m, 0 snaps\nstable", said(output, "statics"))
+    assert tip is not None
+    assert [round(float(x), 3) for x in tip[1].split()] == [0.078, -0.076, -0.269]
+    assert re.search(r"reached: \|e\| fell from 11.323 to 0\.00\d cm", said(output, "run"))
+    for page in ("run.html", "cables.html"):
+        assert "<html" in (tmp_path / page).read_text(encoding="utf-8")[:2000].lower()
+
+
+def test_your_own_controller(tmp_path: Path) -> None:
+    output = follow(ROOT / "docs/your_controller.md", tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert (result["controller"], result["failed"]) == ("my_controller.py:SpringPull", False)
+    assert "SpringPull" in (tmp_path / "comparison" / "table.md").read_text()
+    broken = said(output, "Brake")
+    assert "the controller failed at t = 0 s: u: expected finite numbers" in broken
+    assert broken.endswith("exit code 1\n")
+
+
+def test_the_tour_runs() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "docs/examples/tour.py"], capture_output=True, text=True,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    errors = [float(x) for x in re.findall(r"mean squared error ([\d.]+)", done.stdout)]
+    assert len(errors) == 2
+    assert all(error < 2 for error in errors)
+
+
+def test_files_that_the_readme_names_exist() -> None:
+    text = PAGES[0].read_text(encoding="utf-8")
+    names = re.findall(r"\]\(([\w./]+)\)", text) + re.findall(r"`(scripts/\w+\.py)", text)
+    assert names
+    assert [name for name in names if not (ROOT / name).exists()] == []
+
+
+def test_the_documents_stay_short() -> None:
+    """Words by hand; code and what a command writes are not counted."""
+    texts = [page.read_text("utf-8") for page in PAGES if page.name not in WHOLLY_GENERATED]
+    by_hand = [BLOCK.sub("", GENERATED.sub("", text)) for text in texts]
+    words = [word for text in by_hand for word in text.split() if re.search(r"\w", word)]
+    assert len(words) <= 18_000
+    assert len(texts[0].splitlines()) <= 120
