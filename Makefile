@@ -4,14 +4,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test test-oldest test-pythons lint count clean help
+.PHONY: run test wheel test-oldest test-pythons mutants lint docs count clean help
 
 help:
 	@echo "make run    the paper's table, figures and replays: open results/index.html"
 	@echo "make test   run the test suite"
+	@echo "make wheel  the wheel in a fresh environment: every command, on finger, ur5 and an own arm"
 	@echo "make test-oldest   the tests with the oldest packages that pyproject.toml admits"
 	@echo "make test-pythons  the tests with each supported Python that is found"
+	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
 	@echo "make lint   ruff, mypy, and that imports point one way"
+	@echo "make docs   the documentation as a site: open build/docs/index.html"
 	@echo "make count  lines of code, folder by folder"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
@@ -20,6 +23,9 @@ run: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest -n auto
+
+wheel:
+	$(PYTHON) .ci/wheel.py --all
 
 # uv chooses the packages and finds the interpreters; CI runs these two apart (.ci/optional).
 UV = $(BIN)/uv
@@ -42,11 +48,19 @@ test-pythons: $(UV)
 	  .venv-$$version/bin/python -m pytest -n auto; \
 	done
 
+mutants: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,mutants]"
+	nice $(BIN)/python .ci/mutants.py
+	$(BIN)/python .ci/mutants.py --report
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --config-file docs/site/mkdocs.yml
 
 # The marker is written last, so an interrupted set-up is done again.
 $(READY): pyproject.toml
