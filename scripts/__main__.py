@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import importlib
+import os
 import sys
 
 from softdyn._version import __version__
 from softdyn.commands import cli
 
+# by what one wants to do
 COMMANDS = {
-    "look at a robot": ("check_urdf", "crosscheck", "compare", "export", "view", "statics"),
-    "close the loop": ("run", "replay", "obstacle"),
-    "many loops": ("benchmark", "sweep", "robustness", "hold", "beyond", "tune", "reproduce"),
-    "time and break": ("step_time", "compare_steps", "worst_step", "fuzz"),
-    "made by a command": ("make_robots", "pictures"),
+    "begin": ("examples", "new", "identify", "compile"),
+    "see what a robot's file amounts to": ("check", "view", "statics", "converge"),
+    "compare it with another engine or file": ("crosscheck", "compare", "export"),
+    "close one loop and look at it": ("run", "play", "replay", "obstacle"),
+    "choose a controller and its gains": ("sweep", "tune", "robustness"),
+    "repeat the paper and go beyond it": (
+        "benchmark",
+        "reproduce",
+        "hold",
+        "beyond",
+        "certify",
+        "textbook",
+    ),
+    "time the control step": ("step_time", "compare_steps", "worst_step"),
+    "work on softdyn itself": ("fuzz", "make_robots", "pictures", "tables"),
 }
+NAMES = [name for names in COMMANDS.values() for name in names]
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command, or list them; returns the exit code."""
+    if "_ARGCOMPLETE" in os.environ:
+        complete()
     name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
         print(listing())
@@ -27,17 +43,29 @@ def main(argv: list[str] | None = None) -> int:
     if name in ("-V", "--version"):
         print(f"softdyn {__version__}")
         return cli.PASSED
-    names = [command for group in COMMANDS.values() for command in group]
     module_name = name.replace("-", "_")
-    if module_name not in names:
-        near = difflib.get_close_matches(module_name, names, 1)
+    if module_name not in NAMES:
+        near = difflib.get_close_matches(module_name, NAMES, 1)
         expected = f"{spelt(near[0])}?" if near else "a command; `softdyn` lists them"
         print(f"error: command: expected {expected}, got {name}", file=sys.stderr)
         return cli.BAD_INPUT
     module = importlib.import_module(f"softdyn.commands.{module_name}")
-    module.parser.prog = f"softdyn {name}"
+    module.parser.prog = f"softdyn {spelt(module_name)}"
     code: int = module.main(rest)
     return code
+
+
+def complete() -> None:
+    """Answer the shell, which asks how a line may go on: `argcomplete` does it."""
+    import argcomplete
+
+    parser = argparse.ArgumentParser()
+    commands = parser.add_subparsers()
+    for name in NAMES:
+        typed = spelt(name) in os.environ.get("COMP_LINE", "").split()
+        parents = [importlib.import_module(f"softdyn.commands.{name}").parser] if typed else []
+        commands.add_parser(spelt(name), parents=parents, add_help=False)
+    argcomplete.autocomplete(parser)
 
 
 def listing() -> str:
@@ -47,7 +75,7 @@ def listing() -> str:
         lines.append(f"{purpose}:")
         for name in names:
             about = importlib.import_module(f"softdyn.commands.{name}").__doc__ or ""
-            lines.append(f"  {spelt(name):12} {about.splitlines()[0]}")
+            lines.append(f"  {spelt(name):14}{about.splitlines()[0]}")
         lines.append("")
     return "\n".join([*lines, f"softdyn {__version__}"])
 

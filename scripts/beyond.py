@@ -7,23 +7,25 @@ from softdyn.commands import cli
 
 EPILOG = """\
 Set points run at 1 ms, 2 ms and the robot's published control period, trajectories at the
-published one. TT in brackets: the second of the two cycles alone. docs/beyond.md discusses them.
+published one. docs/beyond.md discusses them.
 
 exit codes: 0 every case ran, failed loops included; 2 bad input.
 """
 
 
 parser = cli.Parser(__doc__, EPILOG)
-cli.add_trial_options(parser)
+cli.add_trial_options(parser, "results/beyond")
 
 
 def command(arguments: cli.Arguments) -> int:
     """Run, report."""
-    from softdyn.validation.studies import beyond
+    from softdyn.validation.studies import beyond, paper
 
+    for robot in arguments.robots:
+        paper.setup(robot)
     cli.check_trials(arguments)
-    rows = beyond.report(arguments.robots, arguments.controller, arguments.jobs or -1)
-    cli.write_report({"rows": rows}, arguments.json, beyond.markdown(rows))
+    cells = cli.distributions(arguments, beyond.cells(arguments.robots, arguments.controller))
+    cli.write_report(cli.summaries(cells), arguments.json, beyond.markdown(cells))
     return cli.PASSED
 
 

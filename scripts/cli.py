@@ -9,13 +9,15 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
+    from softdyn.validation.studies.engine.case import Case
+    from softdyn.validation.studies.engine.distribution import Distribution
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -37,8 +39,10 @@ class Parser(argparse.ArgumentParser):
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
     def error(self, message: str) -> NoReturn:
-        """Exit with code 2."""
-        self.exit(BAD_INPUT, f"error: {message}\n")
+        """Exit with code 2; what was typed may be long, and have lines."""
+        from softdyn.exceptions import one_line
+
+        self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
 
 
 def finite(text: str) -> float:
@@ -116,23 +120,77 @@ def load_robot(arguments: Arguments) -> SoftModel:
     )
 
 
-def add_trial_options(parser: argparse.ArgumentParser) -> None:
+def add_ensemble_options(parser: Parser) -> None:
+    """The options of `distributions`."""
+    parser.add_argument(
+        "--ensemble", type=count, default=0, metavar="N",
+        help="every loop from 2 starts nudged by 1e-9 too, from N where its printed figure moves",
+    )  # fmt: skip
+    parser.option("--seed", whole, "S", "of the nudges", 1)
+    parser.add_argument(
+        "--keep",
+        metavar="FILE",
+        help="join the figures with those in FILE, of other seeds and cells",
+    )
+
+
+def distributions(arguments: Arguments, cells: Mapping[str, Case]) -> dict[str, Distribution]:
+    """What `add_ensemble_options` asks for, run below --out and kept."""
+    from softdyn.validation.studies.engine import distribution, ensemble, executors
+    from softdyn.validation.studies.engine.store import Store
+
+    store, keep = Store(Path(arguments.out), runs="ensemble"), Path(arguments.keep or "")
+    before = distribution.read(keep) if arguments.keep and keep.exists() else {}
+    found = ensemble.run(
+        cells, store, executors.strict(arguments.jobs or -1), arguments.ensemble, arguments.seed,
+        before,
+    )  # fmt: skip
+    both = distribution.join(before, found)
+    if arguments.keep:
+        distribution.write(keep, both)
+    return {label: both[label] for label in cells}
+
+
+def summaries(cells: Mapping[str, Distribution]) -> dict[str, Any]:
+    """Cells as a command's JSON has them."""
+    return {"cells": {label: cell.summary() for label, cell in cells.items()}}
+
+
+def add_trial_options(parser: Parser, out: str) -> None:
     """What commands take that run the paper's robots through many closed loops."""
     parser.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
     parser.add_argument("--controller", default="best", metavar="CONTROLLER")
     parser.add_argument("--jobs", type=count, metavar="N", help="default: one per core")
+    parser.option("--out", str, "DIR", "what ran lies here, and is not run again", out)
+    add_ensemble_options(parser)
     add_json(parser)
 
 
 def check_trials(arguments: Arguments) -> None:
     """Refuse, before any work, what `add_trial_options` cannot know to be wrong."""
     from softdyn.controllers import find_controller
-    from softdyn.validation.studies import paper
 
-    check_outputs(arguments.json)
+    check_outputs(arguments.json, arguments.keep)
+    make_folder(Path(arguments.out))
     find_controller(arguments.controller)
-    for robot in arguments.robots:
-        paper.setup(robot)
+
+
+def add_own_options(parser: argparse.ArgumentParser) -> None:
+    """What a study of one own robot is told besides: its annotations, its controller's gains."""
+    parser.add_argument(
+        "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
+    )
+    parser.add_argument("--gains", metavar="FILE", help="of the controller, a TOML file")
+
+
+def own_gains(arguments: Arguments) -> dict[str, Any] | None:
+    """The table of `add_own_options`, which is for one robot alone."""
+    from softdyn import InputError
+
+    given = arguments.annotations or arguments.gains
+    if given and len(getattr(arguments, "robots", [1])) > 1:
+        raise InputError(given, "one robot to go with it", f"{len(arguments.robots)} robots")
+    return read_toml(arguments.gains) if arguments.gains else None
 
 
 def program(parser: Parser, command: Command, module: str) -> Callable[..., int]:
@@ -229,6 +287,21 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     if target is not None:
         write_json(target, report)
     say(summary)
+
+
+@contextmanager
+def share_bar(first: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal for work of a known time: told what is done, and how much of it."""
+    from tqdm import tqdm
+
+    layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}]"
+    with tqdm(total=1.0, desc=first, disable=None, leave=False, bar_format=layout) as bar:
+
+        def tell(text: str, share: float) -> None:
+            bar.set_description_str(text, refresh=False)
+            bar.update(min(share, 1.0) - bar.n)
+
+        yield tell
 
 
 def say(text: str) -> None:

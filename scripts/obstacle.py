@@ -6,7 +6,9 @@ from __future__ import annotations
 from softdyn.commands import cli
 
 EPILOG = """\
-ROBOT is a bundled name (finger, helix, spirob, spirob48).
+ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
+of a robot of example-robot-data. One that is not bundled needs --gains; its set point is --target,
+or one that it can rest at.
 
 A ball stands half-way to the set point, so that the path of the published law cuts it. The second
 run is the same law over a hold of eps of its gains, the third has the ball as a barrier, and the
@@ -19,7 +21,12 @@ exit codes: 0 no barrier was violated by more than 1 mm or 0.01 rad; 1 one was; 
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
+cli.add_robot_options(parser)
 parser.option("--theta", cli.finite, "T", "set point", 0.0)
+parser.add_argument(
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m"
+)
+parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
 parser.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
 parser.add_argument("--limits", action="store_true", help="joint limits are barriers too")
 parser.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
@@ -31,11 +38,12 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Run, judge, report."""
-    import softdyn
+    from softdyn.controllers.gains import from_table
     from softdyn.validation.studies import obstacle
 
     cli.check_outputs(arguments.json, arguments.html)
-    model = softdyn.load(arguments.robot)
+    model = cli.load_robot(arguments)
+    table = cli.read_toml(arguments.gains) if arguments.gains else {}
     met = obstacle.meet(
         model,
         arguments.theta,
@@ -43,18 +51,19 @@ def command(arguments: cli.Arguments) -> int:
         limits=arguments.limits,
         random=arguments.runs,
         seed=arguments.seed,
+        gains=from_table(model, "soft-id-clf-qp", table),
+        target=arguments.target,
     )
     if arguments.log is not None:
         for name, log in met.logs.items():
             log.save(f"{arguments.log}-{name.replace(' ', '-')}.npz")
     if arguments.html is not None:
-        from softdyn.validation.files import write_text
         from softdyn.validation.report.replay import comparison
 
         x, y, z = map(float, met.ball.centre)
         logs, labels = [*met.logs.values()], [*met.logs]
         page = comparison(logs, [model] * len(logs), labels, balls=[(x, y, z, met.ball.radius)])
-        write_text(arguments.html, page.html())
+        page.save(arguments.html)
     cli.write_report(met.report, arguments.json, str(met))
     return cli.PASSED if met.report["passed"] else cli.FAILED
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Make the README's picture: finger, helix and spirob on their targets, drawn by the viewer."""
+"""Make the README's pictures: the robots on their targets; with --clip, softdyn play in motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ its replay drawn by Chromium without a window.
 exit codes: 0 written; 2 bad input, or no Chromium.
 """
 SHOWN = (("finger", 0.5), ("helix", 0.5), ("spirob", 0.5))  # and θ in multiples of π
-NAMES = ("chromium", "chromium-browser", "google-chrome")
 SIZE = 540  # pixels of each picture, a square
 FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -29,6 +28,7 @@ FLAGS = (
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--out", default="docs/robots.png", metavar="FILE", help="%(default)s")
+parser.add_argument("--clip", metavar="FILE", help="instead, softdyn play in motion, as GIF")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -40,8 +40,10 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.report.replay import replay
     from softdyn.validation.studies import paper
 
-    cli.check_outputs(arguments.out)
-    browser = next((path for name in NAMES if (path := shutil.which(name))), None)
+    cli.check_outputs(arguments.out, arguments.clip)
+    if arguments.clip is not None:
+        return film(arguments.clip)
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
         raise softdyn.InputError("pictures", "Chromium (apt-get install chromium)", "none")
     with tempfile.TemporaryDirectory() as folder:
@@ -55,6 +57,26 @@ def command(arguments: cli.Arguments) -> int:
         with atomic(arguments.out) as stream:
             side_by_side(files, stream)
     print(arguments.out)
+    return cli.PASSED
+
+
+def film(target: str) -> int:
+    """Write the clip of `softdyn play`."""
+    from PIL import Image
+
+    from softdyn.validation.files import atomic
+    from softdyn.validation.film.clip import COLOURS, RATE, clip
+
+    pictures = clip()
+    # by octree: the few pixels of an arrow or a target keep their colour
+    palette = pictures[-1].quantize(COLOURS, method=Image.Quantize.FASTOCTREE)
+    frames = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
+    with atomic(target) as stream:
+        frames[0].save(
+            stream, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / RATE),
+            loop=0, optimize=False,
+        )  # fmt: skip
+    print(target)
     return cli.PASSED
 
 

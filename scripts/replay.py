@@ -23,7 +23,9 @@ parser.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each
 parser.add_argument(
     "--side-by-side", action="store_true", help="next to each other, not in one place"
 )
-parser.add_argument("--robot", metavar="ROBOT", help="the logs' robot, where it is no bundled one")
+parser.add_argument(
+    "--robot", metavar="ROBOT", help="the logs' robot (default: as the logs have it)"
+)
 cli.add_robot_options(parser)
 
 
@@ -31,7 +33,6 @@ def command(arguments: cli.Arguments) -> int:
     """Read the logs, write the page."""
     import softdyn
     from softdyn.validation import Log
-    from softdyn.validation.files import write_text
     from softdyn.validation.report.replay import comparison, replay
 
     if arguments.html is None and arguments.plot is None:
@@ -50,15 +51,19 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html is None:
         return cli.PASSED
     if arguments.robot is None:
-        robots = {log.robot: softdyn.load(log.robot) for log in logs}
+        sources = {log.source.digest: log.source for log in logs}
+        robots = {digest: source.model() for digest, source in sources.items()}
     else:
-        robots = dict.fromkeys((log.robot for log in logs), cli.load_robot(arguments))
+        own = cli.load_robot(arguments)
+        for path, log in zip(arguments.logs, logs, strict=True):
+            log.source.check(own, f"--robot for {path}")
+        robots = {own.robot.digest: own}
     if len(logs) == 1 and arguments.labels is None:
-        page = replay(logs[0], robots[logs[0].robot])
+        page = replay(logs[0], robots[logs[0].source.digest])
     else:
-        models = [robots[log.robot] for log in logs]
+        models = [robots[log.source.digest] for log in logs]
         page = comparison(logs, models, arguments.labels, arguments.side_by_side)
-    write_text(arguments.html, page.html())
+    page.save(arguments.html)
     print(arguments.html)
     return cli.PASSED
 

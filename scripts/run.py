@@ -12,8 +12,9 @@ from softdyn.commands import cli
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation import Log
+    from softdyn.validation.live.watching import Shown
     from softdyn.validation.loop.closed_loop import ClosedLoop
-    from softdyn.validation.report.live import Shown
+    from softdyn.validation.scene.plant import Scene
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
@@ -32,9 +33,16 @@ ellipse is scaled to its length, the summed joint offsets from base to tip, as f
 --gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
 Bundled robots have the paper's gains by default; others need some.
 
-exit codes: 0 the loop ended closer to its reference than it began; 1 it failed or diverged;
-2 bad input.
+The run has reached its reference if |e|, over the last tenth of it and at its end, or the rms of
+|e| over the last cycle of a trajectory, is within --tolerance. Where a set point was not reached,
+statics looks a few seconds for the nearest point where the robot can rest.
+
+exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged; 2 bad input.
 """
+
+
+PATIENCE = 4.0  # s to look for the nearest rest
+TRANSIENT = 1.0  # s; what a shorter run has not reached says nothing of its target
 
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -45,7 +53,7 @@ goal = parser.add_mutually_exclusive_group(required=True)
 goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T pi, 10 s")
 goal.add_argument("--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles")
 goal.add_argument(
-    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
+    "--target", type=float, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
 )
 parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
 parser.add_argument(
@@ -55,7 +63,20 @@ parser.add_argument(
     help="control period in s (default: the paper's, 0.002 for other robots)",
 )
 parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
+parser.add_argument(
+    "--certify", action="store_true",
+    help="log what V does under the model's own acceleration (laws of the paper)",
+)  # fmt: skip
 parser.add_argument("--contacts", action="store_true", help="let the links touch")
+parser.add_argument(
+    "--plant", metavar="FILE", help="an MJCF of your own to drive in place of the twin"
+)
+parser.add_argument(
+    "--tolerance", type=cli.positive, metavar="M", help="in m (default: 1 %% of the robot's length)"
+)
+parser.add_argument(
+    "--no-verdict", action="store_true", help="exit with 0 unless the run failed, reached or not"
+)
 parser.add_argument("--log", metavar="FILE", help="write the run as NPZ")
 parser.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
@@ -79,7 +100,12 @@ def command(arguments: cli.Arguments) -> int:
         target=arguments.target,
         period=arguments.period,
     )
+    plant = make_plant(model, arguments)
     controller = make_controller(model, arguments.controller, arguments.gains)
+    if arguments.certify:
+        from softdyn.controllers import Certified
+
+        controller = Certified(controller)
     shown = None
     with one_line_errors(arguments.controller, "a command"):
         loop = ClosedLoop(
@@ -87,7 +113,9 @@ def command(arguments: cli.Arguments) -> int:
             controller,
             experiment,
             duration=arguments.duration,
+            period=arguments.period,
             contacts=arguments.contacts,
+            plant=plant,
             name=arguments.controller,
         )
         if arguments.view:
@@ -97,30 +125,68 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.log is not None:
         log.save(arguments.log)
     if arguments.html is not None:
-        from softdyn.validation.files import write_text
         from softdyn.validation.report.replay import replay
 
-        write_text(arguments.html, replay(log, model).html())
-    text = log.summary(paper.beside(log))
-    report = log.report()
+        replay(log, model).save(arguments.html)
+    text = log.summary(paper.beside(log), arguments.tolerance)
+    report = log.report(arguments.tolerance)
+    if log.complete and not report["reached"] and not arguments.no_verdict:
+        told = nearest_rest(model, log, arguments.tolerance)
+        text, report["nearest_rest_cm"] = f"{text}\n{told[0]}".rstrip(), told[1]
+    if plant is not None:
+        report["plant"] = plant.to_dict()
     if shown is not None:
         text += f"\n{shown}"
         report["viewer"] = asdict(shown)
     cli.write_report(report, arguments.json, text)
-    return cli.FAILED if log.failed else cli.PASSED
+    done = not log.failed if arguments.no_verdict else report["reached"]
+    return cli.PASSED if done else cli.FAILED
+
+
+def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
+    """What statics says of a set point that was not reached: a line, and a distance (cm)."""
+    import numpy as np
+
+    from softdyn import SoftdynError, statics
+
+    if np.ptp(log.y_ref, axis=0).any() or log.t[-1] < TRANSIENT:
+        return "", None
+    try:
+        found = statics.inputs_for_tip(model, log.y_ref[-1], shapes=8, seconds=PATIENCE)
+    except SoftdynError as error:
+        return f"statics: {error}", None
+    away = found.distance(found.nearest)
+    within = away <= log.verdict(tolerance).tolerance
+    reach = "it is in reach" if within else "it may be out of reach"
+    return (
+        f"softdyn statics says: the nearest rest found in {PATIENCE:g} s is {100 * away:.3f} cm "
+        f"from the target: {reach}",
+        100 * away,
+    )
 
 
 def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
     """Run the loop while the browser shows it."""
-    from softdyn.validation.report import live as view
-    from softdyn.view.server import Viewer
+    from softdyn.validation.live import watching
 
-    with Viewer(view.live_page(loop), arguments.port) as viewer:
-        print(viewer.url, file=sys.stderr, flush=True)
+    with watching.watched(loop, arguments.port) as channel:
+        print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
-            viewer.open()
-        viewer.wait(view.WAIT)
-        return view.watch(loop, viewer, arguments.speed)
+            channel.open()
+        channel.wait(watching.WAIT)
+        return watching.watch(loop, channel, arguments.speed)
+
+
+def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
+    """The user's own scene, after a report on how it differs from the model."""
+    if arguments.plant is None:
+        return None
+    from softdyn.validation.scene.plant import Scene
+
+    plant = Scene(model, arguments.plant)
+    if arguments.json != "-":
+        cli.say(str(plant))
+    return plant
 
 
 def make_controller(model: SoftModel, name: str, file: str | None) -> Any:

@@ -16,10 +16,11 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
 
-Without a goal: the four set points of the paper's ellipse, scaled to the robot. Every target is
-searched from many starts: stable rests under random inputs, and random shapes. What is found
-exists; what is not found may exist. Each result is put into the MuJoCo twin with its input frozen
-for --hold seconds, exactly and with joints nudged by 1e-3 rad, and the tip's drift is told.
+Without a goal: the four set points of the paper's ellipse for its robots, and for any other robot
+four stable rests, spread as far as its inputs move the tip. Every target is searched from many
+starts: stable rests under random inputs, and random shapes. What is found exists; what is not found
+may exist. Each result is put into the MuJoCo twin with its input frozen for --hold seconds, exactly
+and with joints nudged by 1e-3 rad, and the tip's drift is told.
 
 --inputs raises the given input slowly from rest instead, and tells where that ends.
 
@@ -27,6 +28,7 @@ exit codes: 0 done; 1 no equilibrium was found; 2 bad input.
 """
 
 
+TARGETS = 4  # of a robot that has none of its own
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
@@ -86,18 +88,24 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
 
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """The targets, each from many starts."""
-
+    from softdyn import statics
     from softdyn.validation.crosschecks.rest_report import rests_at
     from softdyn.validation.report import statics_figure
     from softdyn.validation.studies import paper
 
-    setup = paper.setup_of(model)
-    thetas: list[float | None] = [None]
-    goals = {"target": arguments.target}
-    if arguments.target is None:
+    on_ellipse = arguments.theta is not None or model.bundled in paper.ROBOTS
+    curve, thetas = None, [None]
+    if arguments.target is not None:
+        goals = {"target": arguments.target}
+    elif on_ellipse:
         asked = paper.THETAS if arguments.theta is None else (arguments.theta,)
-        goals = {theta_name(theta): setup.ellipse().point(theta) for theta in asked}
+        ellipse, curve = paper.setup_of(model).ellipse(), paper.ellipse_points(model, 121)
+        goals = {theta_name(theta): ellipse.point(theta) for theta in asked}
         thetas = [*asked]
+    else:
+        spread = statics.spread_rests(model, TARGETS, arguments.seed)
+        goals = {f"rest {i + 1}": one.y for i, one in enumerate(spread)}
+        thetas = [None] * len(goals)
     found = rests_at(
         model,
         goals,
@@ -109,7 +117,7 @@ def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], 
         guesses=[] if arguments.log is None else [last_state(model, arguments.log)],
     )
     if arguments.map is not None:
-        statics_figure.draw(arguments.map, found, paper.ellipse_points(model, 121))
+        statics_figure.draw(arguments.map, found, curve)
     report = found.to_dict()
     for theta, row in zip(thetas, report["targets"], strict=True):
         row["theta"] = theta
@@ -122,10 +130,8 @@ def last_state(model: SoftModel, path: str) -> tuple[np.ndarray, np.ndarray]:
     from softdyn.validation import Log
 
     log = Log.load(path)
-    same = (log.q.shape[1], log.u.shape[1]) == (model.nq, model.nu)
-    if log.joint_names != model.joint_names or not same or not log.steps:
-        raise InputError(path, f"a run of {model.name}", f"one of {log.robot}")
-    if log.finite_samples < len(log.q):
+    log.source.check(model, path)
+    if not log.steps or log.finite_samples < len(log.q):
         raise InputError(path, "a run that ended in a finite state", log.reason)
     return log.q[-1], log.u[-1]
 

@@ -39,15 +39,19 @@ parser.add_argument("--throughput", action="store_true", help="also whole closed
 parser.add_argument(
     "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
 )
+cli.add_own_options(parser)
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
     """Measure what is asked for, then tables and figures."""
+    from functools import partial
+
     from tqdm import tqdm
 
     import softdyn
     from softdyn.controllers import find_controller
+    from softdyn.controllers.registry import make_controller
     from softdyn.validation.files import to_json, write_text
     from softdyn.validation.report import step_figures
     from softdyn.validation.timing import step_report
@@ -59,8 +63,14 @@ def command(arguments: cli.Arguments) -> int:
     out = Path(arguments.out)
     cli.make_folder(out / "states")
     cli.check_outputs(arguments.json)
-    makes = {name: find_controller(name) for name in arguments.controllers}
-    models = {name: softdyn.load(name) for name in dict.fromkeys(arguments.robots)}
+    makes: dict[str, Any] = {name: find_controller(name) for name in arguments.controllers}
+    table = cli.own_gains(arguments)
+    if table is not None:
+        makes = {name: partial(make_controller, name, parameters=table) for name in makes}
+    models = {
+        name: softdyn.load(name, annotations=arguments.annotations)
+        for name in dict.fromkeys(arguments.robots)
+    }
     stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -272,3 +274,25 @@ def test_numba_may_be_switched_off(tmp_path):
     (tmp_path / "kernel.py").write_text(code)
     plain, fast = ([float(x) for x in run_double(tmp_path, NUMBA_DISABLE_JIT=off)] for off in "10")
     assert plain == pytest.approx(fast, rel=1e-7)
+
+
+@pytest.mark.skipif(not softdyn.compiled.COMPILES, reason="nothing is compiled")
+def test_an_interruption_waits_for_the_compiler() -> None:
+    """Else it ends inside Numba's callbacks: a traceback, or a kernel without its code."""
+    listener = softdyn.compiled.announce_compilation()
+    event, foreign = (
+        SimpleNamespace(data={"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__=m))})
+        for m in ("softdyn.x", "other.x")
+    )
+    before = signal.getsignal(signal.SIGINT)
+    for _ in range(2):  # kernels compile the kernels that they call
+        listener.on_start(event)
+    listener.on_start(foreign)
+    signal.raise_signal(signal.SIGINT)
+    listener.on_end(foreign)
+    listener.on_end(event)
+    with pytest.raises(KeyboardInterrupt):
+        listener.on_end(event)
+    assert signal.getsignal(signal.SIGINT) == before
+    listener.on_start(event)
+    listener.on_end(event)  # and is told once

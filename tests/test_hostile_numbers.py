@@ -142,7 +142,7 @@ def test_another_robot_s_state_is_refused_and_a_copy_s_is_not(name: str, tmp_pat
     with pytest.raises(InputError, match=r"stiffer\.urdf"):
         controller(changed.state(changed.q0, np.zeros(changed.nv)), goal)
     with pytest.raises(InputError, match="own robot"):
-        simulate(changed, controller, goal, duration=0.01)
+        simulate(changed, controller, SetPoint(goal.y), duration=0.01)
     (tmp_path / "same.urdf").write_text(path.read_text())
     for model in (copy.deepcopy(robot("spirob")), softdyn.load(tmp_path / "same.urdf")):
         state = model.state(model.q0, np.zeros(model.nv))

@@ -1,63 +1,23 @@
-"""Files that appear whole or not at all."""
+"""Files of a command: what is read is checked, what is written appears whole or not at all."""
 
 from __future__ import annotations
 
 import errno
 import hashlib
-import io
 import json
 import math
 import os
 import re
-import secrets
-import stat
-import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from softdyn import InputError
+from softdyn.files import atomic as atomic
+from softdyn.files import beside, followed, is_stream, not_writable
+from softdyn.files import read_toml as read_toml
+from softdyn.files import write_text as write_text
 
-MAX_TOML = 1_000_000  # bytes
 MAX_JSON = 64_000_000  # bytes
-
-
-@contextmanager
-def atomic(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that takes the name `path` when all went well.
-
-    A symbolic link is followed. What is no regular file (a device, a pipe) is written through at
-    the end instead of being replaced, and so is what is named below ``/dev`` or ``/proc``.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be written there. A regular file that stood there is then untouched.
-    """
-    path = Path(path)
-    try:
-        if _is_stream(path):
-            content = io.BytesIO()  # what is written may need to seek
-            yield content
-            with open(path, "wb", buffering=0) as stream:
-                _write_all(stream, content.getbuffer())
-            return
-        target = _followed(path)
-        temporary = _beside(target)
-        try:
-            with open(temporary, "xb") as file:
-                with suppress(FileNotFoundError):
-                    os.fchmod(file.fileno(), stat.S_IMODE(target.stat().st_mode))
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, target)
-        finally:
-            with suppress(OSError):  # it is gone when all went well
-                temporary.unlink()
-    except OSError as error:
-        raise _not_writable(path, error) from None
 
 
 def check_writable(path: str | Path) -> Path:
@@ -73,16 +33,16 @@ def check_writable(path: str | Path) -> Path:
     if os.path.isdir(path):
         raise InputError(str(path), "a file", "a folder")
     try:
-        if _is_stream(path):
+        if is_stream(path):
             if not os.access(path, os.W_OK):
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
             return path
-        probe = _beside(_followed(path))
+        probe = beside(followed(path))
         with open(probe, "xb"):
             pass
         probe.unlink()
     except OSError as error:
-        raise _not_writable(path, error) from None
+        raise not_writable(path, error) from None
     return path
 
 
@@ -99,37 +59,12 @@ def check_outputs(*paths: str | Path | None) -> None:
         if path is None or str(path) == "-":
             continue
         check_writable(path)
-        if _is_stream(Path(path)):
+        if is_stream(Path(path)):
             continue
-        target = _followed(Path(path))
+        target = followed(Path(path))
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
         seen.add(target)
-
-
-def read_toml(path: str | Path) -> dict[str, Any]:
-    """The table in a TOML file of at most `MAX_TOML` bytes.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, is larger, or is no TOML that Python can hold.
-    """
-    try:
-        with open(path, "rb") as file:
-            content = file.read(MAX_TOML + 1)
-    except (OSError, ValueError) as error:  # a name that no system accepts
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(str(path), "a readable file", reason) from None
-    if len(content) > MAX_TOML:
-        raise InputError(str(path), f"a file of at most {MAX_TOML} bytes", "a larger one")
-    try:
-        table = tomllib.loads(content.decode())
-        if _holds_large_integer(table):  # Python cannot even print one of thousands of digits
-            raise ValueError("an integer of more than 64 bits")
-        return table
-    except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
-        raise InputError(str(path), "a TOML file", error) from None
 
 
 def read_json(path: str | Path, expected: str) -> dict[str, Any]:
@@ -171,22 +106,9 @@ def to_json(value: Any) -> str:
     return json.dumps(_finite(value), indent=2, allow_nan=False)
 
 
-def write_text(path: str | Path, text: str) -> None:
-    """Write `text` to a file, whole or not at all."""
-    with atomic(path) as file:
-        file.write(text.encode())
-
-
 def write_json(path: str | Path, value: Any) -> None:
     """Write `to_json` of `value` to a file."""
     write_text(path, to_json(value) + "\n")
-
-
-def _holds_large_integer(value: Any) -> bool:
-    if isinstance(value, dict | list):
-        parts = value.values() if isinstance(value, dict) else value
-        return any(_holds_large_integer(part) for part in parts)
-    return isinstance(value, int) and not -(2**63) <= value < 2**63
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -208,46 +130,12 @@ def _holds_infinity(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _is_stream(path: Path) -> bool:
-    """Whether `path` takes what is written and cannot be replaced by a file."""
-    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
-        return path.exists()
-    try:
-        return not stat.S_ISREG(path.stat().st_mode)
-    except FileNotFoundError:
-        return False
-
-
-def _followed(path: Path) -> Path:
-    """Where the link leads, or `path`; links in a circle are an error of the operating system."""
-    if not path.name:
-        raise InputError(str(path), "a file", "a folder")
-    target = Path(os.path.realpath(path))
-    if target.is_symlink():
-        target.stat()  # raises
-    return target
-
-
-def _write_all(stream: Any, content: memoryview) -> None:
-    while content:
-        content = content[stream.write(content) :]
-
-
 def safe(text: str) -> str:
     """`text` as one path component; a path or a class keeps its last words and gains a hash."""
     if re.fullmatch(r"[A-Za-z0-9_-]+", text):
         return text
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(text).name)
     return f"{stem}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-
-
-def _beside(path: Path) -> Path:
-    """A name for a file that becomes `path`: of no other process, thread or machine."""
-    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
-
-
-def _not_writable(path: Path, error: OSError) -> InputError:
-    return InputError(str(path), "a writable file", error.strerror or error)
 
 
 def _finite(value: Any) -> Any:

@@ -12,7 +12,7 @@ from threading import RLock, Thread
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed, parallel_config
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from softdyn import SoftdynError
 
@@ -61,7 +61,7 @@ def in_order(
     """All results of `in_processes`, in the order of `calls`; a bar on a terminal."""
     order = [(index, function, call) for index, call in enumerate(calls)]
     answers = in_processes(numbered, order, jobs)
-    found = dict(tqdm(answers, total=len(order), disable=None, unit="run"))
+    found = dict(tqdm(answers, total=len(order), disable=None, leave=False, unit="run"))
     return [found[index] for index in range(len(order))]
 
 

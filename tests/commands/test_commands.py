@@ -1,5 +1,6 @@
 """One name for all commands."""
 
+import os
 import re
 import subprocess
 import sys
@@ -8,10 +9,9 @@ import tomllib
 import pytest
 
 from softdyn.commands import __main__ as softdyn_command
-from softdyn.commands.__main__ import COMMANDS, main
+from softdyn.commands.__main__ import NAMES, main
 from tests.support import ROOT, SCRIPTS
 
-NAMES = [name for names in COMMANDS.values() for name in names]
 HELPERS = {"__init__", "__main__", "cli"}
 
 
@@ -33,10 +33,41 @@ def test_version(capsys):
 @pytest.mark.parametrize("name", NAMES)
 def test_help_names_the_command(name, capsys):
     spelt = name.replace("_", "-")
-    with pytest.raises(SystemExit) as stop:
-        main([spelt, "--help"])
-    assert stop.value.code == 0
-    assert capsys.readouterr().out.startswith(f"usage: softdyn {spelt} ")
+    for typed in {name, spelt}:  # step_time is step-time
+        with pytest.raises(SystemExit) as stop:
+            main([typed, "--help"])
+        assert stop.value.code == 0
+        assert capsys.readouterr().out.startswith(f"usage: softdyn {spelt} ")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [("softdyn cross", ["crosscheck "]), ("softdyn run finger --the", ["--theta "])],
+)
+def test_the_shell_completes(line, expected, tmp_path):
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)),
+             "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer")}  # fmt: skip
+    command = [sys.executable, "-m", "softdyn.commands"]
+    done = subprocess.run(command, env={**os.environ, **asked}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "answer").read_text().split("\v") == expected
+
+
+def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
+    folder = tmp_path / "new" / "examples"
+    assert main(["examples", str(folder)]) == 0
+    theirs = ROOT / "docs" / "examples"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
+        path.name: path.read_bytes() for path in theirs.iterdir() if path.is_file()
+    }
+    (folder / "tour.py").write_text("mine")
+    for path in folder.glob("soft*"):
+        path.unlink()
+    capsys.readouterr()
+    assert main(["examples", str(folder)]) == 2
+    assert "tour.py" not in capsys.readouterr().out
+    assert (folder / "tour.py").read_text() == "mine"
+    assert not list(folder.glob("soft*"))
 
 
 @pytest.mark.parametrize(

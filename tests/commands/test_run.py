@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import warnings
@@ -11,11 +12,13 @@ import pytest
 
 from softdyn.validation import Log, simulate
 from softdyn.validation.studies import paper
-from tests.support import SCRIPTS
+from tests.support import ROOT, SCRIPTS
 
 KEYS = {
     "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
-    "step_us", "not_solved", "fallbacks", "max_bound_violation",
+    "step_us", "not_solved", "fallbacks", "max_bound_violation", "verdict", "reached",
+    "tolerance_cm", "steady_error_cm", "settling_time_s", "overshoot", "input_activity",
+    "share_at_bound", "missed_deadlines",
 }  # fmt: skip
 OWN = """
 import math
@@ -166,21 +169,55 @@ def test_the_run_is_single_threaded(folder):
 
 
 def test_tracking(call):
-    code, out, _ = call("finger", "own.py:Push", "--omega", 0.5, "--duration", 0.1, "--json", "-")
+    goal = ("--omega", 0.5, "--duration", 0.1, "--json", "-")
+    code, out, _ = call("finger", "own.py:Push", *goal)
     report = figures(out)
-    assert code == (1 if report["failed"] else 0)
+    assert (code, report["reached"]) == (1, False)
+    assert call("finger", "own.py:Push", *goal, "--no-verdict")[0] == report["failed"]
     assert (report["kind"], report["steps"]) == ("tracking", 20)
     assert report["controller"] == "own.py:Push"
 
 
 def test_a_summary_has_the_papers_numbers(call):
-    code, out, _ = call("finger", "soft-id-clf-qp", "--theta", 0.5, "--duration", 0.5)
+    short = ("finger", "soft-id-clf-qp", "--theta", 0.5, "--duration", 0.5)
+    assert call(*short)[0] == 1
+    code, out, _ = call(*short, "--no-verdict")
     assert code == 0
     assert "finger, soft-id-clf-qp, set point at 0.5 pi" in out
     assert "0.08 ± 0.09 cm" in out
-    assert "done: |e| fell from 17.00" in out
+    assert "not reached: |e| fell from 17.00" in out
     _, out, _ = call("finger", "soft-id-clf-qp", "--omega", 0.5, "--duration", 0.5)
     assert "0.53 ± 0.26 cm²" in out
+
+
+@pytest.mark.parametrize("edited", [False, True])
+def test_the_papers_numbers_belong_to_the_content_of_a_file(call, folder, edited):
+    text = (ROOT / "urdf" / "finger.urdf").read_text()
+    if edited:
+        text = re.sub(r'damping="[^"]+"', 'damping="0.1234"', text, count=1)
+    (folder / "finger.urdf").write_text(text)
+    (folder / "gains.toml").write_text("Kp = 500\neps = 0.03\n")
+    _, out, err = call("finger.urdf", "soft-id-clf-qp", "--theta", 0.5, "--duration", 0.02,
+                       "--gains", "gains.toml")  # fmt: skip
+    assert err == ""
+    assert ("paper" in out) is not edited
+
+
+def test_out_of_reach_is_said_with_the_nearest_rest(call):
+    away = ("finger", "ic", "--target", 0.3, 0, -0.3)
+    code, out, _ = call(*away, "--json", "-", "--duration", 1)
+    report = figures(out)
+    assert (code, report["verdict"], report["reached"]) == (1, report["verdict"], False)
+    # the straight finger points at a target in its plane, 0.24 m long
+    assert report["nearest_rest_cm"] == pytest.approx(100 * (math.hypot(0.3, 0.3) - 0.24), abs=0.5)
+
+
+def test_a_tolerance_decides(call):
+    code, out, _ = call("finger", "soft-id-clf-qp", "--theta", 0.5, "--duration", 0.5,
+                        "--tolerance", 0.2)  # fmt: skip
+    assert code == 0
+    assert "reached: |e| fell" in out
+    assert "tolerance 20 cm" in out
 
 
 def test_a_failed_run_exits_with_1_and_keeps_its_log(call, folder):
@@ -219,6 +256,9 @@ def test_an_own_robot_to_a_target(call, folder):
     assert "set point at 0.1 0 -0.1 m" in out
     assert figures((folder / "r.json").read_text())["kind"] == "set_point"
     assert code in (0, 1)
+    (folder / "gains.toml").write_text("eps = 0.1\n")  # and nothing published to fill it up
+    code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0, "--gains", "gains.toml")
+    assert (code, "Kp" in err) == (2, True)
 
 
 def test_an_own_robot_has_an_ellipse_of_its_size(call):
@@ -269,7 +309,20 @@ def test_the_period_and_contacts_reach_the_run(call):
         (["finger", "own.py:Push", "--omega", "-1"], "expected a number > 0"),
         (["finger", "own.py:Push", "--omega", "1e-300"], "duration: expected at most"),
         (["finger", "own.py:Push", "--target", "0", "1"], "--target: expected 3 arguments"),
-        (["finger", "own.py:Push", "--target", "0", "inf", "0"], "expected a finite number"),
+        (
+            ["finger", "own.py:Push", "--target", "0", "nan", "0"],
+            "target: expected three finite numbers in m, within the robot's reach of 0.24 m, got",
+        ),
+        (
+            ["finger", "own.py:Push", "--target", "12", "0", "-13"],
+            "within the robot's reach of 0.24 m, got one 17.7 m from the base: in cm?",
+        ),
+        (["finger", "own.py:Push", "--target", "120", "0", "-130"], "177 m from the base: in mm?"),
+        (["finger", "own.py:Push", "--target", "1e6", "0", "0"], "got one 1e+06 m from the base"),
+        (
+            ["finger", "own.py:Push", "--theta", "0", "--duration", "0.01", "--period", "0.02"],
+            "period: expected at most the run's 0.01 s, got 0.02 s",
+        ),
         (["finger", "own.py:Push", "--theta", "0", "--duration", "-1"], "expected a number > 0"),
         (["finger", "own.py:Push", "--theta", "0", "--period", "nan"], "expected a finite number"),
         (["finger", "own.py:Push", "--theta", "0", "--gains", "none"], "none: expected a readable"),
@@ -299,7 +352,6 @@ def test_bad_input(call, folder, arguments, message):
         ("Kp = nan\n", "gains.toml: gains.Kp: expected"),
         ("Kp = 'a'\n", "gains.toml: gains.Kp: expected"),
         ("Kp = 1\nspeed = 2\n", "speed"),
-        ("eps = 1\n", "Kp"),
         ("Kp = \n", "expected a TOML file"),
     ],
 )
@@ -315,7 +367,7 @@ def test_bad_gains(call, folder, toml, message):
 def test_a_robot_without_length_takes_a_target(call):
     code, out, _ = call("point.urdf", "own.py:Push", "--target", 0, 0, 0, "--duration", 0.01)
     assert code == 0  # its tip is the joint itself: already there
-    assert "done: |e| fell from 0.000 to 0.000 cm" in out
+    assert "reached: |e| fell from 0.000 to 0.000 cm" in out
 
 
 def test_the_script_and_the_library_agree(call):
@@ -429,14 +481,14 @@ class Words(Still):
         ("Violation", 1, "the controller's max_bound_violation: expected a finite number >= 0"),
         ("Masked", 1, "its u is a masked array"),
         ("Short", 1, "expected finite numbers of shape (2,), got shape (3,)"),
-        ("Array", 0, "done: "),
-        ("Name", 0, "done: "),
-        ("Words", 0, "done: "),
+        ("Array", 0, "not reached: "),
+        ("Name", 0, "not reached: "),
+        ("Words", 0, "not reached: "),
     ],
 )
 def test_a_user_s_code_fails_in_one_line(call, folder, name, code, message):
     (folder / "hostile.py").write_text(HOSTILE)
-    options = ["--theta", "0.5", "--duration", "0.02", "--log", "run.npz"]
+    options = ["--theta", "0.5", "--duration", "0.02", "--log", "run.npz", "--no-verdict"]
     ended, out, err = call("finger", f"hostile.py:{name}", *options)
     assert ended == code, err
     assert message in out + err

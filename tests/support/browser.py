@@ -1,35 +1,15 @@
-"""A real browser, driven over Chromium's debugging pipe: pages, pixels, console, requests.
-
-The pipe needs no port and no library: JSON messages that end with a zero byte, on two descriptors.
-"""
+"""A real browser for tests: where there is none they are skipped, but in CI."""
 
 from __future__ import annotations
 
-import base64
-import io
-import json
 import os
-import select
-import shutil
-import subprocess
-import tempfile
-import time
 import warnings
 
-import numpy as np
 import pytest
-from PIL import Image
 
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--disable-default-apps", "--disable-extensions", "--no-first-run",
-    "--no-default-browser-check",
-    "--disable-dev-shm-usage", "--remote-debugging-pipe", "--window-size=640,480",
-)  # fmt: skip
+from softdyn.validation.film.chromium import CHROMIUM, Browser
+
+__all__ = ["Browser", "required"]
 
 
 def required() -> pytest.MarkDecorator:
@@ -40,143 +20,3 @@ def required() -> pytest.MarkDecorator:
     if CHROMIUM is None:
         warnings.warn(reason, stacklevel=2)  # a skip alone is one letter in a long row
     return pytest.mark.skipif(CHROMIUM is None, reason=reason)
-
-
-class Browser:
-    """One Chromium with one page at a time; a context manager."""
-
-    def __init__(self) -> None:
-        self._profile = tempfile.TemporaryDirectory(prefix="chromium-")
-        read, theirs_out = os.pipe()
-        theirs_in, write = os.pipe()
-        # Chromium reads commands from descriptor 3 and answers on 4; dash knows single digits only
-        command = f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}'
-        self._process = subprocess.Popen(
-            ["bash", "-c", command, "bash", str(CHROMIUM), *FLAGS,
-             f"--user-data-dir={self._profile.name}"],
-            pass_fds=(theirs_in, theirs_out), stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-        os.close(theirs_in)
-        os.close(theirs_out)
-        self._read, self._write = read, write
-        self._buffer = b""
-        self._number = 0
-        self._session = None
-        self.console: list[str] = []
-        self.requests: list[str] = []
-
-    def __enter__(self) -> Browser:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        try:
-            self._call("Browser.close", {}, session=None)
-        except (TimeoutError, OSError):
-            self._process.kill()
-        self._process.wait(10)
-        os.close(self._read)
-        os.close(self._write)
-        for _ in range(20):  # its children may still be writing there
-            try:
-                self._profile.cleanup()
-                break
-            except OSError:
-                time.sleep(0.1)
-
-    def open(self, url: str, width: int = 640, height: int = 480) -> None:
-        """Load a page from nothing; returns when its first frame is drawn."""
-        if self._session is not None:
-            self._call("Target.closeTarget", {"targetId": self._target}, session=None)
-        self.console.clear()
-        self.requests.clear()
-        made = self._call("Target.createTarget", {"url": "about:blank"}, session=None)
-        self._target = made["targetId"]
-        attached = self._call(
-            "Target.attachToTarget", {"targetId": self._target, "flatten": True}, session=None
-        )
-        self._session = attached["sessionId"]
-        for domain in ("Runtime", "Log", "Network", "Page"):
-            self._call(f"{domain}.enable", {})
-        screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        self._call("Emulation.setDeviceMetricsOverride", screen)
-        self._call("Page.navigate", {"url": url})
-        self.until("document.readyState === 'complete'")
-        self.settle()
-
-    def settle(self) -> None:
-        """Wait until two more frames are drawn."""
-        frame = "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => r(1))))"
-        self.run(frame)
-
-    def run(self, script: str):
-        """The value of an expression, a promise awaited."""
-        answer = self._call(
-            "Runtime.evaluate",
-            {"expression": script, "awaitPromise": True, "returnByValue": True},
-        )
-        if "exceptionDetails" in answer:
-            raise AssertionError(json.dumps(answer["exceptionDetails"])[:2000])
-        return answer["result"].get("value")
-
-    def until(self, script: str, timeout: float = 20.0) -> None:
-        """Wait until an expression is true."""
-        end = time.monotonic() + timeout
-        while not self.run(script):
-            if time.monotonic() > end:
-                raise TimeoutError(f"{script}; console: {self.console}")
-            time.sleep(0.05)
-
-    def pixels(self, selector: str | None = None) -> np.ndarray:
-        """What is on the page (h, w, 3), or on one canvas of it."""
-        self.settle()
-        if selector is not None:
-            self.run("softdyn.viewer.render()")
-            text = self.run("softdyn.viewer.capture_image()").partition(",")[2]
-        else:
-            text = self._call("Page.captureScreenshot", {"format": "png"})["data"]
-        return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"), int)
-
-    def _call(self, method: str, params: dict, session: object = True, timeout: float = 40.0):
-        self._number += 1
-        number = self._number
-        message = {"id": number, "method": method, "params": params}
-        if session is not None:
-            message["sessionId"] = self._session
-        os.write(self._write, json.dumps(message).encode() + b"\0")
-        end = time.monotonic() + timeout
-        while True:
-            answer = self._next(end)
-            if answer.get("id") == number:
-                if "error" in answer:
-                    raise AssertionError(answer["error"])
-                return answer["result"]
-            self._note(answer)
-
-    def _next(self, end: float) -> dict:
-        while b"\0" not in self._buffer:
-            left = end - time.monotonic()
-            if left <= 0 or not select.select([self._read], [], [], left)[0]:
-                raise TimeoutError("no answer from the browser")
-            part = os.read(self._read, 1 << 20)
-            if not part:
-                raise OSError("the browser ended")
-            self._buffer += part
-        text, _, self._buffer = self._buffer.partition(b"\0")
-        return json.loads(text)
-
-    def _note(self, event: dict) -> None:
-        params = event.get("params", {})
-        if event["method"] == "Network.requestWillBeSent":
-            self.requests.append(params["request"]["url"])
-        elif event["method"] == "Network.webSocketCreated":
-            self.requests.append(params["url"])
-        elif event["method"] == "Runtime.exceptionThrown":
-            self.console.append(json.dumps(params["exceptionDetails"]))
-        elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in (
-            "error",
-            "assert",
-        ):
-            self.console.append(json.dumps(params["args"]))
-        elif event["method"] == "Log.entryAdded" and params["entry"]["level"] == "error":
-            self.console.append(params["entry"]["text"])

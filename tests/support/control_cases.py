@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import softdyn
-from softdyn import SetPoint, SoftModel, State
+from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.dynamics.integrators import step_implicit
 from softdyn.validation.studies import paper
@@ -107,14 +107,15 @@ def recorded(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
 
 
 @cache
-def drawn(name: str, count: int = 18) -> tuple[tuple[State, SetPoint], ...]:
-    """(state, reference) pairs at random: near and far references, slow and fast joints."""
-    model, rng = robot(name), np.random.default_rng(7)
+def drawn(name: str, count: int = 18) -> tuple[tuple[State, Reference], ...]:
+    """(state, reference) pairs at random: near and far, at rest, moving and accelerating."""
+    model, rng, moves = robot(name), np.random.default_rng(7), np.random.default_rng(8)
     pairs = []
     for k in range(count):
         lower, upper = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
         q = model.configuration(0.7 * rng.uniform(lower, upper))
         state = model.state(q, rng.normal(size=model.nv) * (0.0, 0.02, 0.5)[k % 3])
         offset = rng.normal(size=3) * (1e-4, 1e-2, 0.3)[k // 3 % 3]
-        pairs.append((state, SetPoint(state.y + offset)))
+        ydot, yddot = moves.normal(size=(2, 3)) * (k > 0) * ((0.1,), (0.5,))
+        pairs.append((state, Reference(state.y + offset, ydot, yddot)))
     return tuple(pairs)

@@ -24,6 +24,7 @@ from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.crosschecks.result import Check, CrossCheck, Ladder, Run
 from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
+from softdyn.validation.scene.plant import Scene
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -93,7 +94,7 @@ def relative_error(a: np.ndarray, b: np.ndarray, scale: float) -> float:
 
 def crosscheck(
     model: SoftModel,
-    twin: Twin | None = None,
+    twin: Twin | Scene | None = None,
     *,
     samples: int = 20,
     seed: int = 0,
@@ -106,7 +107,7 @@ def crosscheck(
     ----------
     model : SoftModel
         The analytic model.
-    twin : Twin, optional
+    twin : Twin or Scene, optional
         Built from the model's own file unless given. Only its MuJoCo model is used, a copy of it:
         no state of the twin changes.
     samples : int
@@ -138,7 +139,8 @@ def crosscheck(
     runs: tuple[Run, ...] = ()
     ladders: tuple[Ladder, ...] = ()
     try:
-        judge = Judge(twin, StateMap(model, twin))
+        states = twin.states if isinstance(twin, Scene) else StateMap(model, twin)
+        judge = Judge(twin, states)
     except InputError as error:
         tally.fail(str(error))
     else:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
+from softdyn.validation.scene.plant import Scene
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.settings import INTEGRATORS, disabled
 from softdyn.validation.twin.state_map import StateMap
@@ -23,8 +24,9 @@ class Judge:
 
     Parameters
     ----------
-    twin : Twin
-        Where the MuJoCo model comes from; it is copied.
+    twin : Twin or Scene
+        Where the MuJoCo model comes from; it is copied. What only a scene has stands still, and
+        actuators that no input drives do nothing.
     states : StateMap
         The convention map from the model's states to the twin's.
 
@@ -36,16 +38,19 @@ class Judge:
         Of all moving bodies (kg).
     """
 
-    def __init__(self, twin: Twin, states: StateMap) -> None:
+    def __init__(self, twin: Twin | Scene, states: StateMap) -> None:
         self.states = states
         self._model = copy.copy(twin.model)
-        self._site = twin.task_site
+        self._body, self._point = twin.task
+        self._inputs, self._tendons = twin.inputs, twin.tendons
+        idle = ~twin.inputs.any(axis=1)
+        self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0
         self._data = mujoco.MjData(self._model)
         off = disabled(limits=False, contacts=False, friction=False)
         off |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
         self._model.opt.disableflags = off
         self._model.opt.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-        self.nv, self.nu = len(states.dofs), self._model.nu
+        self.nv, self.nu = len(states.dofs), self._inputs.shape[1]
         self._tied = self.nv < self._model.nv
         paths = bool((self._model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE).any())
         self._damping_varies = paths and bool(self._model.tendon_damping.any())
@@ -70,7 +75,8 @@ class Judge:
 
     def tip(self) -> np.ndarray:
         """Task frame in the world (3,), m."""
-        return self._data.site_xpos[self._site].copy()
+        turned = self._data.xmat[self._body].reshape(3, 3) @ self._point
+        return self._data.xpos[self._body] + turned
 
     def J(self) -> np.ndarray:
         """Linear Jacobian of the tip (3, nv)."""
@@ -78,15 +84,13 @@ class Judge:
 
     def _J(self) -> np.ndarray:
         jacobian = np.zeros((3, self._model.nv))
-        mujoco.mj_jacSite(self._model, self._data, jacobian, None, self._site)
+        mujoco.mj_jac(self._model, self._data, jacobian, None, self.tip(), self._body)
         return jacobian
 
     def Jdot(self) -> np.ndarray:
         """Time derivative (3, nv) of J."""
         jacobian = np.zeros((3, self._model.nv))
-        body = self._model.site_bodyid[self._site]
-        point = self._data.site_xpos[self._site]
-        mujoco.mj_jacDot(self._model, self._data, jacobian, None, point, body)
+        mujoco.mj_jacDot(self._model, self._data, jacobian, None, self.tip(), self._body)
         return jacobian @ self._map + self._J() @ self._rate
 
     def M(self) -> np.ndarray:
@@ -130,7 +134,7 @@ class Judge:
         """Input matrix (nv, nu): the generalized forces of unit inputs."""
         matrix = np.zeros((self.nv, self.nu))
         for k in range(self.nu):
-            self._data.ctrl[:] = np.eye(self.nu)[k]
+            self._data.ctrl[:] = self._inputs[:, k]
             mujoco.mj_fwdActuation(self._model, self._data)
             matrix[:, k] = self._map.T @ self._data.qfrc_actuator
         self._data.ctrl[:] = 0.0
@@ -138,14 +142,14 @@ class Judge:
 
     def lengths(self) -> np.ndarray:
         """Tendon lengths (tendons,)."""
-        return self._data.ten_length.copy()
+        return self._data.ten_length[self._tendons]
 
     def qdd(self, u: np.ndarray) -> np.ndarray:
         """Acceleration (nv,) under the input u (nu,).
 
         MuJoCo's own; where followers are held, that of its projected forces and mass matrix.
         """
-        self._data.ctrl[:] = u
+        self._data.ctrl[:] = self._inputs @ u
         mujoco.mj_forward(self._model, self._data)
         check_warnings(self._data)
         if not self._tied:
@@ -192,7 +196,7 @@ class Judge:
         """
         data = self._data
         for u, steps in zip(inputs, holds, strict=True):
-            data.ctrl[:] = u
+            data.ctrl[:] = self._inputs @ u
             if self._tied:
                 for _ in range(steps):
                     self._step(self._model.opt.timestep)
@@ -221,7 +225,7 @@ class Judge:
         self._arrive(
             *rk4_on_rotations(
                 self._data.qpos.copy(),
-                self._data.qvel[self.states.dofs],
+                self.states.signs * self._data.qvel[self.states.dofs],
                 h,
                 lambda qpos, w: np.linalg.solve(*self._tied_forces(qpos, w)),
                 lambda qpos, moved: self._moved(qpos, moved, 1.0),
@@ -230,7 +234,7 @@ class Judge:
         )
 
     def _tied_implicit(self, h: float) -> None:
-        qpos, w = self._data.qpos.copy(), self._data.qvel[self.states.dofs]
+        qpos, w = self._data.qpos.copy(), self.states.signs * self._data.qvel[self.states.dofs]
         M, force = self._tied_forces(qpos, w)
         if self._damping is None or self._damping_varies:
             self._damping = self._damping_along(self.states.ties)

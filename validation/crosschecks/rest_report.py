@@ -6,14 +6,13 @@ print(report)
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.statics import Equilibrium, TipSearch, inputs_for_tip, sample_between, sample_rests
@@ -216,5 +215,5 @@ def _distance(one: Equilibrium, target: np.ndarray) -> float:
 
 
 def _shown(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-    """`items` with a bar on stderr, on a terminal only."""
-    return tqdm(items, total=total, desc=what, disable=not sys.stderr.isatty(), leave=False)
+    """`items` with a bar, on a terminal or in a notebook only."""
+    return tqdm(items, total=total, desc=what, disable=None, leave=False)

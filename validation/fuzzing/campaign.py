@@ -20,7 +20,7 @@ from softdyn.validation.fuzzing import verdict
 from softdyn.validation.fuzzing.inputs import Base, mutant
 from softdyn.validation.fuzzing.verdict import Verdict
 
-CPU_LIMIT, WALL_LIMIT = 5, 60.0  # s an input; the processor's time counts, whatever else it does
+CPU_LIMIT, WALL_LIMIT = 5, 300.0  # s an input; the processor's time counts, whatever else it does
 MEMORY = 6 * 2**30  # bytes of address space a process may have
 DEEP = 3  # one input in so many, where it is accepted, is compared term by term in both engines
 

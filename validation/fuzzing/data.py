@@ -41,7 +41,9 @@ from softdyn.validation.fuzzing.verdict import (
     Verdict,
 )  # fmt: skip
 from softdyn.validation.loop.closed_loop import simulate
-from softdyn.validation.loop.log import SHAPES, Log
+from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.log_checks import SHAPES
+from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.studies import sweep_file, tuning
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
@@ -179,6 +181,7 @@ def read_log(data: bytes, path: Path) -> str:
             if not _same_bytes(getattr(read, name), value):
                 return name
     about["joint_names"] = tuple(about["joint_names"])
+    about["source"] = LoggedRobot(**about["source"])
     for name in about.keys() - {"format"}:
         for read in (log, again):
             if repr(getattr(read, name)) != repr(about[name]):

@@ -6,29 +6,41 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 import softdyn
-from softdyn import InputError, Reference, SoftModel, State
+from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
 from softdyn.validation.loop import verdict
+from softdyn.validation.loop.arguments import (
+    ReferenceLike,
+    check_controller,
+    check_pose,
+    check_robot,
+    checked,
+    name_of,
+    scene_of,
+    warn_of_fast_springs,
+)
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import Answer, Counts, Record
-from softdyn.validation.loop.time_grid import TimeGrid
+from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.loop.units import input_unit
 from softdyn.validation.plain import plain
+from softdyn.validation.scene.plant import Scene
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
 Controller = Callable[[State, Any], Answer]
-ReferenceLike = Experiment | Callable[[float], Reference]
 OnStep = Callable[[float, State, Answer], None]
 
 
@@ -90,6 +102,9 @@ class ClosedLoop:
         Whether the plant has the file's dry friction.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
+    plant : str, Path or Scene, optional
+        An MJCF of the user's own in place of the twin, with its own contacts, friction and, where
+        it divides the period, step. A file that differs from the model's is warned of.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
 
@@ -130,6 +145,7 @@ class ClosedLoop:
         contacts: bool = False,
         friction: bool = False,
         twin: Callable[..., Twin] = Twin,
+        plant: str | Path | Scene | None = None,
         name: str | None = None,
     ) -> None:
         self.model, self.controller = model, controller
@@ -137,30 +153,39 @@ class ClosedLoop:
         planned, usual = SET_POINT_DURATION, DEFAULT_PERIOD
         self._length = model.robot.length
         if isinstance(reference, Experiment):
-            _check_robot(model, reference)
+            check_robot(model, reference)
             planned, usual = reference.duration, reference.period
             self._length = reference.length
             reference = reference.reference
-        self.reference = _checked(reference)
+        self.reference = checked(reference)
+        scene = None if plant is None else scene_of(model, plant, contacts or friction)
         self.grid = TimeGrid.plan(
-            planned if duration is None else duration, usual if period is None else period, timestep
+            planned if duration is None else duration,
+            usual if period is None else period,
+            timestep,
+            MAX_TIMESTEP if scene is None else scene.timestep,
         )
-        if not callable(controller):
-            expected = "a callable (state, reference) -> command"
-            raise InputError("controller", expected, repr(controller))
+        if self.grid.period > self.grid.duration and period is not None:
+            expected = f"at most the run's {self.grid.duration:g} s"
+            raise InputError("period", expected, f"{self.grid.period:g} s")
+        check_controller(controller)
         if not isinstance(name, str | None):
             raise InputError("name", "text", repr(name))
         q = model.q0 if q0 is None else array("q0", q0, (model.nq,))
         v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
-        self.plant = twin(
+        check_pose(model, q)
+        warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
+        if scene is not None:
+            scene.timestep, contacts = self.grid.timestep, scene.contacts
+        self.plant = scene or twin(
             model.robot, timestep=self.grid.timestep, contacts=contacts, friction=friction
         )
-        self._states = StateMap(model, self.plant)
+        self._states = scene.states if scene else StateMap(model, self.plant)
         try:
             self.plant.set_state(*self._states.to_twin(q, v))
         except SimulationError as error:
             raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
-        self.name, self._contacts = name or _name(controller), contacts
+        self.name, self._contacts = name or name_of(controller), contacts
         self._record = Record(model, self.grid.times())
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
@@ -276,6 +301,7 @@ class ClosedLoop:
             max_bound_violation=max(self._record.violation(steps), violation),
             gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
             versions=dict(_versions()),
+            source=LoggedRobot.of(model),
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:
@@ -301,6 +327,7 @@ def simulate(
     contacts: bool = False,
     friction: bool = False,
     twin: Callable[..., Twin] = Twin,
+    plant: str | Path | Scene | None = None,
     name: str | None = None,
     progress: bool = False,
     on_step: OnStep | None = None,
@@ -323,6 +350,8 @@ def simulate(
         Whether the plant's links can touch, and whether it has the file's dry friction.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
+    plant : str, Path or Scene, optional
+        An MJCF of the user's own in place of the twin.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
     progress : bool
@@ -344,43 +373,10 @@ def simulate(
     with getattr(getattr(controller, "guard", None), "lock", nullcontext()):
         loop = ClosedLoop(
             model, controller, reference, duration=duration, period=period, timestep=timestep,
-            q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, name=name,
+            q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, plant=plant,
+            name=name,
         )  # fmt: skip
         return loop.run(progress=progress, on_step=on_step)
-
-
-def _check_robot(model: SoftModel, experiment: Experiment) -> None:
-    """An experiment is scaled to one robot; refuse to run it on another bundled one."""
-    if model.bundled is not None and model.bundled != experiment.robot:
-        raise InputError(
-            "experiment", f"one for {model.bundled!r}", f"one for {experiment.robot!r}"
-        )
-
-
-def _checked(reference: Any) -> Callable[[float], Reference]:
-    """`reference` as a function that surely returns a `Reference`; tried at t = 0."""
-    if not callable(reference):
-        expected = "an Experiment, or a callable t -> Reference such as SetPoint(y)"
-        raise InputError("reference", expected, repr(reference))
-    checked = partial(_desired, reference)
-    checked(0.0)
-    return checked
-
-
-def _desired(reference: Any, t: float) -> Reference:
-    value = reference(t)
-    if isinstance(value, Reference):
-        return value
-    try:
-        return Reference(value.y, value.ydot, value.yddot)
-    except AttributeError:
-        raise InputError("reference", "a Reference(y, ydot, yddot)", repr(value)) from None
-
-
-def _name(controller: Any) -> str:
-    named = (getattr(controller, attribute, None) for attribute in ("name", "__name__"))
-    texts = (text for text in named if isinstance(text, str) and text)
-    return next(texts, type(controller).__name__)
 
 
 @cache

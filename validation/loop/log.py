@@ -4,38 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError
+from softdyn import InputError, SoftModel
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic
+from softdyn.validation.loop import verdict as judged
+from softdyn.validation.loop.log_checks import EXTRA, FORMAT, SHAPES, check
+from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, mean_square
-from softdyn.validation.plain import LARGEST
+from softdyn.validation.loop.verdict import Verdict
 
-FORMAT = "softdyn-log-2"
-FLOAT = np.dtype(float)
 STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
-# Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
-SHAPES = {
-    "t": ("samples",),
-    "q": ("samples", "nq"),
-    "v": ("samples", "nv"),
-    "y": ("samples", "space"),
-    "y_ref": ("samples", "space"),
-    "error": ("samples", "space"),
-    "u": ("steps", "nu"),
-    "V": ("steps",),
-    "delta": ("steps",),
-    "status": ("steps",),
-    "step_us": ("steps",),
-    "u_min": ("nu",),
-    "u_max": ("nu",),
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,6 +76,10 @@ class Log:
         The controller's, None if it does not expose them.
     versions : dict[str, str]
         Of the packages that made this run.
+    source : LoggedRobot
+        The robot itself, as its file was when it ran.
+    Vdot, delta_true : np.ndarray, (N,), or None
+        Of a law that is `Certified`: what V does under the model's own acceleration.
     """
 
     t: np.ndarray
@@ -125,10 +115,17 @@ class Log:
     max_bound_violation: float
     gains: Any
     versions: dict[str, str]
+    source: LoggedRobot
+    Vdot: np.ndarray | None = None
+    delta_true: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name in SHAPES:
-            getattr(self, name).flags.writeable = False
+        for array in self._arrays().values():
+            array.flags.writeable = False
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        found = {name: getattr(self, name) for name in (*SHAPES, *EXTRA)}
+        return {name: array for name, array in found.items() if array is not None}
 
     def __reduce__(self) -> tuple[Any, ...]:
         # NumPy's copies come back writeable; the constructor makes them read-only again
@@ -137,6 +134,41 @@ class Log:
     def __repr__(self) -> str:
         outcome = f"failed: {self.reason}" if self.failed else "done"
         return f"Log({self.robot}, {self.controller}, {self.steps} steps, {outcome})"
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Errors and inputs over time, as a Matplotlib figure that a notebook shows.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            A file to write it to, a PNG.
+
+        Raises
+        ------
+        InputError
+            When nothing can be written there.
+        """
+        # figures and pages stand on logs: found by name when they are asked for
+        return import_module("softdyn.validation.report.time_figures").plot(self, path)
+
+    def show(self, model: SoftModel | None = None) -> Any:
+        """The run as a page that plays it: below a notebook's cell, or a file with its ``save``.
+
+        Parameters
+        ----------
+        model : SoftModel, optional
+            The log's robot; made from the text that the log has of it by default.
+
+        Raises
+        ------
+        InputError
+            A model of another robot.
+        """
+        own = self.source.model() if model is None else model
+        return import_module("softdyn.validation.report.replay").replay(self, own)
 
     @property
     def steps(self) -> int:
@@ -169,8 +201,41 @@ class Log:
             return dict.fromkeys(STEP_TIMES)
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
-    def report(self) -> dict[str, Any]:
-        """The run's figures under the names of the JSON contract."""
+    def verdict(self, tolerance: float | None = None) -> Verdict:
+        """Whether the run reached its reference, how soon, how quietly, and in time.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            In m; 1 % of the robot's length by default.
+
+        Raises
+        ------
+        InputError
+            For a tolerance that is no number > 0.
+        """
+        wanted = judged.tolerance_of(self.length, self.error, tolerance)
+        cycle = 2 / self.omega if self.omega else None
+        within, since, steady = not self.failed, None, math.nan
+        if self.complete:
+            steady = judged.steady_error(self.t, self.error, self.y_ref, cycle)
+            since = judged.settling_time(self.t, self.error, wanted)
+            within &= steady <= wanted and (since is not None or judged.moves(self.y_ref))
+        known = np.isfinite(self.step_us).all()
+        last = self.finite_samples
+        return Verdict(
+            self.complete and within,
+            wanted,
+            steady,
+            since,
+            judged.overshoot(self.y[:last], self.y_ref[:last]) if last else None,
+            *judged.activity(self.t, self.u, self.u_min, self.u_max),
+            int((self.step_us > 1e6 * self.period).sum()) if known else None,
+        )
+
+    def report(self, tolerance: float | None = None) -> dict[str, Any]:
+        """The run's figures under the names of the JSON contract; a `tolerance` in m."""
+        found = self.verdict(tolerance)
         return {
             "robot": self.robot,
             "controller": self.controller,
@@ -184,15 +249,21 @@ class Log:
             "not_solved": self.not_solved,
             "fallbacks": self.fallbacks,
             "max_bound_violation": self.max_bound_violation,
+            "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
+            **found.to_dict(),
         }
 
-    def summary(self, beside: Mapping[str, str] | None = None) -> str:
+    def summary(
+        self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
+    ) -> str:
         """The same for people, several lines.
 
         Parameters
         ----------
         beside : Mapping[str, str], optional
             Text to stand beside a figure, by its name in `report`: ``final_error_cm``, ``mse_cm2``.
+        tolerance : float, optional
+            Of the `verdict` (m).
         """
         sp, tt = (
             f"   {beside[name]}" if beside and name in beside else ""
@@ -211,9 +282,36 @@ class Log:
             f"solver         {self.not_solved} not solved, {self.fallbacks} fallbacks, "
             f"bounds exceeded by {self.max_bound_violation:.2g}"
         )
+        found = self.verdict(tolerance)
+        if found.activity is not None:
+            lines.append(
+                f"inputs         change by {found.activity:.3g} of their range a second, "
+                f"{found.at_bound:.0%} of the time at a bound"
+            )
+        if found.overshoot is not None and found.overshoot > 1e-3:
+            lines.append(f"overshoot      {found.overshoot:.1%} of the way")
+        if found.missed:
+            lines.append(
+                f"deadlines      MISSED {found.missed} of {self.steps}: steps longer than the "
+                f"period of {1e3 * self.period:g} ms"
+            )
+        return "\n".join([*lines, self._verdict(found)])
+
+    def _verdict(self, found: Verdict) -> str:
+        """The last line of a summary."""
+        if self.failed:
+            return f"failed: {self.reason}"
+        if not self.complete:
+            return "not reached: the run is not over"
         first, last = (CM * math.dist(self.y[i], self.y_ref[i]) for i in (0, -1))
-        fell = f"done: |e| fell from {first:.3f} to {last:.3f} cm"
-        return "\n".join([*lines, f"failed: {self.reason}" if self.failed else fell])
+        wanted, steady = (f"{CM * x:.3g} cm" for x in (found.tolerance, found.steady_error))
+        if judged.moves(self.y_ref):
+            what = f"rms error of {steady} over the last cycle, tolerance {wanted}"
+        else:
+            what = f"|e| fell from {first:.3f} to {last:.3f} cm, tolerance {wanted}"
+            if found.settling_time is not None:
+                what += f", within it since {found.settling_time:.3g} s"
+        return ("reached: " if found.reached else "not reached: ") + what
 
     def _goal(self) -> str:
         if self.theta is not None:
@@ -230,9 +328,11 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        arrays = {name: getattr(self, name) for name in SHAPES}
-        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SHAPES}
-        text = json.dumps({"format": FORMAT, **about})
+        arrays: dict[str, Any] = {**self._arrays()}
+        known = {*SHAPES, *EXTRA}
+        about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in known}
+        about |= {"format": FORMAT, "source": asdict(self.source)}
+        text = json.dumps(about)
         with atomic(path) as file:
             np.savez_compressed(file, about=np.array(text), **arrays)
 
@@ -251,119 +351,8 @@ class Log:
             about = json.loads(content.pop("about").item())
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
-        _check(where, content, about)
+        check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
-        return cls(**content, **{**about, "joint_names": tuple(about["joint_names"])})
-
-
-def _format(about: Any) -> Any:
-    return about.get("format") if isinstance(about, dict) else None
-
-
-def _check(where: str, arrays: dict[str, np.ndarray], about: Any) -> None:
-    """Refuse what `Log.save` cannot have written, logs of other versions too."""
-    if _format(about) != FORMAT:
-        raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
-    names = {"format"} | {f.name for f in fields(Log)} - set(SHAPES)
-    if set(about) != names:
-        raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    if set(arrays) != set(SHAPES):
-        raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
-    for name, fits in ENTRIES.items():
-        if not fits(about[name]):
-            raise InputError(where, f"{name} as a log has it", repr(about[name]))
-    if about["failed"] != (about["reason"] is not None):
-        raise InputError(where, "a reason of failed runs alone", repr(about["reason"]))
-    _check_shapes(where, arrays, len(about["joint_names"]))
-    _check_values(where, arrays, about)
-
-
-def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int) -> None:
-    size = {"space": 3, "nv": nv, "samples": arrays["t"].size}
-    size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
-    for name, axes in SHAPES.items():
-        shape = arrays[name].shape
-        expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))
-        if len(shape) != len(axes) or shape != expected:
-            raise InputError(where, f"{name} of shape ({', '.join(axes)})", f"shape {shape}")
-        dtype = arrays[name].dtype
-        if dtype.kind != "U" if name == "status" else dtype != FLOAT:
-            raise InputError(where, f"{name} of its own type", f"type {dtype}")
-
-
-def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
-    """Refuse arrays that no run has: only the last sample of one that ended early may be NaN."""
-    t, u, low, high = (arrays[name] for name in ("t", "u", "u_min", "u_max"))
-    if not (t[0] == 0 and np.isfinite(t).all() and (np.diff(t) > 0).all()):
-        raise InputError(where, "times from 0 that increase", "others")
-    if about["complete"] and abs(t[-1] - about["duration"]) > about["timestep"]:
-        raise InputError(where, f"{about['duration']} s of a complete run", f"{t[-1]} s")
-    whole = len(t) if about["complete"] else len(t) - 1
-    for name in ("q", "v", "y", "y_ref", "error"):
-        if not np.isfinite(arrays[name][:whole]).all():
-            raise InputError(where, f"finite numbers in {name}", "others")
-    with np.errstate(invalid="ignore", over="ignore"):
-        error = arrays["y"] - arrays["y_ref"]
-        same = np.allclose(arrays["error"], error, rtol=1e-9, atol=1e-12, equal_nan=True)
-    if not same:
-        raise InputError(where, "an error of y - y_ref", "another")
-    if not (low <= high).all() or not ((low <= u) & (u <= high)).all():
-        raise InputError(where, "inputs inside their bounds", "others")
-    if (arrays["step_us"] < 0).any() or np.isinf(arrays["step_us"]).any():
-        raise InputError(where, "finite step times >= 0", "others")
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _is_flag(value: Any) -> bool:
-    return isinstance(value, bool)
-
-
-def _is_number(value: Any) -> bool:
-    return (isinstance(value, float) and math.isfinite(value)) or _is_count(value)
-
-
-def _is_positive(value: Any) -> bool:
-    return _is_number(value) and value > 0
-
-
-def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not _is_flag(value) and abs(value) <= LARGEST
-
-
-def _is_names(value: Any) -> bool:
-    return isinstance(value, list) and all(map(_is_text, value)) and len({*value}) == len(value)
-
-
-def _is_versions(value: Any) -> bool:
-    return isinstance(value, dict) and all(map(_is_text, value.values()))
-
-
-def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda value: value is None or fits(value)
-
-
-# name → whether a value may stand there in a file; gains are whatever the controller had
-ENTRIES: dict[str, Callable[[Any], bool]] = {
-    "u_unit": _is_text,
-    "robot": _is_text,
-    "controller": _is_text,
-    "kind": _or_none(_is_text),
-    "theta": _or_none(_is_number),
-    "omega": _or_none(_is_number),
-    "duration": _is_positive,
-    "period": _is_positive,
-    "timestep": _is_positive,
-    "length": _or_none(_is_positive),
-    "joint_names": _is_names,
-    "contacts": _is_flag,
-    "complete": _is_flag,
-    "failed": _is_flag,
-    "reason": _or_none(_is_text),
-    "not_solved": _is_count,
-    "fallbacks": _is_count,
-    "max_bound_violation": lambda value: _is_number(value) and value >= 0,
-    "versions": _is_versions,
-}
+        about["joint_names"] = tuple(about["joint_names"])
+        about["source"] = LoggedRobot(**about["source"])
+        return cls(**content, **about)

@@ -10,7 +10,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.checks import array, number
-from softdyn.validation.loop.log import SHAPES
+from softdyn.validation.loop.log_checks import EXTRA, SHAPES
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: whole numbers that a float can tell apart
@@ -53,6 +53,7 @@ class Record:
         self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
         self._answers = np.empty_like(self.u)  # u before it is clipped
         self._statuses: list[str] = []
+        self._extra: dict[str, np.ndarray] = {}  # of answers that have it
 
     def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
@@ -75,10 +76,18 @@ class Record:
         np.minimum(np.maximum(u, self.u_min), self.u_max, out=self.u[k])
         self.V[k] = _scalar(getattr(answer, "V", None))
         self.delta[k] = _scalar(getattr(answer, "delta", None))
+        if hasattr(answer, "delta_true"):
+            self._certify(k, answer)
         status = getattr(answer, "status", "")
         self._statuses.append(str(status.value if isinstance(status, Enum) else status)[:LONGEST])
         self.step_us[k] = nanoseconds / 1e3
         return None
+
+    def _certify(self, k: int, answer: Any) -> None:
+        for name in EXTRA:
+            if name not in self._extra:
+                self._extra[name] = np.full(len(self.V), np.nan)
+            self._extra[name][k] = _scalar(getattr(answer, name, None))
 
     def violation(self, steps: int) -> float:
         """Largest violation of the bounds by an answer of the first `steps`, before clipping."""
@@ -87,7 +96,8 @@ class Record:
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a log of a run that did `steps` control steps."""
         ends = {"samples": steps + 1, "steps": steps}
-        return {
+        extra = {name: values[:steps].copy() for name, values in self._extra.items()}
+        return extra | {
             name: np.array(self._statuses[:steps], str)
             if name == "status"
             else getattr(self, name)[: ends.get(axes[0])].copy()

@@ -36,7 +36,13 @@ class TimeGrid:
     last: int
 
     @classmethod
-    def plan(cls, duration: float, period: float, timestep: float | None = None) -> TimeGrid:
+    def plan(
+        cls,
+        duration: float,
+        period: float,
+        timestep: float | None = None,
+        most: float = MAX_TIMESTEP,
+    ) -> TimeGrid:
         """Divide a run.
 
         Parameters
@@ -44,7 +50,9 @@ class TimeGrid:
         duration, period : float
             Length of the run and control period (s).
         timestep : float, optional
-            Plant step (s), an integer part of the period; by default the largest ≤ 0.5 ms.
+            Plant step (s), an integer part of the period; by default the largest ≤ `most`.
+        most : float
+            As above (s).
 
         Raises
         ------
@@ -55,7 +63,7 @@ class TimeGrid:
         duration = number("duration", duration, above=0.0)
         period = number("period", period, above=0.0)
         if timestep is None:
-            parts = period / MAX_TIMESTEP
+            parts = period / most
             substeps = max(1, math.ceil(parts - 1e-9)) if parts <= MAX_STEPS else 0
         else:
             timestep = number("timestep", timestep, above=0.0)

@@ -1,11 +1,20 @@
-"""When a run ends early, and when one that reached its end counts as failed."""
+"""When a run ends early, when it counts as failed, and whether it reached what it was to reach."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.checks import number
+from softdyn.validation.loop.metrics import CM, mean_square
 
 DIVERGED = 2.0  # ‖e‖ in robot lengths
 RESOLUTION = 1e-6  # m; a final error below it is zero, whatever the initial one was
+TOLERANCE = 0.01  # of the robot's length
+STEADY = 0.1  # of a run, its last part: what is still there is no transient
+AT_BOUND = 1e-9  # of an input's range
 
 
 def not_finite(t: float) -> str:
@@ -51,3 +60,113 @@ def not_converged(initial: float, final: float) -> str | None:
         f"no convergence: the final error of {100 * final:.3g} cm is not below "
         f"the initial {100 * initial:.3g} cm"
     )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run came to.
+
+    Attributes
+    ----------
+    reached : bool
+        The run did not fail, and both its steady error and, at a set point, its final one are
+        within the tolerance.
+    tolerance : float
+        In m.
+    steady_error : float
+        Root mean square of ‖e‖ (m) over the last tenth of the run, of a trajectory over its last
+        cycle; NaN for a run that ended early.
+    settling_time : float or None
+        Since when ‖e‖ was within the tolerance (s); None where it is not at the end.
+    overshoot : float or None
+        How far the tip went beyond a set point, along the line from its start, over that line's
+        length; None without one.
+    activity : float or None
+        How much the inputs change: mean over the inputs of Σ|Δu| a second, over their range (1/s).
+    at_bound : float or None
+        Share of the steps that an input spends at one of its bounds, mean over the inputs.
+    missed : int or None
+        Steps that took longer than the period; None where no times are known.
+    """
+
+    reached: bool
+    tolerance: float
+    steady_error: float
+    settling_time: float | None
+    overshoot: float | None
+    activity: float | None
+    at_bound: float | None
+    missed: int | None
+
+    def to_dict(self) -> dict[str, object]:
+        """The same under the names of the commands' JSON."""
+        return {
+            "reached": self.reached,
+            "tolerance_cm": CM * self.tolerance,
+            "steady_error_cm": CM * self.steady_error,
+            "settling_time_s": self.settling_time,
+            "overshoot": self.overshoot,
+            "input_activity": self.activity,
+            "share_at_bound": self.at_bound,
+            "missed_deadlines": self.missed,
+        }
+
+
+def tolerance_of(length: float | None, error: np.ndarray, asked: float | None = None) -> float:
+    """The tolerance (m): as asked for, or a share of the robot's length, or of the way it had.
+
+    Raises
+    ------
+    InputError
+        For a tolerance that is no number > 0.
+    """
+    if asked is not None:
+        return number("tolerance", asked, above=0.0)
+    return TOLERANCE * (length or float(np.linalg.norm(error[0]))) or RESOLUTION
+
+
+def steady_error(t: np.ndarray, error: np.ndarray, y_ref: np.ndarray, cycle: float | None) -> float:
+    """Root mean square of ‖e‖ (m) over the last `cycle` (s), or the last tenth of the run.
+
+    Without a cycle, a reference that moves is judged over the last half.
+    """
+    share = 0.5 if moves(y_ref) else STEADY
+    span = share * t[-1] if cycle is None else min(cycle, float(t[-1]))
+    return math.sqrt(mean_square(t, error, start=max(0.0, float(t[-1]) - span)))
+
+
+def moves(y_ref: np.ndarray) -> bool:
+    """Whether a reference is a trajectory."""
+    return bool(np.ptp(y_ref, axis=0).max() > RESOLUTION)
+
+
+def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float | None:
+    """Since when ‖e‖ has been within the tolerance (s); None where it is not at the end."""
+    outside = np.flatnonzero(~(np.linalg.norm(error, axis=1) <= tolerance))
+    if not len(outside):
+        return 0.0
+    return float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else None
+
+
+def overshoot(y: np.ndarray, y_ref: np.ndarray) -> float | None:
+    """How far the tip went beyond a set point, over its way there; None for a trajectory."""
+    way = y_ref[0] - y[0]
+    length = float(np.linalg.norm(way))
+    if moves(y_ref) or length < RESOLUTION:
+        return None
+    return max(0.0, float(((y - y_ref) @ way).max()) / length**2)
+
+
+def activity(
+    t: np.ndarray, u: np.ndarray, u_min: np.ndarray, u_max: np.ndarray
+) -> tuple[float | None, float | None]:
+    """`Verdict.activity` and `Verdict.at_bound` of the inputs (N, nu) held from t (N + 1,) on."""
+    free = u_max > u_min
+    if len(u) == 0 or not free.any():
+        return None, None
+    u, low, span = u[:, free], u_min[free], (u_max - u_min)[free]
+    with np.errstate(all="ignore"):  # of a log that claims a range of 1e-310
+        share = (u - low) / span
+        changes = np.abs(np.diff(share, axis=0)).sum(axis=0).mean() / t[-1]
+    held = (share <= AT_BOUND) | (share >= 1 - AT_BOUND)
+    return float(changes), float(held.mean())

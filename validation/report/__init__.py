@@ -6,8 +6,10 @@
 - `figures`: the paper's figures: Lyapunov functions, paths, errors
 - `time_figures`: inputs over time; errors and inputs of a few saved runs
 - `step_figures`: step times and how they grow
+- `certificates`: what V does along the paper's runs, and the zero dynamics
 - `statics_figure`: where a robot's tip can rest
 - `replay`: logs as a page that plays them
-- `live`: a closed loop on a page while it runs
+- `identification_page`: a fit to measurements, its residuals and intervals
+- `pair_page`: two files of one robot as a page, each a `drawing`
 - `index`, `thumbnail`: a benchmark's whole result on one page, with a picture of each pair
 """

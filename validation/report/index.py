@@ -15,16 +15,15 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
-from softdyn import InputError, SoftModel
+from softdyn import InputError
 from softdyn.validation.files import safe, write_text
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies import benchmark_table as tables
 from softdyn.validation.studies.engine.case import Case, number_text
-from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.names import controller_title, experiment_title, robot_title
 from softdyn.view.page import library_file
 
@@ -92,7 +91,7 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
         When a result or a log is missing or damaged.
     """
     cases = list(dict.fromkeys(cases))
-    rows = benchmark.rows(cases, folder)
+    rows = benchmark.rows(cases, folder, benchmark.committed())
     groups: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
         groups.setdefault((case.robot, case.controller), []).append(case)
@@ -144,9 +143,9 @@ def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
     from softdyn.validation.report.thumbnail import thumbnail
     from softdyn.view.scene import Figure
 
-    model: SoftModel = load_model(cases[0].robot)
     store = benchmark.store(folder)
     logs = [Log.load(store.log_path(case.name)) for case in cases]
+    model = logs[0].source.model()  # as it was when it ran
     name = f"{robot_title(cases[0].robot)}, {controller_title(cases[0].controller)}"
     page = replays(logs, model, name, RATE).html(f"../{LIBRARY}")
     write_text(folder / replay_path(cases[0]), page)
@@ -218,7 +217,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
     note = (
         '<p class="quiet">SP: final error of the set points. TT: time-mean of the squared error of '
         "the trajectories. Mean ± population standard deviation over all runs, failed ones "
-        'included; "none" where a run ended before its time.</p>'
+        f'included; "none" where a run ended before its time. {tables.NOTE}</p>'
     )
     return _html_table(lines, [{last} if row["failed"] else set() for row in rows]) + note
 

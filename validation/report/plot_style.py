@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import string
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -100,12 +101,22 @@ def plain(text: str) -> str:
     return f" {text}" if text.startswith("_") else text
 
 
+class Drawing(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        with style():
+            self.savefig(content, format="png", dpi=120)
+        return content.getvalue()
+
+
 def panels(
     rows: int, columns: int, width: float, height: float, **options: Any
 ) -> tuple[Figure, list[list[Axes]]]:
     """A figure of `rows` × `columns` axes; `width` and `height` in inch."""
     layout = ConstrainedLayoutEngine(compress=True, w_pad=0.03, h_pad=0.03)
-    figure = Figure(figsize=(width, height), layout=layout)
+    figure = Drawing(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, [list(row) for row in axes]

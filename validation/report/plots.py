@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 from softdyn.validation.files import safe
 from softdyn.validation.report import figures

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softdyn import InputError, SoftModel
+from softdyn import SoftModel
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.names import controller_title, goal, labels_of
@@ -106,9 +106,7 @@ def track(
     log: Log, model: SoftModel, figure: int = 0, path: bool = True, rate: float = RATE
 ) -> Track:
     """A log as a track of at most `rate` frames a second and `MOST` in all."""
-    same = (log.q.shape[1], log.u.shape[1]) == (model.nq, model.nu)
-    if log.joint_names != model.joint_names or not same:
-        raise InputError("log", f"one of {model.name!r}", repr(log))
+    log.source.check(model, "robot")
     last = log.finite_samples
     kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))
     t = log.t

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from softdyn import InputError
@@ -27,6 +28,7 @@ from softdyn.validation.report.plot_style import (
 )
 
 SUFFIXES = (".png", ".pdf")
+FLAT = 1e-6  # of the size: what is so close to a plane is in it
 
 
 def check_path(path: str | Path) -> Path:
@@ -43,11 +45,60 @@ def check_path(path: str | Path) -> Path:
     return path
 
 
-def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) -> None:
-    """Sampled tips beside the robot's shapes at the targets.
+@dataclass(frozen=True)
+class Plane:
+    """The plane that a picture is drawn in: `right` and `up` (3,) span it.
 
-    Left, every sampled tip by its distance from the z axis and its height (by x where the robot
-    is planar); right, the shape that comes closest to each target, and the closest stable one.
+    Attributes
+    ----------
+    titles : tuple of str
+        Of both axes.
+    """
+
+    right: np.ndarray
+    up: np.ndarray
+    titles: tuple[str, str]
+
+    @classmethod
+    def of(cls, points: np.ndarray) -> Plane:
+        """The upright plane through the z axis that `points` (N, 3) spread in most.
+
+        That of x and y for points of one height, as a robot on a table has them.
+        """
+        x, y, z = np.eye(3)
+        size = max(float(np.abs(points).max(initial=0.0)), 1e-12)
+        if np.ptp(points[:, 2]) < FLAT * size:
+            return cls(x, y, ("x (cm)", "y (cm)"))
+        _, spread, axes = np.linalg.svd(points[:, :2], full_matrices=False)
+        along = axes[0] if spread[0] > FLAT * size else np.array([1.0, 0.0])
+        along = along * (1.0 if along @ [1.0, 1e-3] >= 0 else -1.0)
+        angle = math.degrees(math.atan2(along[1], along[0]))
+        if abs(angle) < 1:
+            return cls(x, z, ("x (cm)", "z (cm)"))
+        title = "y (cm)" if abs(angle - 90) < 1 else f"horizontally, {angle:.0f}° from x (cm)"
+        return cls(np.array([*along, 0.0]), z, (title, "z (cm)"))
+
+    def holds(self, points: np.ndarray) -> bool:
+        """Whether all points (N, 3) lie in it."""
+        off = points @ np.cross(self.right, self.up)
+        return bool(np.abs(off).max(initial=0.0) <= FLAT * max(np.abs(points).max(), 1e-12))
+
+    def flat(self, points: np.ndarray) -> np.ndarray:
+        """Points (N, 3) (m) as they are seen in it (N, 2) (cm)."""
+        return 100 * np.stack((points @ self.right, points @ self.up), axis=-1)
+
+
+def around_z(points: np.ndarray) -> np.ndarray:
+    """Points (N, 3) (m) by their distance from the z axis and their height (N, 2) (cm)."""
+    return 100 * np.stack((np.hypot(points[:, 0], points[:, 1]), points[:, 2]), axis=-1)
+
+
+def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) -> None:
+    """Sampled tips beside the robot's shapes at the targets, in the plane of the robot.
+
+    Left, every sampled tip; of a robot that leaves its plane by its distance from the z axis and
+    its height, and so are the targets. Right, the shape that comes closest to each target, and the
+    closest stable one.
 
     Parameters
     ----------
@@ -56,35 +107,39 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
     report : RestReport
         With at least one sample.
     curve : ndarray, (·, 3)
-        Points of the tracked ellipse, for the eye.
+        Points of the path that the targets are on, for the eye.
     """
     path = check_path(path)
     model = report.samples[0].model
     tips = np.array([one.y for one in report.samples])
-    planar = bool(np.abs(tips[:, 1]).max() < 1e-9)
+    targets = np.array([one.search.target for one in report.targets])
+    shapes = []
+    for search in (one.search for one in report.targets):
+        if not search.nearest.stable:
+            shapes.append((_chain(search.nearest), VERMILLION))
+        if search.nearest_stable is not None:
+            shapes.append((_chain(search.nearest_stable), GREEN))
+    plane = Plane.of(np.concatenate([tips, targets, *(points for points, _ in shapes)]))
+    planar = plane.holds(np.concatenate([tips, targets]))
     with style():
-        figure, axes = panels(1, 2, PAGE, 3.8, sharex=True, sharey=True)
+        figure, axes = panels(1, 2, PAGE, 3.8, sharex=planar, sharey=planar)
         left, right = axes[0]
-        out = tips[:, 0] if planar else np.hypot(tips[:, 0], tips[:, 1])
-        left.scatter(100 * out, 100 * tips[:, 2], s=3, color=SKY, linewidths=0)
+        views = {left: plane.flat if planar else around_z, right: plane.flat}
+        across, upward = views[left](tips).T
+        left.scatter(across, upward, s=3, color=SKY, linewidths=0)
         letter(left, 0, f"{robot_title(model.bundled or model.name)}: {len(tips)} stable rests")
-        left.set_xlabel("x (cm)" if planar else "distance from the z axis (cm)")
-        left.set_ylabel("z (cm)")
-        for search in (one.search for one in report.targets):
-            stable = search.nearest_stable
-            if not search.nearest.stable:
-                _shape(right, search.nearest, VERMILLION)
-            if stable is not None:
-                _shape(right, stable, GREEN)
+        left.set_xlabel(plane.titles[0] if planar else "distance from the z axis (cm)")
+        left.set_ylabel(plane.titles[1])
+        for points, colour in shapes:
+            right.plot(*plane.flat(points).T, color=colour, lw=1.3, marker="o", ms=1.8)
         letter(right, 1, "closest shapes")
-        right.set_xlabel("x (cm)")
-        for axis in (left, right):
+        right.set_xlabel(plane.titles[0])
+        for axis, seen in views.items():
             if curve is not None:
-                axis.plot(100 * curve[:, 0], 100 * curve[:, 2], color=GREY, lw=0.8, zorder=1)
-            for target in report.targets:
-                x, _, z = 100 * target.search.target
-                axis.plot(x, z, "+", color=BLACK, ms=8, mew=1.4, zorder=5)
-                axis.annotate(target.name, (x, z), (5, 4), textcoords="offset points", fontsize=7)
+                axis.plot(*seen(curve).T, color=GREY, lw=0.8, zorder=1)
+            for target, at in zip(report.targets, seen(targets), strict=True):
+                axis.plot(*at, "+", color=BLACK, ms=8, mew=1.4, zorder=5)
+                axis.annotate(target.name, at, (5, 4), textcoords="offset points", fontsize=7)
             axis.set_aspect("equal")
         figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
         with atomic(path) as stream:
@@ -101,9 +156,8 @@ def _handles() -> list[Line2D]:
     ]
 
 
-def _shape(axis: Axes, one: Equilibrium, colour: str) -> None:
-    """The chain of links from the world's origin to the tip, in the xz-plane."""
+def _chain(one: Equilibrium) -> np.ndarray:
+    """The chain of links (·, 3) from the world's origin to the tip (m)."""
     robot, placed = one.model.robot, one.model.link_poses(one.q)
     points = [placed[joint.child][:3, 3] for joint in robot.chain(robot.task)]
-    xyz = 100 * np.array([np.zeros(3), *points])
-    axis.plot(xyz[:, 0], xyz[:, 2], color=colour, lw=1.3, marker="o", ms=1.8)
+    return np.array([np.zeros(3), *points])

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from softdyn.validation.files import atomic
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.verdict import activity
 from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.figures import FINEST
 from softdyn.validation.report.plot_data import (
@@ -47,7 +48,7 @@ def inputs(runs: Sequence[Run]) -> Figure | None:
             (run,) = of(found, value=value)
             draw_inputs(axes, run.log)
             shown.append(run.log)
-            name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}"
+            name = f"{look.robot_title(robot)}, {experiment_title(kind, value)}{_activity(run.log)}"
             look.letter(axes, len(kinds) * grid.index(row) + kinds.index(kind), name)
         for axes in row:
             scale_inputs(axes, shown)
@@ -87,7 +88,7 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
             draw_inputs(axes, log)
             scale_inputs(axes, [log])
         axes.set_ylabel(f"u ({log.u_unit})")
-        axes.set_title(label, loc="left")
+        axes.set_title(label + _activity(log), loc="left")
     errors.set_xlim(0, max(log.duration for log in logs))
     grid[-1][0].set_xlabel(look.TIME)
     return figure
@@ -101,6 +102,20 @@ def save_comparison(
         figure = compare(logs, labels or labels_of(logs))
         with atomic(path) as stream:
             figure.savefig(stream, format="png", dpi=120)
+
+
+def plot(log: Log, path: str | Path | None = None) -> Figure:
+    """One run's error and inputs over time; `path` is a PNG to write as well."""
+    if path is not None:
+        save_comparison(path, [log])
+    with look.style():
+        return compare([log], labels_of([log]))
+
+
+def _activity(log: Log) -> str:
+    """How much a run's inputs change, for a title; nothing where there are none."""
+    changes, _ = activity(log.t, log.u, log.u_min, log.u_max)
+    return "" if changes is None else f", {changes:.3g} of the range/s"
 
 
 def draw_inputs(axes: Axes, log: Log) -> None:

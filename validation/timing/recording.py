@@ -155,7 +155,9 @@ def recorded(
 
 
 def digest_of(model: SoftModel) -> str:
-    """SHA-256 of the robot's file."""
+    """SHA-256 of the robot's file; of all its dynamics where its annotations stand elsewhere."""
+    if model.robot.overlay is not None:
+        return model.robot.digest
     return hashlib.sha256(model.robot.path.read_bytes()).hexdigest()
 
 

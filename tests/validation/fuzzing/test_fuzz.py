@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from softdyn import Robot, SoftdynError, parse
-from softdyn.commands import fuzz
+import softdyn
+from softdyn import InputError, Robot, SoftdynError, parse
+from softdyn.commands import cli, fuzz
 from softdyn.validation import Log
-from softdyn.validation.fuzzing import campaign, data
+from softdyn.validation.fuzzing import arguments, campaign, data, messages
 from softdyn.validation.fuzzing.inputs import mutant
 from softdyn.validation.fuzzing.verdict import (
     ACCEPTED,
@@ -23,6 +26,7 @@ from softdyn.validation.fuzzing.verdict import (
     REFUSED,
     judge,
 )
+from softdyn.validation.live.session import Session
 from softdyn.validation.oracles.second_reading import differences
 from softdyn.validation.studies.engine import store
 from tests.support.fragile import fragile
@@ -233,3 +237,92 @@ def test_data_of_every_kind_is_accepted_and_its_loss_is_seen(tmp_path, monkeypat
     assert data.judge(result, result.base.replace(b"1.5", b"123.456"), tmp_path).kind == LOST
     monkeypatch.setattr(store, "_read", lambda path: 1 / 0)
     assert data.judge(result, result.base, tmp_path).kind == EXCEPTION
+
+
+# -- messages to a live robot --------------------------------------------------------------------
+
+
+def test_a_short_run_of_messages_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fuzz.main(["--messages", "--count", "300", "--seed", "1", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["refused"] + report["accepted"] == report["count"] == 300
+    assert report["accepted"] > 5
+    assert report["kinds_of_refusal"] > 15
+
+
+def test_a_refused_message_that_changes_something_is_a_finding(monkeypatch) -> None:
+    session = Session(softdyn.load("finger"), {}, "open loop")
+    assert all(messages.judge(session, one).kind in (ACCEPTED, REFUSED) for one in messages.said())
+
+    def careless(message):
+        session._plant.data.qpos[0] += 0.1
+        raise InputError("do", "something else", "this")
+
+    monkeypatch.setattr(session, "apply", careless)
+    assert messages.judge(session, b'{"do": "release"}').kind == LOST
+    monkeypatch.setattr(session, "apply", lambda message: 1 / 0)
+    assert messages.judge(session, b'{"do": "release"}').kind == EXCEPTION
+
+
+# -- command lines -----------------------------------------------------------------------------
+
+
+def test_a_short_run_on_command_lines_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert fuzz.main(["--arguments", "--count", "60", "--seed", "8", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["refused"] + report["accepted"] == report["count"] == 60
+    assert report["accepted"] > 2
+    assert report["kinds_of_refusal"] > 10
+
+
+def test_every_line_works_as_it_stands_and_is_damaged_alike_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bases = fuzz.lines()
+    for k, line in enumerate(bases):
+        if not line.runs:
+            assert arguments.judge(line, line.words, tmp_path / f"{k}" / "x").kind == ACCEPTED, line
+    drawn = [arguments.mutant(bases, 3, k)[1] for k in range(30)]
+    assert [arguments.mutant(fuzz.lines(), 3, k)[1] for k in range(30)] == drawn
+
+
+def _refuse(said: str) -> int:
+    print(said, file=sys.stderr)
+    return 2
+
+
+@pytest.mark.parametrize(
+    ("main", "kind"),
+    [
+        (lambda words: 0, LOST),  # --json out.json is not written
+        (lambda words: Path("out.json").write_text("{}") and 0, ACCEPTED),
+        (lambda words: Path("out.json").write_text("") or 0, LOST),
+        (lambda words: _refuse("error: a: expected b, got c"), REFUSED),
+        (lambda words: Path("half").write_text("x") and _refuse("error: no"), LOST),
+        (lambda words: _refuse("error: two\nlines"), MESSAGE),
+        (lambda words: _refuse("wrong"), MESSAGE),
+        (lambda words: _refuse("error: " + "x" * 5000), MESSAGE),
+        (lambda words: 1 / 0, EXCEPTION),
+        (lambda words: sys.exit("done"), EXCEPTION),
+        (lambda words: 7, EXCEPTION),
+        (lambda words: _forever(), ACCEPTED),  # ended as by Ctrl-C
+    ],
+)
+def test_what_a_command_may_not_do(main, kind, tmp_path: Path, monkeypatch) -> None:
+    parser = cli.Parser(None)
+    cli.add_json(parser)
+    command = SimpleNamespace(main=main, parser=parser)
+    monkeypatch.setitem(sys.modules, "strange_command", command)
+    monkeypatch.setattr(arguments, "PATIENCE", 0.05)
+    monkeypatch.chdir(tmp_path)
+    line = arguments.Line("strange_command", ("--json", "out.json"), {}, True)
+    assert arguments.judge(line, line.words, tmp_path / "a" / "b").kind == kind
+
+
+def _forever() -> int:
+    try:
+        while True:
+            pass
+    except KeyboardInterrupt:
+        return 130

@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
+from softdyn.controllers import Impedance
 from softdyn.validation import Twin, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.studies import paper
@@ -372,3 +373,16 @@ def test_a_loop_that_is_not_over_has_a_log_up_to_its_last_sample(cart):
     assert (log.steps, log.complete, log.failed) == (4, False, False)
     assert np.isfinite(log.y).all()
     assert loop.run().steps == 20
+
+
+def test_a_log_prints_plots_and_shows_itself(tmp_path):
+    model = softdyn.load("finger")
+    log = simulate(model, Impedance(model), paper.set_point("finger", 0.5), duration=0.02)
+    assert str(log) == log.summary()
+    log.plot(tmp_path / "run.png")
+    assert log.plot()._repr_png_() == (tmp_path / "run.png").read_bytes()
+    page = log.show()
+    assert page.runs[0].tracks[0].frames.shape[1] == 1 + 4 + 2 + 6
+    assert "<iframe" in page._repr_html_()
+    with pytest.raises(InputError, match=r"robot of the log, .*finger.* got another"):
+        log.show(softdyn.load("spirob"))

@@ -178,7 +178,7 @@ def test_arrays_that_no_run_has_are_refused(log, tmp_path, name, change):
 
 def test_a_log_of_an_older_version_is_named(log, tmp_path):
     np.savez(tmp_path / "old.npz", about=np.array(json.dumps({"format": "softdyn-log-1"})))
-    with pytest.raises(InputError, match=r"format softdyn-log-2, got softdyn-log-1$"):
+    with pytest.raises(InputError, match=r"format softdyn-log-3, got softdyn-log-1$"):
         Log.load(tmp_path / "old.npz")
 
 
@@ -208,7 +208,7 @@ def test_a_report_and_a_summary_say_the_same(log):
     assert f"final error    {log.final_error_cm:.3f} cm   a note" in text
     assert f"mean |e|^2     {log.mse_cm2:.3f} cm²\n" in text
     assert "set point at 0.5 pi" in text
-    assert "done: |e| fell from" in text
+    assert "not reached: |e| fell from" in text
     failed = replace(log, failed=True, reason="why", theta=None).summary()
     assert failed.endswith("failed: why")
     assert "set point at 0.12" in failed

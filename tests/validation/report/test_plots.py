@@ -16,6 +16,7 @@ from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from tests.support import SCRIPTS
+from tests.support.logs import NOBODY
 
 SCRIPT = SCRIPTS / "benchmark.py"
 NU = {"finger": 2, "helix": 9, "spirob": 3}
@@ -49,7 +50,7 @@ def make_log(case, *, end=1.0, steps=120, failed=False, V=True):
         duration=duration, period=duration / steps, timestep=duration / steps, length=0.24,
         joint_names=("j",), contacts=False, complete=end == 1.0, failed=failed or end < 1.0,
         reason="it diverged" if failed or end < 1.0 else None, not_solved=0, fallbacks=0,
-        max_bound_violation=0.0, gains=None, versions={},
+        max_bound_violation=0.0, gains=None, versions={}, source=NOBODY,
     )  # fmt: skip
 
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
+from softdyn import InputError, SetPoint
 from softdyn.validation import Log, simulate
-from softdyn.validation.loop.log import SHAPES
+from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.report.replay import comparison, replay, replays, track
 from softdyn.validation.report.time_figures import compare
 from softdyn.validation.studies import paper
+from tests.support import ROOT
 
 
 class Idle:
@@ -95,7 +96,7 @@ def test_a_long_run_has_a_bounded_number_of_frames(model, log):
 
 
 def test_a_log_of_another_robot_is_refused(log):
-    with pytest.raises(InputError, match="log: expected one of 'spirob', got "):
+    with pytest.raises(InputError, match=r"the robot of the log, .*finger.* got another, .*spirob"):
         replay(log, softdyn.load("spirob"))
 
 
@@ -161,6 +162,45 @@ def test_replay_compares_saved_runs(call, log, tmp_path):
     assert '"label":"y"' in text
 
 
+def test_a_replay_draws_the_robot_that_ran(call, tmp_path):
+    """Not the bundled one of its name, and not what its file says by now."""
+    text = (ROOT / "urdf" / "finger.urdf").read_text()
+    longer = text.replace('<origin xyz="0.06 0 0"/><parent link="link1"/>',
+                          '<origin xyz="0.1 0 0"/><parent link="link1"/>')  # fmt: skip
+    assert longer != text
+    (tmp_path / "finger.urdf").write_text(longer)
+    model = softdyn.load("finger.urdf")
+    goal = replace(paper.set_point("finger", 0.5), duration=0.1)
+    simulate(model, Idle(model), goal).save("long.npz")
+    (tmp_path / "finger.urdf").write_text(text)  # edited again
+    code, out, err = call("replay", "long.npz", "--html", "p.html")
+    assert (code, out, err) == (0, "p.html\n", "")
+    shown = json.loads(
+        re.search(r'id="scene">(.*?)</script>', (tmp_path / "p.html").read_text())[1]
+    )
+    expected = scene(Log.load("long.npz").show(model))
+    assert shown == expected
+    for robot in ("finger", "finger.urdf"):
+        code, out, err = call("replay", "long.npz", "--robot", robot, "--html", "q.html")
+        assert (code, out) == (2, "")
+        (line,) = err.splitlines()
+        both = r"the robot of the log, \S+finger\.urdf \(\w{12}\), got another, \S+ \(\w{12}\)"
+        assert re.fullmatch(rf"error: --robot for long\.npz: expected {both}", line)
+    assert not (tmp_path / "q.html").exists()
+
+
+def test_a_log_has_annotations_and_a_floating_base(tmp_path):
+    overlay = ROOT / "docs" / "examples" / "soft_ur5.xml"
+    model = softdyn.load("ur5", annotations=overlay, floating=True)
+    log = simulate(model, Idle(model), SetPoint([0.4, 0.3, 0.1]), duration=0.004)
+    log.save(tmp_path / "a.npz")
+    again = Log.load(tmp_path / "a.npz").source
+    assert again.model().robot.digest == model.robot.digest
+    assert replace(again, annotations="").digest == again.digest
+    with pytest.raises(InputError, match="expected the robot of the log"):
+        replace(again, floating=False).model()
+
+
 def test_replay_draws_saved_runs(call, log, tmp_path):
     log.save("a.npz")
     rows = {"samples": 3, "steps": 2}  # the last of them not finite
@@ -195,18 +235,20 @@ def test_replay_s_bad_input_is_one_line(call, log, tmp_path, arguments):
 
 def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
     """Live without a browser: the loop waits for none, keeps its pace, and reports its frames."""
-    monkeypatch.setattr("softdyn.validation.report.live.WAIT", 0.0)
+    monkeypatch.setattr("softdyn.validation.live.watching.WAIT", 0.0)
     common = ("finger", "ic", "--theta", "0.5", "--duration", "0.5", "--json", "-")
     code, plain, _ = call("run", *common, "--html", "run.html")
     assert code in (0, 1)
     assert (tmp_path / "run.html").stat().st_size > 8e5
     code, out, err = call("run", *common, "--view", "--no-open", "--speed", "5")
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\n", err)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=\S+\n", err)
     shown, plain = json.loads(out), json.loads(plain)
     viewer = shown.pop("viewer")
-    assert 2 <= viewer["frames"] <= 4  # 30 a second of the clock
-    assert viewer["frame_us"] > 0
-    del shown["step_us"], plain["step_us"]
+    assert 2 <= viewer["frames"] <= 6  # 40 a second of the clock
+    assert viewer["wake_us"]["p99"] >= viewer["wake_us"]["median"] >= 0
+    assert 0 < viewer["pace"] < 6
+    for report in (shown, plain):  # the machine's
+        del report["step_us"], report["missed_deadlines"]
     assert shown == plain
 
 

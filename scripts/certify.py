@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""What V really does under the paper's laws, and whether their zero dynamics are stable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softdyn.commands import cli
+
+ROBOTS = ("finger", "helix", "spirob")
+LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")
+EPILOG = """\
+The paper's set points. Along each run: the share of control steps whose V grows faster, under the
+model's own acceleration, than the programme's -V/eps + delta; the poles of the zero dynamics
+(y = y_d, frozen poses); and whether stiffness dominates gravity where no input acts, the paper's
+condition on them. OUT/certificates.md is the table, OUT/certificates_ROBOT.png the run of the soft
+and of the hard law at the first THETA.
+
+exit codes: 0 written; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--robots", nargs="+", default=ROBOTS, choices=ROBOTS, metavar="ROBOT")
+parser.add_argument("--thetas", nargs="+", type=cli.finite, default=(0.5, 0.0, 1.0, 1.5),
+                    metavar="T", help="multiples of pi")  # fmt: skip
+parser.add_argument("--duration", type=cli.positive, metavar="S", help="of a run (default: 10 s)")
+parser.add_argument("--out", type=Path, default=Path("results/certificates"), metavar="DIR")
+cli.add_json(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Run, draw, report."""
+    from tqdm import tqdm
+
+    import softdyn
+    from softdyn.validation.files import write_text
+    from softdyn.validation.report import certificates
+    from softdyn.validation.tables import aligned, cells, pipes
+
+    cli.make_folder(arguments.out)
+    cli.check_outputs(arguments.json)
+    rows = []
+    runs = len(arguments.robots) * len(arguments.thetas) * len(LAWS)
+    with tqdm(total=runs, disable=None, leave=False, unit="run") as bar:
+        for robot in arguments.robots:
+            found = certificates.certified(
+                robot, LAWS, arguments.thetas, arguments.duration, bar.update
+            )
+            rows += [row for _, row in found]
+            picture = arguments.out / f"certificates_{robot}.png"
+            certificates.draw(picture, softdyn.load(robot), [log for log, _ in found[:2]])
+    table = pipes(cells(certificates.COLUMNS, rows))
+    write_text(arguments.out / "certificates.md", "\n".join(table) + "\n")
+    cli.write_report({"rows": rows}, arguments.json, aligned(certificates.COLUMNS, rows))
+    return cli.PASSED
+
+
+main = cli.program(parser, command, __name__)

@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""Compile all kernels now, which a first use would: for images and shared installations."""
+
+from __future__ import annotations
+
+from softdyn.commands import cli
+
+EPILOG = """\
+Compiled code is kept beside the package or, where that cannot be written, in the folder that
+NUMBA_CACHE_DIR names, or in the user's cache folder. It belongs to this kind of processor: an image
+that runs on others compiles there again.
+
+exit codes: 0 all are compiled; 2 bad input.
+"""
+
+# one robot of each kind of tendon: they differ in their kernels
+ROBOTS = ("finger", "spirob")
+
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Make every law for every kind of robot: that warms it up."""
+    from softdyn.compiled import COMPILES, say_once
+    from softdyn.controllers.registry import BEYOND, CONTROLLERS
+    from softdyn.validation.processes import in_order
+
+    if not COMPILES:
+        cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
+        return cli.PASSED
+    say_once()
+    # what most share comes first, so that the others find it
+    names = sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__)
+    in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
+    cli.say("all kernels are compiled")
+    return cli.PASSED
+
+
+def _warm(robot: str, name: str) -> None:
+    import softdyn
+    from softdyn.controllers.registry import make_controller
+
+    make_controller(name, softdyn.load(robot))
+
+
+main = cli.program(parser, command, __name__)

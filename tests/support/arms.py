@@ -1,0 +1,111 @@
+"""Arms that several tests build."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import softdyn
+from softdyn import SoftModel, design
+from tests.support.micro import GRIPPER, write
+
+THREE_SECTIONS = """\
+name = "three_sections"
+[material]
+youngs_modulus_MPa = 0.25
+density_kg_m3 = 1070
+[damping]
+ratio = 0.15
+[[section]]
+length_mm = 120
+radius_mm = [20, 17]
+segments = 4
+[[section]]
+length_mm = 100
+radius_mm = [17, 14]
+segments = 4
+[[section]]
+length_mm = 80
+radius_mm = [14, 11]
+segments = 4
+[[cable]]
+name = "base"
+count = 4
+offset_mm = [15, 12]
+routing = "channel"
+to = "section_1"
+max_tension_N = 20
+[[cable]]
+name = "middle"
+count = 4
+angle_deg = 45
+offset_mm = [14, 10]
+routing = "channel"
+to = "section_2"
+max_tension_N = 20
+[[cable]]
+name = "end"
+count = 4
+angle_deg = 22.5
+offset_mm = [13, 8]
+routing = "channel"
+max_tension_N = 20
+"""
+RUBBER = design.Material(0.25e6, 0.49, 1070)
+EVERYTHING = design.Arm(
+    sections=(
+        design.Section(
+            0.1, (0.015, 0.012, 0.012), RUBBER, 2, ("bend_y", "bend_z", "twist", "extension"),
+            inner_radius=0.004, plate=design.Plate(0.02, 0.004, 0.01), name="lower",
+        ),
+        design.Section(
+            0.08, lambda s: 0.01 - 0.002 * s * s, RUBBER, 3, ("bend_y", "shear_y", "shear_z"),
+            bending_stiffness=(1e-3, 5e-4), mass=0.02, rest={"bend_y": 3.0},
+            discs=4, disc=design.Plate(0.014, 0.002, 0.001), name="upper",
+        ),
+    ),
+    damping=design.Damping(time_constant=0.02),
+    cables=(
+        design.Cable(0.3, 0.01, False, 5.0, 0, 0, name="led"),
+        design.Cable(1.0, (0.012, 0.007), False, 5.0, 0, 1, turns=0.25, name="helix"),
+        design.Cable(4.0, 0.013, True, 5.0, 1, 1, turns=0.5, name="straight"),
+    ),
+    mount=design.Mount((0.1, 0.2, 0.3), (1.0, 2.0, -0.5), 0.4),
+    payload=design.Payload(0.01, 0.005, 0.01),
+    tip=(0.01, 0.002, -0.003),
+    name="every <thing> -- at once",
+)  # fmt: skip
+"""Every field of every part: hollow, curved at rest, measured, on a slant."""
+
+
+def loaded(arm: design.Arm, folder: Path) -> SoftModel:
+    """The model of an arm's file."""
+    file = folder / f"{abs(hash((arm.name, len(arm.sections))))}.urdf"
+    file.write_text(design.urdf(arm), encoding="utf-8")
+    return softdyn.load(file)
+
+
+def reduced_strains(folder: Path) -> SoftModel:
+    """In units in which a motion of size 1 is one that a rod could do."""
+    basis = design.strain_basis(EVERYTHING, 1)
+    size = [0.05 if name.startswith(("shear", "extension")) else 5.0 for name in basis.names]
+    basis = replace(basis, matrix=basis.matrix * size)
+    return softdyn.reduce(loaded(EVERYTHING, folder), basis)
+
+
+def reduced_at_random(_: Path) -> SoftModel:
+    helix = softdyn.load("helix")
+    return softdyn.reduce(helix, np.random.default_rng(0).normal(size=(helix.nv, 5)) / 5)
+
+
+def gripper(folder: Path) -> SoftModel:
+    return softdyn.load(write(folder, GRIPPER))
+
+
+PROJECTIONS = {
+    "reduced to strains": reduced_strains,
+    "reduced at random": reduced_at_random,
+    "mimic": gripper,
+}

@@ -1,0 +1,81 @@
+"""The predictive controller's cost, from its definition: a state-space form, one run an input."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import Reference, SoftModel, State
+from softdyn.controllers.mpc import KNOTS, SIZE, STOP, MpcParameters
+from softdyn.dynamics.derivatives import tangent_dynamics
+
+
+def linear(state: State, u: np.ndarray, held: np.ndarray, stop: float) -> tuple:
+    """K_t and D_t of the prediction, a spring of stop · M_jj at each joint that is held."""
+    K, D = tangent_dynamics(state.model, state.q, state.v, u)
+    K = K.copy()
+    for j in np.flatnonzero(held):
+        K[j, j] += stop * state.M[j, j]
+    return K, D
+
+
+def euler(state: State, u: np.ndarray, force: np.ndarray, held: np.ndarray, period: float):
+    """q̇ after a period by backward Euler under u and a joint force, by fixed-point equations."""
+    K, D = linear(state, u, held, STOP / (MpcParameters().horizon / KNOTS[-1]) ** 2)
+    n = len(state.v)
+    # unknowns (p, q̇): p = T q̇,  M (q̇ - q̇₀) = T (f - K p - D (q̇ - q̇₀))
+    rows = np.block([[np.eye(n), -period * np.eye(n)], [period * K, state.M + period * D]])
+    f = state.B @ u - state.h + force
+    right = np.concatenate((np.zeros(n), (state.M + period * D) @ state.v + period * f))
+    return np.linalg.solve(rows, right)[n:]
+
+
+def cost(
+    model: SoftModel, state: State, goal: Reference, u0: np.ndarray, held: np.ndarray,
+    unmodelled: np.ndarray, knots: np.ndarray,
+) -> float:  # fmt: skip
+    """Of the inputs (knots, m) at the ends of the knots, by stepping through the horizon.
+
+    The tip along the tangent, joint speeds and inputs in the metric of the robot at rest, each
+    step by the two-stage method of Alexander (1977) in state space.
+    """
+    p = MpcParameters()
+    H, n, steps = p.horizon, model.nv, KNOTS[-1]
+    dt = H / steps
+    W, R = metric(model)
+    K, D = linear(state, u0, held, STOP / dt**2)
+    Mi = np.linalg.inv(state.M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-Mi @ K, -Mi @ D]])
+    gamma = 1 - 1 / np.sqrt(2)
+    implicit = np.linalg.inv(np.eye(2 * n) - gamma * dt * A)
+    f = state.B @ u0 - state.h + unmodelled + D @ state.v
+    z, total, before = np.concatenate((np.zeros(n), state.v)), 0.0, 0
+    inputs = np.vstack((u0, knots))
+    for index, end in enumerate(KNOTS):
+        span, start, stop = end - before, inputs[index], inputs[index + 1]
+        for k in range(span):
+            u = start + (k + 0.5) / span * (stop - start)
+            b = np.concatenate((np.zeros(n), Mi @ (f + state.B @ (u - u0))))
+            k1 = implicit @ (A @ z + b)
+            k2 = implicit @ (A @ (z + dt * (1 - gamma) * k1) + b)
+            z = z + dt * ((1 - gamma) * k1 + gamma * k2)
+            t = (before + k + 1) * dt
+            wanted = goal.y + goal.ydot * t + goal.yddot * t**2 / 2
+            error = state.y + state.J @ z[:n] - wanted
+            total += error @ error + p.speed**2 * z[n:] @ W @ z[n:]
+        rate = stop - start
+        total += p.rate * (rate @ R @ rate) / span + p.rate * SIZE * span * (stop @ R @ stop)
+        before = end
+    return float(total)
+
+
+def metric(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
+    """W (n, n) of joint speeds and R (m, m) of inputs, from the robot at rest."""
+    rest, H = model.state(model.q0, np.zeros(model.nv)), MpcParameters().horizon
+    S = rest.M / H**2 + rest.D / H + np.diag(model.stiffness)
+    mobility = np.linalg.norm(rest.J @ np.linalg.inv(S) @ rest.J.T, 2)
+    return H**2 * mobility * S, mobility * rest.B.T @ np.linalg.inv(S) @ rest.B
+
+
+def size(model: SoftModel, u: np.ndarray) -> float:
+    """What the weight of the inputs' size adds for u all along: V leaves it out."""
+    return float(MpcParameters().rate * SIZE * KNOTS[-1] * (u @ metric(model)[1] @ u))

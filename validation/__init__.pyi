@@ -1,0 +1,21 @@
+from .comparison.comparison import compare
+from .crosschecks.crosscheck import crosscheck
+from .live.playing import play
+from .loop.closed_loop import simulate
+from .loop.log import Log
+from .studies import paper
+from .studies.own.side_by_side import benchmark
+from .twin.state_map import StateMap
+from .twin.twin import Twin
+
+__all__ = [
+    "Log",
+    "StateMap",
+    "Twin",
+    "benchmark",
+    "compare",
+    "crosscheck",
+    "paper",
+    "play",
+    "simulate",
+]

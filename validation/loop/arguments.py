@@ -1,0 +1,115 @@
+"""What a closed loop is given, checked: its reference, its plant, the controller's name."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SoftModel
+from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.scene.plant import Scene
+
+ReferenceLike = Experiment | Callable[[float], Reference]
+
+
+def scene_of(model: SoftModel, plant: str | Path | Scene, settings: bool) -> Scene:
+    """The plant from the user's file; one that differs from the model's is warned of."""
+    if settings:
+        raise InputError("contacts, friction", "none beside a plant whose file says so", "True")
+    if isinstance(plant, Scene):
+        if plant.robot.digest != model.robot.digest:
+            raise InputError(
+                "plant", f"a scene for {model.name!r}", f"one for {plant.robot.name!r}"
+            )
+        return plant
+    if not isinstance(plant, str | Path):
+        raise InputError("plant", "an MJCF file, or a Scene", repr(plant))
+    scene = Scene(model, plant)
+    if not scene.comparison.passed:
+        warnings.warn(f"{scene.path}: {scene.comparison.verdict}", stacklevel=3)
+    return scene
+
+
+def check_robot(model: SoftModel, experiment: Experiment) -> None:
+    """An experiment is scaled to one robot; refuse to run it on another bundled one."""
+    if model.bundled is not None and model.bundled != experiment.robot:
+        raise InputError(
+            "experiment", f"one for {model.bundled!r}", f"one for {experiment.robot!r}"
+        )
+
+
+def checked(reference: Any) -> Callable[[float], Reference]:
+    """`reference` as a function that surely returns a `Reference`; tried at t = 0."""
+    if not callable(reference):
+        expected = "an Experiment, or a callable t -> Reference such as SetPoint(y)"
+        raise InputError("reference", expected, repr(reference))
+    desired = partial(_desired, reference)
+    desired(0.0)
+    return desired
+
+
+def _desired(reference: Any, t: float) -> Reference:
+    value = reference(t)
+    if isinstance(value, Reference):
+        return value
+    try:
+        return Reference(value.y, value.ydot, value.yddot)
+    except AttributeError:
+        raise InputError("reference", "a Reference(y, ydot, yddot)", repr(value)) from None
+
+
+def check_controller(controller: Any) -> None:
+    """Refuse what cannot be called with a state and a reference."""
+    expected = "a callable (state, reference) -> command"
+    if isinstance(controller, type):
+        name = controller.__name__
+        raise InputError("controller", f"{expected}, as {name}(model)", f"the class {name} itself")
+    if not callable(controller):
+        raise InputError("controller", expected, repr(controller))
+
+
+def check_pose(model: SoftModel, q: np.ndarray) -> None:
+    """Refuse angles that can only be degrees: beyond their limits, and inside as radians.
+
+    A pose beyond the limits is not refused as such: the plant has stops.
+    """
+    limits = {joint.name: joint for joint in model.robot.moving_joints}
+    for name, angle in zip(model.joint_names, model.coordinates(q), strict=True):
+        joint = limits.get(name)
+        if joint is None or joint.kind != "revolute" or abs(angle) <= math.pi:
+            continue
+        low, high = joint.lower, joint.upper
+        if not low <= angle <= high and low <= math.radians(angle) <= high:
+            expected = f"radians: joint {name!r} turns from {low:g} to {high:g}"
+            raise InputError("q0", expected, f"{angle:g}: degrees?")
+
+
+def warn_of_fast_springs(model: SoftModel, M: np.ndarray, timestep: float) -> None:
+    """Warn of a spring that swings faster than plant steps (s) can follow.
+
+    Explicit springs are unstable from λ h² = 4 on, λ = k (M⁻¹)_ii the square of the frequency.
+    """
+    with np.errstate(all="ignore"):
+        squares = model.stiffness * np.diag(np.linalg.inv(M)) * timestep**2
+    worst = int(np.argmax(squares)) if squares.size else 0
+    if squares.size and squares[worst] > 4:
+        rate = math.sqrt(squares[worst]) / timestep
+        warnings.warn(
+            f"{model.robot.path}: joint {model.joint_names[worst]!r}: a stiffness of "
+            f"{model.stiffness[worst]:g} swings at {rate:.2g} rad/s, too fast for plant steps of "
+            f"{timestep:g} s: other units than N m/rad or N/m, or too little inertia?",
+            stacklevel=3,
+        )
+
+
+def name_of(controller: Any) -> str:
+    """The controller's own name of itself, or its class's."""
+    named = (getattr(controller, attribute, None) for attribute in ("name", "__name__"))
+    texts = (text for text in named if isinstance(text, str) and text)
+    return next(texts, type(controller).__name__)

@@ -1,0 +1,176 @@
+"""What a file of a log must be: names, shapes, and numbers that a run can have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError
+from softdyn.validation.plain import LARGEST
+
+FORMAT = "softdyn-log-3"
+FLOAT = np.dtype(float)
+# Axes of the arrays: N control steps, N + 1 samples, the robot's sizes, 3 of space.
+SHAPES = {
+    "t": ("samples",),
+    "q": ("samples", "nq"),
+    "v": ("samples", "nv"),
+    "y": ("samples", "space"),
+    "y_ref": ("samples", "space"),
+    "error": ("samples", "space"),
+    "u": ("steps", "nu"),
+    "V": ("steps",),
+    "delta": ("steps",),
+    "status": ("steps",),
+    "step_us": ("steps",),
+    "u_min": ("nu",),
+    "u_max": ("nu",),
+}
+# of a law that is `Certified`
+EXTRA = {"Vdot": ("steps",), "delta_true": ("steps",)}
+
+
+def _format(about: Any) -> Any:
+    return about.get("format") if isinstance(about, dict) else None
+
+
+def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]) -> None:
+    """Refuse what `Log.save` cannot have written, logs of other versions too.
+
+    Parameters
+    ----------
+    where : str
+        The file.
+    arrays : dict[str, np.ndarray]
+        Its arrays.
+    about : Any
+        What its JSON says.
+    names : set of str
+        The fields of a log that are no arrays.
+
+    Raises
+    ------
+    InputError
+        For anything missing, unknown, of another kind or inconsistent.
+    """
+    if _format(about) != FORMAT:
+        raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
+    if set(about) != names | {"format"}:
+        raise InputError(where, f"entries {sorted(names)}", sorted(about))
+    if set(arrays) not in ({*SHAPES}, {*SHAPES, *EXTRA}):
+        raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
+    for name, fits in ENTRIES.items():
+        if not fits(about[name]):
+            raise InputError(where, f"{name} as a log has it", repr(about[name]))
+    if about["failed"] != (about["reason"] is not None):
+        raise InputError(where, "a reason of failed runs alone", repr(about["reason"]))
+    _check_shapes(where, arrays, len(about["joint_names"]))
+    _check_values(where, arrays, about)
+
+
+def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int) -> None:
+    size = {"space": 3, "nv": nv, "samples": arrays["t"].size}
+    size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
+    for name, axes in (SHAPES | EXTRA).items():
+        if name not in arrays:
+            continue
+        shape = arrays[name].shape
+        expected = tuple(size.get(axis, s) for axis, s in zip(axes, shape, strict=False))
+        if len(shape) != len(axes) or shape != expected:
+            raise InputError(where, f"{name} of shape ({', '.join(axes)})", f"shape {shape}")
+        dtype = arrays[name].dtype
+        if dtype.kind != "U" if name == "status" else dtype != FLOAT:
+            raise InputError(where, f"{name} of its own type", f"type {dtype}")
+
+
+def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
+    """Refuse arrays that no run has: only the last sample of one that ended early may be NaN."""
+    t, u, low, high = (arrays[name] for name in ("t", "u", "u_min", "u_max"))
+    if not (t[0] == 0 and np.isfinite(t).all() and (np.diff(t) > 0).all()):
+        raise InputError(where, "times from 0 that increase", "others")
+    if about["complete"] and abs(t[-1] - about["duration"]) > about["timestep"]:
+        raise InputError(where, f"{about['duration']} s of a complete run", f"{t[-1]} s")
+    whole = len(t) if about["complete"] else len(t) - 1
+    for name in ("q", "v", "y", "y_ref", "error"):
+        if not np.isfinite(arrays[name][:whole]).all():
+            raise InputError(where, f"finite numbers in {name}", "others")
+    with np.errstate(invalid="ignore", over="ignore"):
+        error = arrays["y"] - arrays["y_ref"]
+        same = np.allclose(arrays["error"], error, rtol=1e-9, atol=1e-12, equal_nan=True)
+    if not same:
+        raise InputError(where, "an error of y - y_ref", "another")
+    if not (low <= high).all() or not ((low <= u) & (u <= high)).all():
+        raise InputError(where, "inputs inside their bounds", "others")
+    if (arrays["step_us"] < 0).any() or np.isinf(arrays["step_us"]).any():
+        raise InputError(where, "finite step times >= 0", "others")
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    return (isinstance(value, float) and math.isfinite(value)) or _is_count(value)
+
+
+def _is_positive(value: Any) -> bool:
+    return _is_number(value) and value > 0
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not _is_flag(value) and abs(value) <= LARGEST
+
+
+def _is_names(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value)) and len({*value}) == len(value)
+
+
+def _is_versions(value: Any) -> bool:
+    return isinstance(value, dict) and all(map(_is_text, value.values()))
+
+
+def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: value is None or fits(value)
+
+
+def _is_source(value: Any) -> bool:
+    texts = {"path", "text", "annotations", "digest"}
+    return (
+        isinstance(value, dict)
+        and set(value) == {*texts, "floating", "bundled"}
+        and all(_is_text(value[name]) for name in texts)
+        and _is_flag(value["floating"])
+        and (value["bundled"] is None or _is_text(value["bundled"]))
+    )
+
+
+# name → whether a value may stand there in a file; gains are whatever the controller had
+ENTRIES: dict[str, Callable[[Any], bool]] = {
+    "u_unit": _is_text,
+    "robot": _is_text,
+    "controller": _is_text,
+    "kind": _or_none(_is_text),
+    "theta": _or_none(_is_number),
+    "omega": _or_none(_is_number),
+    "duration": _is_positive,
+    "period": _is_positive,
+    "timestep": _is_positive,
+    "length": _or_none(_is_positive),
+    "joint_names": _is_names,
+    "contacts": _is_flag,
+    "complete": _is_flag,
+    "failed": _is_flag,
+    "reason": _or_none(_is_text),
+    "not_solved": _is_count,
+    "fallbacks": _is_count,
+    "max_bound_violation": lambda value: _is_number(value) and value >= 0,
+    "versions": _is_versions,
+    "source": _is_source,
+}

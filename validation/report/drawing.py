@@ -1,0 +1,238 @@
+"""A robot in the neutral form, of either format, as the viewer draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softdyn.description.inertia import rotation_rpy
+from softdyn.description.meshes import Mesh, shown
+from softdyn.description.robot import carriers, poses
+from softdyn.description.urdf import parse
+from softdyn.description.visuals import Box, Cylinder, Rgba, Shape, Sphere, Visual, visuals
+from softdyn.exceptions import UrdfError
+from softdyn.validation.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.comparison.mjcf_file import read_mjcf
+from softdyn.validation.comparison.neutral import FREEDOMS, WORLD, Neutral
+from softdyn.validation.comparison.terms import rotations
+from softdyn.view.scene import columns, shape_data
+
+SHOWN_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 unless told otherwise
+AXES = np.eye(3)
+MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A robot with its shapes, each on a part or on the root, in the root's axes at zero.
+
+    `rest` are coordinates of free bodies as the file puts them; `problem` says why it is drawn as
+    sticks, where it is.
+    """
+
+    name: str
+    robot: Neutral
+    shapes: tuple[tuple[int, Visual], ...]
+    rest: Mapping[str, list[float]]
+    problem: str = ""
+
+    @classmethod
+    def of(cls, robot: Neutral) -> Drawing:
+        """The drawing of a robot with the shapes of its file; sticks where those cannot be had."""
+        found: tuple[tuple[int, Visual], ...] = ()
+        problem, rest = "", {}
+        try:
+            if robot.format == "urdf":
+                found = tuple(_of_urdf(robot))
+            else:
+                model = compile_mjcf(read_mjcf(robot.path, whole=True))
+                found, rest = tuple(_of_mjcf(robot, model)), _rest(robot, model)
+        except UrdfError as error:
+            problem = str(error)
+        return cls(robot.path.stem, robot, found or tuple(_sticks(robot)), rest, problem)
+
+    def painted(self, colours: Mapping[int, Rgba], other: Rgba) -> Drawing:
+        """The same in the colours of its parts."""
+        shapes = tuple(
+            (part, replace(shape, rgba=colours.get(part, other))) for part, shape in self.shapes
+        )
+        return replace(self, shapes=shapes)
+
+    @property
+    def size(self) -> float:
+        """A length (m) it fits in."""
+        far = [float(np.abs(shape.pose[:3, 3]).max()) for _, shape in self.shapes]
+        return max(self.robot.size, *far, 0.1) if far else self.robot.size
+
+    @property
+    def freedoms(self) -> int:
+        """Numbers in a frame."""
+        return self.robot.nv
+
+    def coordinates(self, q: Mapping[str, list[float]]) -> np.ndarray:
+        """Frame (freedoms,) of the coordinates of some parts by name; the others are at zero."""
+        row: list[float] = []
+        for part in self.robot.parts:
+            value = np.zeros(FREEDOMS[part.kind]) + q.get(part.name, self.rest.get(part.name, 0.0))
+            if part.kind in ("free", "ball"):
+                value = np.concatenate((value[:-3], _angles(rotations(value[-3:]))))
+            row += value.tolist()
+        return np.array(row)
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """As `Figure.data`: a link for every freedom, each in the root's axes at zero."""
+        origins = {WORLD: np.zeros(3)}
+        joints: list[dict[str, Any]] = []
+        link = {WORLD: 0}
+        for k, part in enumerate(self.robot.parts):
+            above = link[part.parent]
+            before = origins[part.parent]
+            slides, axes = _freedoms(part.kind, part.axis)
+            for slide, axis in zip(slides, axes, strict=True):
+                pose = np.eye(4)
+                pose[:3, 3] = part.point - before
+                number = len(joints) + 1
+                joints.append(
+                    {
+                        "parent": above, "child": number, "pose": columns(pose),
+                        "axis": axis.tolist(), "slides": slide, "turns": False,
+                        "index": number - 1, "gain": 1, "offset": 0,
+                    }
+                )  # fmt: skip
+                above, before = number, part.point
+            link[k], origins[k] = above, part.point
+        placed = []
+        for carrier, shape in self.shapes:
+            pose = shape.pose.copy()
+            pose[:3, 3] -= origins[carrier]
+            placed.append(replace(shape, link=str(carrier), pose=pose))
+        cables = [
+            {
+                "name": cable.name, "weights": [], "limit": 0, "side": 0,
+                "sites": [
+                    [link[p.part], *(p.xyz - origins[p.part]).tolist()] for p in cable.path
+                ],
+            }
+            for cable in self.robot.cables
+            if len(cable.path) > 1
+        ]  # fmt: skip
+        return {
+            "name": self.name, "size": self.size, "links": len(joints) + 1, "tip": 0,
+            "dof": len(joints), "floating": False, "root": 0, "joints": joints, "inputs": [],
+            **shape_data(placed, {str(k): number for k, number in link.items()}),
+            "cables": cables,
+        }  # fmt: skip
+
+
+def _freedoms(kind: str, axis: np.ndarray) -> tuple[list[bool], list[np.ndarray]]:
+    """Whether each slides, and its axis; a ball turns about x, y, z, a free body moves first."""
+    if kind in ("hinge", "slide"):
+        return [kind == "slide"], [axis]
+    turns = [False] * 3, list(AXES)
+    return turns if kind == "ball" else ([True] * 3 + turns[0], list(AXES) + turns[1])
+
+
+def _angles(rotation: np.ndarray) -> np.ndarray:
+    """Angles (3,) about x, y, z, each in the axes that the one before left: R = Rx Ry Rz."""
+    y = np.arctan2(rotation[0, 2], np.hypot(rotation[0, 0], rotation[0, 1]))
+    x = np.arctan2(-rotation[1, 2], rotation[2, 2])
+    return np.array([x, y, np.arctan2(-rotation[0, 1], rotation[0, 0])])
+
+
+def _of_urdf(robot: Neutral) -> Iterator[tuple[int, Visual]]:
+    floating = any(part.kind == "free" for part in robot.parts)
+    parsed = parse(robot.path, floating=floating)
+    carrier = carriers(parsed)
+    index = {part.link: k for k, part in enumerate(robot.parts)}
+    for shape in visuals(parsed)[0]:
+        rotation, translation = poses(parsed)[shape.link]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, translation
+        yield index.get(carrier[shape.link], WORLD), replace(shape, pose=pose @ shape.pose)
+
+
+def _rest(robot: Neutral, model: mujoco.MjModel) -> dict[str, list[float]]:
+    """Where the file puts free bodies: position and rotation vector (rad)."""
+    found = {}
+    for k, part in enumerate(robot.parts):
+        if part.kind == "free":
+            pose, turned = model.qpos0[model.jnt_qposadr[k] :][:7], np.zeros(3)
+            mujoco.mju_quat2Vel(turned, pose[3:], 1.0)
+            found[part.name] = [*pose[:3].tolist(), *turned.tolist()]
+    return found
+
+
+def _of_mjcf(robot: Neutral, model: mujoco.MjModel) -> Iterator[tuple[int, Visual]]:
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    carrier = [WORLD] * model.nbody
+    for body in range(1, model.nbody):
+        last = model.body_jntadr[body] + model.body_jntnum[body] - 1
+        own = model.body_jntnum[body] > 0
+        carrier[body] = int(last) if own else carrier[model.body_parentid[body]]
+    seen = model.geom_group < SHOWN_GROUPS
+    geoms = np.flatnonzero(seen if seen.any() else ~seen)
+    used = {int(k) for k in model.geom_dataid[geoms[model.geom_type[geoms] == MESH]]}
+    meshes = {k: _mesh(model, k) for k in used}
+    for geom in geoms:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+        for shape, local in _shapes(model, int(geom), meshes):
+            yield (
+                carrier[model.geom_bodyid[geom]],
+                Visual("", pose @ local, shape, tuple(map(float, model.geom_rgba[geom]))),
+            )
+
+
+def _shapes(
+    model: mujoco.MjModel, geom: int, meshes: Mapping[int, Mesh]
+) -> Iterator[tuple[Shape, np.ndarray]]:
+    """What a geom is made of, in its frame; planes and height fields are left out."""
+    kinds, here = mujoco.mjtGeom, np.eye(4)
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom].tolist()
+    if kind == MESH:
+        yield meshes[int(model.geom_dataid[geom])], here
+    elif kind == kinds.mjGEOM_BOX:
+        yield Box((2 * size[0], 2 * size[1], 2 * size[2])), here
+    elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+        axes = size if kind == kinds.mjGEOM_ELLIPSOID else size[:1] * 3
+        yield Sphere(1.0), np.diag([*axes, 1.0])
+    elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        yield Cylinder(size[0], 2 * size[1]), here
+        for end in (-1, 1) if kind == kinds.mjGEOM_CAPSULE else ():
+            moved = here.copy()
+            moved[2, 3] = end * size[1]
+            yield Sphere(size[0]), moved
+
+
+def _mesh(model: mujoco.MjModel, k: int) -> Mesh:
+    first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
+    faces = model.mesh_face[model.mesh_faceadr[k] :][: model.mesh_facenum[k]]
+    return shown(model.mesh_vert[first : first + count].astype(float), np.array(faces, int))
+
+
+def _sticks(robot: Neutral) -> Iterator[tuple[int, Visual]]:
+    """A ball at every joint, a rod from it to each that follows, or to the tip's origin."""
+    size, grey = robot.size, (0.6, 0.6, 0.6, 1.0)
+    for k, part in enumerate(robot.parts):
+        pose = np.eye(4)
+        pose[:3, 3] = start = part.point if part.kind != "free" else part.pose.translation
+        yield k, Visual("", pose, Sphere(0.02 * size), grey)
+        below = [robot.parts[child].point for child in robot.children(k)]
+        for end in below or [part.inertia.com if part.inertia.mass else start]:
+            along = end - start
+            length = float(np.linalg.norm(along))
+            if length > 1e-6:
+                pitch = np.arctan2(np.hypot(along[0], along[1]), along[2])
+                turned = np.eye(4)
+                turned[:3, :3] = rotation_rpy(
+                    np.array([0.0, pitch, np.arctan2(along[1], along[0])])
+                )
+                turned[:3, 3] = start + along / 2
+                yield k, Visual("", turned, Cylinder(0.012 * size, length), grey)
