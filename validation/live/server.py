@@ -209,26 +209,33 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
         self.hub.left(self)
 
     def frame(self, content: bytes) -> None:
-        """Show a frame; dropped where the one before has not left yet."""
-        if self._busy is not None and not self._busy.done():
+        """Show a frame; dropped where what went before has not left yet."""
+        if self._leaving():
             self.dropped += 1
-            return
-        while self._waiting:
-            self._write(self._waiting.pop(0))
-        self._write(content, binary=True)
+        else:
+            self._write(content, binary=True)
 
     def say(self, what: dict[str, Any]) -> None:
         """Tell something, when it can be sent; of a page that does not read the latest few."""
-        text = json.dumps(what)
-        if self._busy is not None and not self._busy.done():
-            self._waiting = [*self._waiting[-20:], text]
-        else:
-            self._write(text)
+        self._waiting = [*self._waiting[-20:], json.dumps(what)]
+        self._next()
+
+    def _leaving(self) -> bool:
+        return self._busy is not None and not self._busy.done()
+
+    def _next(self) -> None:
+        """Send what waits, one after the other: each is sent when the one before has left."""
+        if self._waiting and not self._leaving():
+            self._write(self._waiting.pop(0))
 
     def _write(self, content: str | bytes, binary: bool = False) -> None:
         with suppress(tornado.websocket.WebSocketClosedError):
             self._busy = asyncio.ensure_future(self.write_message(content, binary))
-            self._busy.add_done_callback(lambda done: done.exception())
+            self._busy.add_done_callback(self._left)
+
+    def _left(self, done: asyncio.Future) -> None:
+        if done.exception() is None:  # else the page is gone
+            self._next()
 
 
 async def serve(given: dict[str, Any], loop: socket.socket) -> None:

@@ -119,6 +119,21 @@ def test_one_commands_several_watch_and_bad_messages_change_nothing(channel):
     assert [name for name in heard(channel) if name != "Release"] == ["Speed"]
 
 
+def test_what_is_said_at_once_all_arrives_without_a_frame(channel):
+    """A paused robot sends no frames: nothing that a page is told may wait for one."""
+
+    async def play():
+        link = await join(channel)
+        await news(link, "leads")
+        for _ in range(15):
+            link.write_message("{}")  # not awaited: they arrive together
+        for _ in range(15):
+            assert "expected" in (await news(link, "error"))["error"]
+        link.close()
+
+    asyncio.run(play())
+
+
 def test_a_page_that_does_not_read_delays_nothing_and_others_see_frames(channel, session):
     """40 s worth of frames, all at once."""
     frame = session.frame()
