@@ -131,8 +131,8 @@ def identify(
     if not 0 <= hold_out < 0.9:
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
     split = max(3, round(len(data.t) * (1 - hold_out)))
-    problem, theta = _problem(model, data.part(0, split), unknowns, step)
-    theta, noise, problem, vague = _fitted(problem, theta)
+    problem, accelerations = _problem(model, data.part(0, split), unknowns, step)
+    theta, noise, problem, vague = _fitted(problem, _guess(problem, accelerations))
     count = len(problem.unknowns)
     out, slope = problem.outputs(theta)
     use = _used(problem)
@@ -160,17 +160,22 @@ def identify(
 
 def _problem(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
-) -> tuple[_Problem, np.ndarray]:
+) -> tuple[_Problem, np.ndarray | None]:
+    """What is to be fitted, and the measured accelerations (N, n) where all joints were."""
     joints = data.joints(model)
-    theta = np.array([parameter.nominal for parameter in unknowns])
     if joints is None:
-        return _Problem(model, unknowns, data, None, None, step), theta
-    mask = at_stops(model, joints)
-    smooth, accelerations = smoothed(data, joints, mask)
-    theta = first_guess(model, unknowns, data, smooth, accelerations)
-    first = np.concatenate((smooth.q[0], smooth.v[0]))
-    held = smooth if mask.any() else None
-    return _Problem(model, unknowns, data, held, first, step), np.concatenate((theta, first))
+        return _Problem(model, unknowns, data, None, None, step), None
+    held, accelerations = smoothed(data, joints, at_stops(model, joints))
+    first = np.concatenate((held.q[0], held.v[0]))
+    return _Problem(model, unknowns, data, held, first, step), accelerations
+
+
+def _guess(problem: _Problem, accelerations: np.ndarray | None) -> np.ndarray:
+    """Unknowns to start from: the file's, or the linear fit's and the measured first state."""
+    if accelerations is None or problem.held is None or problem.first is None:
+        return np.array([parameter.nominal for parameter in problem.unknowns])
+    theta = first_guess(problem.base, problem.unknowns, problem.data, problem.held, accelerations)
+    return np.concatenate((theta, problem.first))
 
 
 def _used(problem: _Problem) -> np.ndarray:
@@ -276,7 +281,8 @@ def _held_out(
         whole = replace(problem, data=data)
         left = (whole.outputs(theta)[0] - data.outputs)[split:]
         return float(np.sqrt(np.mean((left / noise) ** 2)))
-    rest, z = _problem(problem.base, data.part(split, len(data.t)), problem.unknowns, problem.step)
-    z[: len(theta)] = theta
+    rest, _ = _problem(problem.base, data.part(split, len(data.t)), problem.unknowns, problem.step)
+    assert rest.first is not None
+    z = np.concatenate((theta, rest.first))
     left = ((rest.outputs(z)[0] - rest.data.outputs) / noise)[_used(rest)]
     return float(np.sqrt(np.mean(left**2)))

@@ -140,22 +140,22 @@ def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[An
     return pairs + [(None, item) for item in left.values()]
 
 
+def _alone(
+    kind: str, one: Named | None, other: Named | None, words: Callable[[Named], str]
+) -> Finding:
+    """One of the two is None: the file that has no such thing."""
+    ours, theirs = (None if item is None else words(item) for item in (one, other))
+    item = one if one is not None else other
+    assert item is not None
+    return Finding(kind, item.name, (ours, theirs), ONLY, lambda robot: robot, 1.0, True)
+
+
 def _cables(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
     ours = lengths(a, states)
     theirs = lengths(b, states)
     for one, other in _paired(a.cables, b.cables):
         if one is None or other is None:
-            item = one or other
-            first, second = (None if c is None else _cable_words(c) for c in (one, other))
-            yield Finding(
-                "tendon",
-                item.name,
-                (first, second),
-                "only in one file",
-                lambda robot: robot,
-                1.0,
-                True,
-            )
+            yield _alone("tendon", one, other, _cable_words)
             continue
         scale = float(np.abs(ours[one.name]).max()) or 1.0
         error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
@@ -222,17 +222,7 @@ def _path_words(one: Cable, other: Cable) -> str:
 def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
     for one, other in _paired(a.motors, b.motors):
         if one is None or other is None:
-            item = one or other
-            first, second = (None if m is None else _motor_words(m) for m in (one, other))
-            yield Finding(
-                "actuator",
-                item.name,
-                (first, second),
-                "only in one file",
-                lambda robot: robot,
-                1.0,
-                True,
-            )
+            yield _alone("actuator", one, other, _motor_words)
             continue
         _, _, joint = one.target.partition("joint:")
         sense = turns.get(joint, (1.0, 0.0))[0]
