@@ -61,9 +61,13 @@ class Fault:
     last: int
 
     def lines(self) -> set[str]:
-        """Those that it changes."""
-        file = os.path.realpath(TREE / self.path)
-        return {f"{file}:{line}" for line in range(self.first, self.last + 1)}
+        """Those that it changes, of a statement over several lines all: not each has code."""
+        file, found = os.path.realpath(TREE / self.path), set(range(self.first, self.last + 1))
+        for node in ast.walk(ast.parse((TREE / self.path).read_text())):
+            if isinstance(node, ast.stmt) and not hasattr(node, "body"):
+                lines = set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+                found |= lines if lines & set(range(self.first, self.last + 1)) else set()
+        return {f"{file}:{line}" for line in found}
 
     def outside(self) -> set[str]:
         """Of these, what is in no function: it runs at import."""

@@ -19,7 +19,7 @@ from softdyn.design.rods import (
     Plate,
     Section,
 )  # fmt: skip
-from softdyn.design.units import REQUIRED, Table
+from softdyn.design.units import Table
 from softdyn.exceptions import InputError
 
 ROUTINGS = {"channel": False, "discs": True}
@@ -103,7 +103,7 @@ def _material(table: Table | None, default: Material | None) -> Material | None:
         return default
     with placed(table.where):
         material = Material(
-            table.quantity("youngs_modulus", "modulus", 1.0 if default is None else REQUIRED),
+            table.quantity("youngs_modulus", "modulus"),
             table.quantity("poissons_ratio", "none", 0.49),
             table.quantity("density", "density", 1070.0),
         )

@@ -56,6 +56,26 @@ def test_masses_and_rest_are_those_of_the_parts(model):
     np.testing.assert_allclose(model.damping, 0.02 * model.stiffness, rtol=1e-12)
 
 
+def test_discs_and_plates_weigh_where_they_are():
+    """A rod of nearly no mass: what is left are four discs and a plate, as points but for r²/4."""
+    disc, plate = design.Plate(0.012, 1e-9, 0.1), design.Plate(0.02, 0.004, 0.3)
+    rod = design.Section(0.08, 0.01, RUBBER, 3, mass=1e-12, discs=4, disc=disc, plate=plate)
+    layout = design.lay_out(design.Arm((rod,), unusual=True))
+    places = np.array([0.02, 0.04, 0.06, 0.08, 0.082])
+    masses = np.array([0.1, 0.1, 0.1, 0.1, 0.3])
+    seen = [
+        (
+            body.mass,
+            body.mass * (x + body.com[0]),
+            body.tensor[1, 1] + body.mass * (x + body.com[0]) ** 2,
+        )
+        for x, body in zip(layout.stations, layout.bodies, strict=True)
+    ]
+    own = 4 * 0.1 * 0.012**2 / 4 + 0.3 * (0.02**2 / 4 + 0.004**2 / 12)
+    expected = masses.sum(), masses @ places, masses @ places**2 + own
+    assert np.sum(seen, axis=0) == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_straight_cable_is_as_long_as_its_chords(model):
     lengths = dict(zip(model.tendons.names, model.tendon_lengths(model.q0), strict=True))
     # half a turn over 80 mm in four steps, at 13 mm

@@ -11,6 +11,7 @@ import pytest
 
 from softdyn import InputError, design, parse
 from softdyn.commands import new
+from softdyn.design.units import UNITS, Table
 from tests.support.arms import THREE_SECTIONS
 
 
@@ -41,6 +42,34 @@ def test_units_are_units():
     assert design.lay_out(one).rates == pytest.approx(design.lay_out(two).rates, rel=1e-9)
 
 
+ONE = {  # how many of each unit are one in SI
+    "length": {"m": 1, "cm": 100, "mm": 1000},
+    "curvature": {"per_m": 1, "per_mm": 1e-3},
+    "angle": {"rad": 1, "deg": 57.29577951308232},
+    "mass": {"kg": 1, "g": 1000},
+    "density": {"kg_m3": 1, "g_cm3": 1e-3},
+    "modulus": {"Pa": 1, "kPa": 1e-3, "MPa": 1e-6, "GPa": 1e-9},
+    "viscosity": {"Pa_s": 1, "kPa_s": 1e-3},
+    "rigidity": {"Nm2": 1, "Nmm2": 1e6},
+    "force": {"N": 1, "mN": 1000},
+    "time": {"s": 1, "ms": 1000},
+    "stiffness": {"Nm_rad": 1, "Nmm_rad": 1000},
+    "damping": {"Nms_rad": 1, "Nmms_rad": 1000},
+    "inertia": {"kgm2": 1, "gmm2": 1e9},
+    "none": {"": 1},
+}
+
+
+def test_every_unit_in_si():
+    assert {kind: set(units) for kind, units in UNITS.items()} == {
+        k: set(v) for k, v in ONE.items()
+    }
+    for kind, units in ONE.items():
+        for unit, value in units.items():
+            key = f"x_{unit}" if unit else "x"
+            assert Table({key: value}, "t").quantity("x", kind) == pytest.approx(1, rel=1e-14)
+
+
 WRONG = {
     "no segments": ("segments = 4", "segments = 0", r"\[\[section\]\] 1: segments: .*, got 0"),
     "negative radius": ("[20, 17]", "[20, -17]", r"radius: expected a finite number > 0, got -0.0"),
@@ -61,6 +90,11 @@ WRONG = {
     "solid inside out": ("[20, 17]", "[20, 17]\ninner_radius_mm = 18", "less than the radius"),
     "no name": ('"base"', "'a<b'", r"\[\[cable\]\] 1: name: expected letters, digits"),
     "two dampings": ("ratio = 0.15", "ratio = 0.15\ntime_constant_s = 1", "ratio and time_const"),
+    "no modulus": (
+        "youngs_modulus_MPa = 0.25",
+        "",
+        r"\[material\]: expected youngs_modulus_MPa or .*, got none",
+    ),
     "squeezed": ("= 0.25", "= 0.25\npoissons_ratio = 0.7", "poissons_ratio: expected a number"),
 }
 
@@ -73,6 +107,13 @@ def test_bad_input_is_one_line(old, wrong, message):
         design.read(tomllib.loads(text), "arm.toml")
     assert str(caught.value).startswith("arm.toml: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_mount_hangs_down_unless_it_says_otherwise():
+    arm = design.arm_of(tomllib.loads(THREE_SECTIONS + "[mount]\nposition_m = [0.1, 0, 0]\n"))
+    assert arm.mount.position == (0.1, 0, 0)
+    assert arm.mount.direction == design.arm_of(tomllib.loads(THREE_SECTIONS)).mount.direction
+    assert arm.mount.direction == (0, 0, -1)
 
 
 def test_unusual_numbers_may_be_meant():

@@ -112,13 +112,29 @@ def test_where_gravity_begins_to_win(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_rank_drops_where_three_cables_meet() -> None:
-    seen = list(sample_poses(robot("spirob"), 6, seed=0))
+    found = diagnose(robot("spirob"), 6, seed=0)
+    seen = found.poses
     assert [pose.rank for pose in seen] == [2, 2, 2, 3, 3, 3, 3, 3, 3]
     for pose in seen:
         B = robot("spirob").state(pose.coordinates, np.zeros(27)).B
         np.testing.assert_allclose(pose.unactuated @ B, 0.0, atol=1e-5 * np.abs(B).max())
         np.testing.assert_allclose(pose.unactuated @ pose.unactuated.T, np.eye(27 - pose.rank),
                                    atol=1e-12)  # fmt: skip
+
+    assert found.rank_drops == list(seen[:3])
+    assert "inputs move 3 of 27 directions" in str(found)
+    assert "fewer at 3 of 9 poses" in str(found)
+
+
+def test_poses_where_gravity_wins_are_counted(tmp_path: Path) -> None:
+    limit = 0.5 * MASS * G * LEVER
+    found = diagnose(load(tmp_path, links(1, True, limit)), 20)
+    # an inverted one's gravity exceeds its spring within arccos k / m g l
+    falls = [abs(pose.coordinates[0]) < math.pi / 3 for pose in found.poses]
+    assert 0 < sum(falls) < len(falls)
+    assert [pose in found.gravity_wins for pose in found.poses] == falls
+    assert found.to_dict()["poses_where_gravity_wins"] == sum(falls)
+    assert f"gravity wins at {sum(falls)} of {len(falls)} poses" in str(found)
 
 
 def test_joints_without_limits_are_tried_half_a_turn_either_way() -> None:
@@ -208,6 +224,13 @@ def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
         found_wrong, unreadable = shape_doubts(parse(path))
         assert (len(found_wrong), len(unreadable)) == found
         assert all("a mesh in mm" in text for text in found_wrong)
+    (tmp_path / "small.obj").write_text(corners.replace("80", "20"))
+    two = shape.format("finger.obj", "") + shape.format("small.obj", "")
+    path.write_text(
+        links(1, False, STIFFNESS).replace('<link name="l0"/>', f'<link name="l0">{two}</link>')
+    )
+    ((wide,), _) = shape_doubts(parse(path))  # the widest of a link counts, in any order
+    assert "its mesh is 80 m wide" in wide
 
 
 # -- the command -----------------------------------------------------------------------------------
@@ -246,5 +269,9 @@ BASES = sorted((CORPUS / "base").glob("[!p]*.urdf"))  # plain.urdf mimics
 def test_the_command_on_all_kinds_of_robots(path: Path) -> None:
     found = diagnose(softdyn.load(path), 3)
     assert f"{found.model.nv} degrees of freedom" in str(found)
+    lines = [line for line in str(found).splitlines() if line.startswith("  ")]
+    said = dict(line.split(maxsplit=1) for line in lines)
+    for tendon in found.model.robot.tendons:
+        assert ("elastic" in said[tendon.name]) == bool(tendon.stiffness)
     report = found.to_dict()
     assert report["rank"] + report["unactuated"] == report["nv"]

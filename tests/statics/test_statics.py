@@ -32,10 +32,14 @@ PENDULUM = """<robot name="pendulum"><link name="world"/><link name="rod"><inert
 </robot>"""
 
 
-def pendulum(tmp_path, height: float = -0.1) -> SoftModel:
+def pendulum(tmp_path, height: float = -0.1, changes: dict[str, str] | None = None) -> SoftModel:
     """A mass of 1 kg, 0.1 m from a joint with a spring: hanging, or upright with height > 0."""
+    text = PENDULUM.format(height=height, stiffness=STIFFNESS)
+    for old, new in (changes or {}).items():
+        assert old in text
+        text = text.replace(old, new)
     path = tmp_path / "pendulum.urdf"
-    path.write_text(PENDULUM.format(height=height, stiffness=STIFFNESS))
+    path.write_text(text)
     return softdyn.load(path)
 
 
