@@ -16,10 +16,10 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import _lru_cache_wrapper, partial
 from importlib import import_module
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -32,6 +32,7 @@ FOLDER = ROOT / "build/mutants"
 TREE, LOG = FOLDER / "tree", FOLDER / "log"
 RESULTS = FOLDER / "results.jsonl"  # of a group that runs
 COMMON = ["-q", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
+SHARED = "shared by "  # before the place of tests that share a fixture
 ELSEWHERE = 77  # exit code of a fork whose fault is in no function
 Found = dict[str, tuple[float, list[str]]]  # test → its time (s) and lines
 
@@ -79,15 +80,21 @@ class Fault:
                 inside |= {f"{file}:{line}" for line in range(body[0].lineno, last)}
         return self.lines() - inside
 
-    def plant(self) -> bool:
-        """Exchange the code of all functions that it changes; False where it is outside them."""
+    def plant(self, before: str) -> bool:
+        """Exchange the code of all functions that it changes; False where it is outside them.
+
+        `before` is the file's text without it.
+        """
         file = os.path.realpath(TREE / self.path)
-        old, new = (_codes(text, file) for text in ((TREE / self.path).read_text(), self.text))
+        old, new = (_codes(text, file) for text in (before, self.text))
         changed = {key: code for key, code in new.items() if old.get(key, code) != code}
         if old.keys() != new.keys() or not changed:
             return False
         planted = set()
-        for function in [x for x in gc.get_objects() if isinstance(x, FunctionType)]:
+        gc.unfreeze()  # what is frozen is not among its objects
+        functions = [x for x in gc.get_objects() if isinstance(x, FunctionType)]
+        gc.freeze()
+        for function in functions:
             code = function.__code__
             key = code.co_qualname, code.co_firstlineno
             if key in changed and os.path.realpath(code.co_filename) == file:
@@ -110,11 +117,33 @@ def _codes(text: str, file: str) -> dict[tuple[str, int], CodeType]:
     return found
 
 
+def forget() -> None:
+    """Empty what tests and the project keep between calls, so that each test runs all its lines."""
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0] in ("softdyn", "tests"):
+            for kept in list(vars(module).values()):
+                if isinstance(kept, _lru_cache_wrapper):
+                    kept.cache_clear()
+
+
 class Planter:
     """A plugin of pytest that collects tests once, and runs them in a fork for each fault."""
 
     def __init__(self, faults: list[Fault]) -> None:
-        self.faults, self.failed, self.now = faults, set[str](), ""
+        self.faults, self.failed = faults, set[str]()
+        self.coverage: coverage.Coverage | None = None
+        self.now = ""  # the test that runs
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Generator:
+        """The lines of a fixture that tests share belong to all that may use it."""
+        if self.coverage is None or fixturedef.scope == "function":
+            return (yield)
+        self.coverage.switch_context(SHARED + str(fixturedef.baseid))
+        try:
+            return (yield)
+        finally:
+            self.coverage.switch_context(self.now)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Which tests fail."""
@@ -132,16 +161,17 @@ class Planter:
         for fault in self.faults:
             begun, places = time.monotonic(), fault.lines()
             ran = {name for name, (_, lines) in found.items() if places & set(lines)}
-            order = sorted(found.keys() - {""}, key=lambda n: (n not in ran, found[n][0]))
+            alone = found.keys() - {""} if "" in ran else ran
+            order = sorted(alone, key=lambda name: found[name][0])
             limit = int(3 * sum(seconds for seconds, _ in found.values()) + 20)
             killed, how = False, "no test runs it"
             if ran:
-                code = forked(partial(self.judge, fault, [tests[n] for n in order]), limit)
+                before = (TREE / fault.path).read_text()
+                (TREE / fault.path).write_text(fault.text)  # for processes that tests start
+                code = forked(partial(self.judge, fault, before, [tests[n] for n in order]), limit)
                 if code == ELSEWHERE:  # what is made at import: a process of its own
-                    before = (TREE / fault.path).read_text()
-                    (TREE / fault.path).write_text(fault.text)
                     code = forked(partial(judge_whole, fault, order), limit)
-                    (TREE / fault.path).write_text(before)
+                (TREE / fault.path).write_text(before)
                 killed, how = code != 0, f"{code}"
                 said = LOG.read_text()
                 imported = "ERROR collecting" not in said and "ImportError" not in said
@@ -162,8 +192,11 @@ class Planter:
         files |= {str(TREE / "softdyn" / f.path) for f in self.faults}
         watch = coverage.Coverage(data_file=None, include=sorted(files), messages=False)
         watch.start()
+        self.coverage = watch
         seconds: dict[str, float] = {}
         for item, following in zip(session.items, [*session.items[1:], None], strict=True):
+            self.now = item.nodeid
+            forget()
             watch.switch_context(item.nodeid)
             begun = time.process_time()
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)
@@ -173,16 +206,21 @@ class Planter:
         for file in data.measured_files():
             for line, names in data.contexts_by_lineno(file).items():
                 for name in filter(None, names):
-                    lines[name].add(f"{os.path.realpath(file)}:{line}")
+                    known = (lines[name],) if name in lines else [
+                        kept for test, kept in lines.items()
+                        if test.startswith(name.removeprefix(SHARED))
+                    ]  # fmt: skip
+                    for kept in known:
+                        kept.add(f"{os.path.realpath(file)}:{line}")
         imported = {line for fault in self.faults for line in fault.outside()}
         passed = {n: (s, sorted(lines[n])) for n, s in seconds.items() if n not in self.failed}
         found: Found = {"": (0.0, sorted(imported))} | passed
         target.write_text(json.dumps(found))
         return 0
 
-    def judge(self, fault: Fault, items: list[pytest.Item]) -> int:
-        """1 where a test fails with the fault, 0 where none does."""
-        if not fault.plant():
+    def judge(self, fault: Fault, before: str, items: list[pytest.Item]) -> int:
+        """1 where a test fails with the fault, 0 where none does; `before` is without it."""
+        if not fault.plant(before):
             return ELSEWHERE
         for item, following in zip(items, [*items[1:], None], strict=True):
             item.ihook.pytest_runtest_protocol(item=item, nextitem=following)

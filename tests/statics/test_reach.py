@@ -7,7 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.statics.reach import APART, ROOM
+from softdyn.statics.reach import APART, AXIS, ROOM
 from softdyn.validation import StateMap, Twin
 
 
@@ -46,6 +46,12 @@ def test_a_path_is_followed_by_rests_and_knows_its_slope(rests):
         near = statics.inputs_for_tip(model, here.y, [found[-1]], shapes=0).nearest
         assert np.linalg.norm(near.y - here.y) < 0.01 * model.robot.length
     np.testing.assert_allclose(loop(loop.period).y, loop(0.0).y, atol=1e-12)
+    # the longer axis is a share of the robot's length, halved until rests follow
+    halvings = -np.log2(np.linalg.norm(loop.a) / (AXIS * model.robot.length))
+    assert halvings == pytest.approx(round(halvings), abs=1e-9)
+    assert 0 <= round(halvings) < 4
+    assert np.linalg.norm(loop.b) <= np.linalg.norm(loop.a) * (1 + 1e-12)
+    assert abs(loop.a @ loop.b) < 1e-12
 
 
 def test_a_robot_that_cannot_be_moved_is_told(tmp_path):
