@@ -10,6 +10,7 @@ import pytest
 import softdyn
 from softdyn import InputError, identification
 from softdyn.commands import identify as command
+from softdyn.identification.data import at_stops
 from softdyn.validation.identification.trials import Excitation, twin_data
 
 HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
@@ -49,6 +50,15 @@ def test_files_that_cannot_be_used(finger, tmp_path, text, message, capsys):
         identification.read_csv(path, finger)
     assert command.main(["finger", str(path)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_samples_at_a_stop_and_beside_it(finger):
+    """A stop is left and met between samples: its neighbours count, of that joint alone."""
+    joints = np.zeros((8, 4))
+    joints[3, 1], joints[6, 2], joints[7, 0] = finger.upper[1], finger.lower[2], finger.lower[0]
+    expected = np.zeros((8, 4), bool)
+    expected[2:5, 1] = expected[5:8, 2] = expected[6:8, 0] = True
+    np.testing.assert_array_equal(at_stops(finger, joints), expected)
 
 
 def test_new_numbers_in_the_file(finger, tmp_path):

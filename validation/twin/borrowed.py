@@ -110,10 +110,13 @@ def _copy(
 ) -> None:
     """Add a geom of the source to the body of ours that the same joints move."""
     body, target = model.geom_bodyid[geom.id], spec.worldbody
-    if geom.meshname:  # compiling moves it to the mesh's centre, here again
-        pos, quat, size = np.array(geom.pos), np.array(geom.quat), np.zeros(3)
-    else:
-        pos, quat, size = (a[geom.id] for a in (model.geom_pos, model.geom_quat, model.geom_size))
+    pos, quat, size = (a[geom.id] for a in (model.geom_pos, model.geom_quat, model.geom_size))
+    if geom.meshname:  # compiling has moved it to the mesh's centre, and will here again
+        mesh, turned, moved = model.geom_dataid[geom.id], np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(turned, model.mesh_quat[mesh])
+        mujoco.mju_mulQuat(turned, quat, turned.copy())
+        mujoco.mju_rotVecQuat(moved, model.mesh_pos[mesh], turned)
+        pos, quat, size = pos - moved, turned, np.zeros(3)
     if model.body_dofnum[body]:
         target = joints[model.body_dofadr[body] + model.body_dofnum[body] - 1].parent
     else:  # static: in the world's frame

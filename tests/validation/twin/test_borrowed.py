@@ -53,6 +53,34 @@ def test_the_file_s_geoms_stand_where_it_has_them(tmp_path):
     assert twin.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_MULTICCD
 
 
+def test_meshes_and_a_body_of_two_joints(tmp_path):
+    """A geom goes with the last joint of its body; a mesh keeps its place."""
+    corners = [f"v {x} {y} {z}\n" for x in (0, 0.02) for y in (0, 0.01) for z in (0, 0.01)]
+    (tmp_path / "block.obj").write_text("".join(corners))
+    mass = '<inertial pos="0 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>'
+    geoms = (
+        '<geom type="mesh" mesh="block" pos="0.01 0.002 0" euler="0 0 30"/>'
+        '<geom type="box" size="0.004 0.005 0.006" pos="0.05 0 0.01"/>'
+    )
+    (tmp_path / "two.xml").write_text(
+        '<mujoco><asset><mesh name="block" file="block.obj"/></asset><worldbody><body>'
+        f'<joint axis="0 1 0"/>{mass}{geoms}<body pos="0.06 0 0"><joint axis="0 1 0"/>{mass}'
+        f'<body pos="0.12 0 0"><joint axis="0 1 0" pos="-0.06 0 0"/><joint axis="0 1 0"/>{mass}'
+        f"{geoms}</body></body></body></worldbody></mujoco>"
+    )
+    twin = BorrowedShapes(tmp_path / "two.xml", "finger")
+    source = mujoco.MjModel.from_xml_path(str(tmp_path / "two.xml"))
+    data = mujoco.MjData(source)
+    data.qpos[:] = q = np.array([0.3, -0.2, 0.5, 0.1])
+    twin.set_state(q, np.zeros(4))
+    mujoco.mj_forward(source, data)
+    assert [twin.model.body(k).name for k in twin.model.geom_bodyid] == ["link1"] * 2 + [
+        "link4"
+    ] * 2
+    np.testing.assert_allclose(twin.data.geom_xpos, data.geom_xpos, atol=1e-9)
+    np.testing.assert_allclose(twin.data.geom_xmat, data.geom_xmat, atol=1e-6)
+
+
 def test_all_else_is_the_twin_s(tmp_path):
     plain = Twin("finger")
     plant = Plant(shapes=chain(tmp_path / "chain.xml"))

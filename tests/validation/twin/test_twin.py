@@ -12,7 +12,6 @@ import pytest
 
 import softdyn
 from softdyn import InputError, UrdfError
-from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 from tests.support.random_robots import write_robot
 
@@ -358,33 +357,6 @@ def test_a_file_that_only_yourdfpy_refuses(tmp_path):
     body = link("base") + ball("a", '<capsule radius="1" length="1"/>') + joint("j", "base", "a")
     with pytest.raises(UrdfError, match="yourdfpy"):
         Twin(urdf(tmp_path, body))
-
-
-# -- the convention map ------------------------------------------------------------------------
-
-
-def test_state_map_orders_by_name_and_unwinds_circles(tmp_path):
-    body = link("base") + link("z", 1.0, "1 1 1") + link("a", 1.0, "1 1 1") + link("m", 1.0)
-    body += joint("jz", "base", "z", "continuous") + joint("ja", "base", "a", "prismatic")
-    body += joint("jm", "a", "m", "continuous", axis="1 0 0", xyz="0 0.3 0")
-    path = urdf(tmp_path, body, '<joint name="jm" armature="1"/>')
-    model, twin = softdyn.load(path), Twin(path)
-    assert model.joint_names == ("ja", "jm", "jz")
-    assert twin.joint_names == ("jz", "ja", "jm")
-    states = StateMap(model, twin)
-    np.testing.assert_array_equal(states.dofs, [1, 2, 0])
-    q = np.array([0.3, math.cos(2.0), math.sin(2.0), math.cos(-3.0), math.sin(-3.0)])
-    qpos, qvel = states.to_twin(q, np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(qpos, [-3.0, 0.3, 2.0], rtol=1e-15)
-    np.testing.assert_array_equal(qvel, [3.0, 1.0, 2.0])
-    back, v = states.from_twin(qpos + 2 * math.pi * np.array([1, 0, -2]), qvel)
-    np.testing.assert_allclose(back, q, atol=1e-14)
-    np.testing.assert_array_equal(v, [1.0, 2.0, 3.0])
-
-
-def test_state_map_refuses_another_robot():
-    with pytest.raises(InputError, match="joints"):
-        StateMap(softdyn.load("finger"), Twin("helix"))
 
 
 def test_collision_shapes_have_their_size(tmp_path):
