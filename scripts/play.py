@@ -42,9 +42,8 @@ cli.add_server_options(parser)
 def command(arguments: cli.Arguments) -> int:
     """Build, serve, run until somebody ends it."""
     with cli.ends_cleanly():
-        from softdyn.validation.live.drive import drive
         from softdyn.validation.live.pacing import Clock
-        from softdyn.validation.live.playing import stage
+        from softdyn.validation.live.playing import drive, stage
 
         session = make_session(arguments)
         if arguments.measure is not None:

@@ -168,13 +168,16 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
 def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
     """Run the loop while the browser shows it."""
     from softdyn.validation.live import watching
+    from softdyn.validation.report.replay import replay
 
     with watching.watched(loop, arguments.port) as channel:
         print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
             channel.open()
         channel.wait(watching.WAIT)
-        return watching.watch(loop, channel, arguments.speed)
+        log, shown = watching.watch(loop, channel, arguments.speed)
+        channel.leave(replay(log, loop.model).html())
+    return log, shown
 
 
 def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:

@@ -13,7 +13,7 @@ show
 page
     One HTML page of robots in motion, replayed or live.
 loopback
-    A free port on this machine, and which requests are its own.
+    A socket on this machine, and which requests are its own.
 server
     The page on this machine's loopback; the one file that imports Meshcat.
 web

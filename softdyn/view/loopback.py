@@ -1,4 +1,4 @@
-"""What every server of pages keeps to: this machine alone, by its own name, on a free port."""
+"""What every server of pages keeps to: this machine alone, by its own name."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ def is_local(request: Any) -> bool:
     return request.host_name in NAMES
 
 
-def free_port(port: int | None) -> int:
-    """`port`, or the first one of `PORTS` that nobody has.
+def listener(port: int | None) -> socket.socket:
+    """A socket that listens on `port`, or on the first one of `PORTS` that nobody has.
+
+    A port that is only looked up would be another's before it is used.
 
     Raises
     ------
@@ -27,12 +29,15 @@ def free_port(port: int | None) -> int:
     """
     reason: Exception | None = None
     for candidate in PORTS if port is None else (port,):
+        found = socket.socket()
         try:
-            with socket.socket() as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((HOST, candidate))
-            return candidate
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            found.bind((HOST, candidate))
+            found.listen(128)
+            found.setblocking(False)
+            return found
         except (OSError, OverflowError) as error:
+            found.close()
             reason = error
     expected = "a free port" if port is not None else f"a free port in {PORTS[0]}-{PORTS[-1]}"
     raise InputError("--port", expected, f"{port}: {reason}" if port is not None else "none")

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import threading
 import webbrowser
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+import tornado.httpserver
 import tornado.web
 import tornado.websocket
 import umsgpack
@@ -26,7 +28,7 @@ from meshcat.servers.zmqserver import (
 )
 
 from softdyn.exceptions import InputError
-from softdyn.view.loopback import HOST, free_port, is_local
+from softdyn.view.loopback import HOST, is_local, listener
 from softdyn.view.page import Page
 
 LIBRARY = "/static/main.min.js"
@@ -62,7 +64,7 @@ class Viewer:
         self._ready, self._connected = threading.Event(), threading.Event()
         self._error: Exception | None = None
         self._thread = threading.Thread(
-            target=self._serve, args=(free_port(port),), name="viewer", daemon=True
+            target=self._serve, args=(listener(port),), name="viewer", daemon=True
         )
         self._thread.start()
         self._ready.wait()
@@ -106,13 +108,15 @@ class Viewer:
         with suppress(RuntimeError):  # closed
             self._loop.call_soon_threadsafe(function)
 
-    def _serve(self, port: int) -> None:
+    def _serve(self, listening: socket.socket) -> None:
         asyncio.set_event_loop(self._loop)
         try:
-            self._bridge = _Bridge(self._html, port, self._connected)
+            self._bridge = _Bridge(self._html, listening, self._connected)
+            port = listening.getsockname()[1]
             self.url, self.zmq_url = f"http://{HOST}:{port}/", self._bridge.zmq_url
-        except OSError as error:
+        except Exception as error:  # ZMQ's are no OSErrors
             self._error = error
+            listening.close()
             self._loop.close()
             return
         finally:
@@ -125,10 +129,12 @@ class Viewer:
 class _Bridge(ZMQWebSocketBridge):
     """Meshcat's server on loopback, with our page and the frames so far."""
 
-    def __init__(self, html: bytes, port: int, connected: threading.Event) -> None:
+    def __init__(self, html: bytes, listening: socket.socket, connected: threading.Event) -> None:
         self._html, self._connected = html, connected
+        self.listening = listening
         self._frames = bytearray()
         self._text = ""
+        port = listening.getsockname()[1]
         super().__init__(zmq_url=f"tcp://{HOST}:*", host=HOST, port=port)
 
     def make_app(self) -> tornado.web.Application:
@@ -181,7 +187,7 @@ class _Bridge(ZMQWebSocketBridge):
             self._server.stop()
         for websocket in tuple(self.websocket_pool):
             websocket.close()
-        for _ in range(20):
+        for _ in range(200):  # until they have all that was said
             if not self.websocket_pool:
                 break
             await asyncio.sleep(0.01)
@@ -191,15 +197,16 @@ class _Bridge(ZMQWebSocketBridge):
 
 
 class _Application(tornado.web.Application):
-    """Listens on loopback whatever it is asked, and keeps the server to stop it."""
+    """Listens on the socket that there is, whatever it is asked; keeps the server to stop it."""
 
     def __init__(self, bridge: Any, handlers: Any, **settings: Any) -> None:
         super().__init__(handlers, **settings)
         self._bridge = bridge
 
-    def listen(self, port: int, *_arguments: Any, **_options: Any) -> Any:
-        self._bridge._server = super().listen(port, address=HOST)
-        return self._bridge._server
+    def listen(self, *_arguments: Any, **_options: Any) -> Any:
+        self._bridge._server = server = tornado.httpserver.HTTPServer(self)
+        server.add_socket(self._bridge.listening)
+        return server
 
 
 class _Local:

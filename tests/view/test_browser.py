@@ -199,7 +199,7 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
     with Viewer(page) as viewer:
         viewer.push(row(0.0, 0.0))
         browser.open(viewer.url)
-        assert viewer.wait(5)
+        assert viewer.wait(60)
         browser.until("softdyn.tracks[0].frames.length == 1")
         before = browser.pixels("canvas")
         assert changed(before, empty_scene(browser)) > 1500
@@ -229,7 +229,7 @@ def test_view_py_in_a_browser(browser):
         assert browser.console == []
         assert all("127.0.0.1" in url or url.startswith("data:") for url in browser.requests)
         process.terminate()
-        assert process.wait(10) == 0
+        assert process.wait(120) == 0
     finally:
         process.kill()
 

@@ -84,7 +84,7 @@ class Browser:
             self._call("Browser.close", {}, session=None)
         except (TimeoutError, OSError):
             self._process.kill()
-        self._process.wait(10)
+        self._process.wait(60)
         os.close(self._read)
         os.close(self._write)
         for _ in range(20):  # its children may still be writing there
@@ -111,7 +111,7 @@ class Browser:
         screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self._call("Emulation.setDeviceMetricsOverride", screen)
         self._call("Page.navigate", {"url": url})
-        self.until("document.readyState === 'complete'", timeout=60)
+        self.until("document.readyState === 'complete'")
         self.settle()
 
     def settle(self) -> None:
@@ -129,7 +129,7 @@ class Browser:
             raise NotAnswered(json.dumps(answer["exceptionDetails"])[:2000])
         return answer["result"].get("value")
 
-    def until(self, script: str, timeout: float = 30.0) -> None:
+    def until(self, script: str, timeout: float = 120.0) -> None:
         """Wait until an expression is true."""
         end = time.monotonic() + timeout
         while not self.run(script):
@@ -179,7 +179,7 @@ class Browser:
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB"), int)
 
     def _call(
-        self, method: str, params: dict, session: object = True, timeout: float = 40.0
+        self, method: str, params: dict, session: object = True, timeout: float = 120.0
     ) -> Any:
         self._number += 1
         number = self._number

@@ -5,11 +5,10 @@
 - `session`: a plant and a law that change while they run, without a clock
 - `push`, `ghost`: a hand on a link; the analytic model beside the plant
 - `pacing`: the clock a loop keeps, and how well
-- `drive`: a session on a clock in front of pages
-- `channel`, `server`, `recording`: datagrams to a server in a process of its own, which serves the
-  page and keeps recordings
+- `channel`, `server`, `boxes`, `recording`: datagrams to a server in a process of its own, which
+  serves the page, keeps what was not read yet, and recordings
 - `page`: the page, with its assets in ``web``
 - `explorer`: joints or inputs by slider, and the rest that they lead to
 - `watching`: a closed loop in front of pages that only watch
-- `playing`: `softdyn play`, `softdyn.validation.play`
+- `playing`: a session on a clock in front of pages: `softdyn play`, `softdyn.validation.play`
 """

@@ -24,13 +24,14 @@ import numpy as np
 import softdyn
 from softdyn.exceptions import InputError
 from softdyn.validation.live.messages import LONGEST, Limits, Message, read
-from softdyn.view.loopback import HOST, free_port
+from softdyn.view.loopback import HOST, listener
 
 if TYPE_CHECKING:
     from softdyn.view.scene import Figure
 
-FRAME, STATE, ERROR, LATE = b"F", b"S", b"E", 10.0  # kinds of datagrams; s a server has to start
+FRAME, STATE, ERROR = b"F", b"S", b"E"  # kinds of datagrams
 AT_ONCE = 8  # messages that a loop reads between two control steps
+PATIENCE = 30.0  # s for the pages to take what is left when it ends
 
 
 class Channel:
@@ -57,6 +58,8 @@ class Channel:
         Where a browser on this machine finds the page; it contains the token.
     dropped : int
         Frames that the server did not take in time.
+    ended : bool
+        Whether the server is gone, though nobody has closed it.
 
     Raises
     ------
@@ -74,23 +77,26 @@ class Channel:
         limits: Limits | None = None,
         port: int | None = None,
     ) -> None:
-        self._limits, self.dropped = limits, 0
+        self._limits, self.dropped, self.ended = limits, 0, False
         self._late: dict[bytes, bytes] = {}
         token = secrets.token_urlsafe(16)
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        found = free_port(port)
+        listening = listener(port)
+        found = listening.getsockname()[1]
+        ours = (theirs.fileno(), listening.fileno())
         root = str(Path(softdyn.__file__).parents[1])
         path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "softdyn.validation.live.server", str(theirs.fileno())],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(theirs.fileno(),),
+            [sys.executable, "-m", "softdyn.validation.live.server", *map(str, ours)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=ours,
             env={**os.environ, "PYTHONPATH": path}, start_new_session=True,
         )  # fmt: skip
         theirs.close()
+        listening.close()
         given = {
             "page": page, "figure": pickle.dumps(figure), "replayed": replayed, "title": title,
-            "limits": limits, "port": found, "token": token,
+            "limits": limits, "token": token,
         }  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -100,7 +106,7 @@ class Channel:
         answer = self._process.stdout.readline().decode().strip()
         if answer != "ready":
             self.close()
-            raise InputError("--port", "a free port", f"{found}: {answer or 'no server'}")
+            raise InputError("pages", "a server of its own process", answer or "one that died")
         self.url = f"http://{HOST}:{found}/?token={token}"
 
     def __enter__(self) -> Channel:
@@ -145,27 +151,42 @@ class Channel:
             if text:  # an empty one says that a page has come
                 yield read(text, self._limits)
 
+    def leave(self, html: str) -> None:
+        """What the pages keep to look at when the server is gone; said once, at the end."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.write(html.encode())
+
     def close(self) -> None:
-        """End the server."""
+        """End the server, which first hands the pages what they have not got yet."""
         process = self._process
+        with suppress(OSError):
+            self._socket.settimeout(1.0)
+            for kind, content in self._late.items():
+                self._socket.send(kind + content)
+        self._late.clear()
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 with suppress(BrokenPipeError):
                     pipe.close()  # its standard input's end is the server's
         try:
-            process.wait(5)
+            process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
         self._socket.close()
 
     def _say(self, kind: bytes, content: bytes) -> None:
+        self._late.pop(kind, None)  # what was late is overtaken
         if not self._send(kind, content):
             self._late[kind] = content
 
     def _send(self, kind: bytes, content: bytes) -> bool:
         try:
             self._socket.send(kind + content)
-        except OSError:  # full, or no server
+        except (ConnectionError, BrokenPipeError):
+            self.ended = True
+            return False
+        except OSError:  # full, or closed
             return False
         return True

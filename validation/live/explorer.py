@@ -19,9 +19,9 @@ from softdyn.statics.branch import follow
 from softdyn.statics.equilibria import ramp
 from softdyn.validation.live import messages
 from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.drive import IDLE
 from softdyn.validation.live.frames import Columns
 from softdyn.validation.live.messages import Limits, Message
+from softdyn.validation.live.pacing import IDLE
 from softdyn.validation.live.page import live_page
 from softdyn.view.scene import Figure
 
@@ -128,14 +128,16 @@ def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambd
     """Do what the pages of an explorer say until `over`, which is asked many times a second."""
     explorer, next_frame = Explorer(model), 0.0
     while not over():
-        said: dict[str, Message] = {}
-        try:
-            for message in channel.messages():
-                said[type(message).__name__] = message  # of a drag the last one
-            for message in said.values():
+        if channel.ended:
+            raise SoftdynError("the server of the pages has ended")
+        said = tuple(channel.messages())
+        for i, message in enumerate(said):
+            if i + 1 < len(said) and type(said[i + 1]) is type(message):
+                continue  # of a drag the last one
+            try:
                 explorer.apply(message)
-        except InputError as error:
-            channel.error(str(error))
+            except InputError as error:
+                channel.error(str(error))
         if said:
             channel.state({"notice": explorer.notice})
         if said or monotonic() > next_frame:  # a page that has just come waits for one

@@ -223,6 +223,7 @@ Message = (
     Target | Inputs | Joints | Law | Mismatch | Push | Release | Pause | Step | Reset | Speed
     | Ghost | Record | Reach | Lead
 )  # fmt: skip
+DRAGS = (Target, Inputs, Joints, Push)  # each takes the place of the one just before it
 MESSAGES: dict[str, Callable[..., Message]] = {
     cls.__name__.lower(): cls
     for cls in (Target, Inputs, Joints, Law, Mismatch, Push, Release, Pause, Step, Reset, Speed,

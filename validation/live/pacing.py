@@ -7,6 +7,8 @@ from time import perf_counter, sleep
 
 import numpy as np
 
+RATE = 40.0  # frames a second of a clock
+IDLE = 0.02  # s between two looks at the messages
 LATEST = 0.05  # s behind at which a clock stops to catch up and is slower instead
 SPAN = 0.5  # s over which the pace is measured
 
@@ -78,9 +80,12 @@ class Clock:
         self._due, self._since = now, (now, self.periods)
         self._began = (now, self.periods)
 
-    def wait(self) -> None:
-        """Sleep until the next period is due."""
+    def wait(self, longest: float = float("inf")) -> bool:
+        """Sleep until the next period is due, at most so long (s); whether it is."""
         now = perf_counter()
+        if self._due - now > longest:
+            sleep(longest)
+            return False
         if now < self._due:
             sleep(self._due - now)
             now = perf_counter()
@@ -89,6 +94,7 @@ class Clock:
         if late > LATEST:  # the machine cannot: a slower clock, not one that runs after the time
             self._due = now
         self.worst_wake = max(self.worst_wake, self._wake)
+        return True
 
     def done(self, step_us: float) -> None:
         """A period's work is done; its control step took so long (µs)."""

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from time import perf_counter, sleep
 from typing import Any
 
-from softdyn import SoftModel
+from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.drive import drive
-from softdyn.validation.live.messages import OPEN_LOOP
-from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.messages import OPEN_LOOP, Law
+from softdyn.validation.live.pacing import IDLE, RATE, Clock
 from softdyn.validation.live.page import live_page
 from softdyn.validation.live.session import Make, Session, menu_of
 from softdyn.view.scene import Figure
+
+LONG = 5e-3  # s that messages may take before the clock starts anew
 
 
 def stage(session: Session, port: int | None = None) -> Channel:
@@ -35,6 +39,78 @@ def stage(session: Session, port: int | None = None) -> Channel:
         page, figure, replayed=session.columns.replayed, title=title, limits=session.limits,
         port=port,
     )  # fmt: skip
+
+
+def drive(
+    session: Session, channel: Channel, clock: Clock, over: Callable[[], bool] = lambda: False
+) -> None:
+    """Run a session until `over`, as fast as its clock says; pages never delay it.
+
+    Parameters
+    ----------
+    session : Session
+        What runs.
+    channel : Channel
+        To its pages.
+    clock : Clock
+        Its pace.
+    over : callable
+        Asked once a period, and at least every 20 ms.
+
+    Raises
+    ------
+    SoftdynError
+        When the pages' server is gone.
+    """
+    clock.begin()
+    while not over():
+        if channel.ended:
+            raise SoftdynError("the server of the pages has ended")
+        began = perf_counter()
+        heard = _listen(session, channel)
+        if session.changed:
+            session.changed = False
+            clock.speed = session.shown.speed
+            channel.state(asdict(session.shown))
+        if session.shown.paused:
+            if clock.frame(RATE) or heard:
+                channel.frame(session.frame(misses=clock.misses, pace=0.0))
+            sleep(IDLE)
+            clock.begin()
+            continue
+        if heard and perf_counter() - began > LONG:
+            clock.begin()  # making a controller or a plant is no control step
+        if not clock.wait(IDLE):
+            continue
+        clock.done(session.step())
+        if clock.frame(RATE):
+            channel.frame(
+                session.frame(
+                    misses=clock.misses, pace=clock.pace, step_us=clock.worst_step,
+                    wake_us=clock.worst_wake,
+                )
+            )  # fmt: skip
+            clock.worst_step = clock.worst_wake = 0.0
+
+
+def _listen(session: Session, channel: Channel) -> bool:
+    """Do what the pages have said since; whether there was anything."""
+    heard = False
+    for message in channel.messages():
+        heard = True
+        try:
+            if isinstance(message, Law):  # it may compile: the robot stands still, and says why
+                busy = f"starting {message.name}: the robot stands still meanwhile"
+                channel.state({**asdict(session.shown), "busy": busy})
+                session.changed = True
+            session.apply(message)
+        except InputError as error:
+            channel.error(str(error))
+            session.changed = True  # what the page shows by itself is not so
+        except Exception as error:  # a user's class that cannot even be made
+            channel.error(f"{type(error).__name__}: {error}"[:300])
+            session.changed = True
+    return heard
 
 
 class Play:
@@ -79,7 +155,7 @@ class Play:
         self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target)
         self._channel = stage(self.session, port)
         self.url = self._channel.url
-        self._over = threading.Event()
+        self._over, self._closed = threading.Event(), False
         self._thread: threading.Thread | None = None
         self.start()
 
@@ -93,7 +169,15 @@ class Play:
         raise TypeError("what runs cannot be copied: play again")
 
     def start(self) -> None:
-        """Let it run; nothing where it does."""
+        """Let it run; nothing where it does.
+
+        Raises
+        ------
+        InputError
+            After `close`: there is no page any more.
+        """
+        if self._closed:
+            raise InputError("start", "a robot whose page is still served", "one that is closed")
         if self._thread is None or not self._thread.is_alive():
             self._over.clear()
             clock = Clock(self.session.period)
@@ -112,6 +196,7 @@ class Play:
     def close(self) -> None:
         """Stop, and end the page's server."""
         self.stop()
+        self._closed = True
         self._channel.close()
 
     def _repr_html_(self) -> str:

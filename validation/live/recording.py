@@ -49,17 +49,16 @@ class Recording:
         """Keep frames from now on."""
         self._rows, self.on = [], True
 
-    def add(self, frame: bytes) -> None:
-        """Keep a frame, if it is later than the one before."""
+    def add(self, frame: bytes) -> bool:
+        """Keep a frame, if it is later than the one before; whether that was the last one."""
         if not self.on:
-            return
+            return False
         row = np.frombuffer(frame, "<f4")[: self._replayed].copy()
         if self._rows and row[0] < self._rows[-1][0]:
             self._rows = []  # reset: another run
         if not self._rows or row[0] > self._rows[-1][0]:
             self._rows.append(row)
-        if len(self._rows) >= MOST:
-            self.end()
+        return len(self._rows) >= MOST
 
     def end(self) -> bool:
         """Keep no more; whether there is something to replay."""

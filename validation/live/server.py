@@ -3,7 +3,7 @@
 A program of its own (``python -m softdyn.validation.live.server``), started by `channel.Channel`.
 Everything is on loopback; a request needs the token of the page's address, this machine's own name
 as its host, and where it says from which page it comes, that has to be ours. A page that does not
-read loses frames, and nobody waits for it.
+read loses frames, and nobody waits for it: each page has an outbox, and the loop an inbox.
 """
 
 from __future__ import annotations
@@ -20,18 +20,30 @@ from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
+import tornado.httpserver
 import tornado.web
 import tornado.websocket
 
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, SoftdynError
+from softdyn.validation.live.boxes import Inbox, Outbox
 from softdyn.validation.live.channel import ERROR, FRAME, STATE
-from softdyn.validation.live.messages import LONGEST, Lead, Limits, Reach, Record, read
+from softdyn.validation.live.messages import (
+    LONGEST,
+    Lead,
+    Limits,
+    Message,
+    Reach,
+    Record,
+    Release,
+    read,
+)  # fmt: skip
 from softdyn.validation.live.recording import Recording
-from softdyn.view.loopback import HOST, is_local
+from softdyn.view.loopback import is_local
 
 MOST = 16  # pages at once
 DATAGRAM = 1 << 18
 KINDNESS = 5  # the loop's process goes first
+FAREWELL = 10.0  # s for the pages to take what is left
 
 
 class Hub:
@@ -42,10 +54,11 @@ class Hub:
         self.limits: Limits | None = given["limits"]
         self.recording = Recording(given["figure"], given["replayed"], given["title"])
         self.pages: list[Page] = []
-        self._loop = loop
+        self._loop, self._inbox = loop, Inbox(loop)
         self._state: dict[str, Any] = {}
         self._reach: asyncio.Task | None = None
         self._points: list = []
+        self._greeted = False
 
     # -- from the loop -------------------------------------------------------------------------
 
@@ -58,9 +71,10 @@ class Hub:
                 return
             kind, content = data[:1], data[1:]
             if kind == FRAME:
-                self.recording.add(content)
                 for page in self.pages:
                     page.frame(content)
+                if self.recording.add(content):
+                    self._record(False)  # it is full
             elif kind == STATE:
                 self._state = json.loads(content)
                 self.tell()
@@ -80,7 +94,8 @@ class Hub:
     def joined(self, page: Page) -> None:
         """One more page; the first one commands."""
         self.pages.append(page)
-        self._pass(b"")
+        if not self._greeted:  # a loop may wait for its first page
+            self._greeted = self._inbox.put(type(None), b"")
         self.tell()
         if self._points:
             page.say({"reach": self._points})
@@ -88,45 +103,50 @@ class Hub:
     def left(self, page: Page) -> None:
         """It is gone; the next one commands, and no hand stays on the robot."""
         if page in self.pages:
-            if page is self.pages[0] and self.limits is not None:
-                self._pass(b'{"do": "release"}')
+            if page is self.pages[0]:
+                self._let_go()
             self.pages.remove(page)
             self.tell()
 
     def said(self, page: Page, text: str | bytes) -> None:
         """What a page says: done, handed to the loop, or answered with an error."""
+        if page not in self.pages:  # it was one too many, or has left
+            return
         try:
             if self.limits is None:
                 raise InputError("message", "none: this page only watches", text[:80])
             message = read(text, self.limits)
             if isinstance(message, Lead):
+                if page is not self.pages[0]:
+                    self._let_go()
                 self.pages.remove(page)
                 self.pages.insert(0, page)
                 self.tell()
                 return
             if page is not self.pages[0]:
                 raise InputError("message", '{"do": "lead"} first', "another page commands")
-            if isinstance(message, Record):
-                self._record(page, message.on)
-            elif isinstance(message, Reach):
-                self._ask_reach()
-            elif not self._pass(text.encode() if isinstance(text, str) else text):
-                raise InputError("message", "fewer at a time", "more than the loop reads")
+            self._do(message, text.encode() if isinstance(text, str) else text)
         except InputError as error:
             page.say({"error": str(error)})
 
-    def _pass(self, text: bytes) -> bool:
-        try:
-            self._loop.send(text)
-        except OSError:
-            return False
-        return True
+    def _do(self, message: Message, text: bytes) -> None:
+        if isinstance(message, Record):
+            self._record(message.on)
+        elif isinstance(message, Reach):
+            self._ask_reach()
+        elif not self._inbox.put(type(message), text):
+            raise InputError("message", "fewer at a time", "more than the loop reads")
 
-    def _record(self, page: Page, on: bool) -> None:
+    def _let_go(self) -> None:
+        """No hand stays on the robot when its page commands no more."""
+        if self.limits is not None:
+            self._inbox.put(Release, b'{"do": "release"}')
+
+    def _record(self, on: bool) -> None:
         if on:
             self.recording.begin()
-        elif self.recording.end():
-            page.say({"recorded": "record.html"})
+        elif self.recording.end() and self.pages:
+            self.pages[0].say({"recorded": "record.html"})
         self.tell()
 
     def _ask_reach(self) -> None:
@@ -137,10 +157,33 @@ class Hub:
         """Rests of the tip, shown as they are found; this thread's pages go on meanwhile."""
         loop = asyncio.get_running_loop()
         found = self.recording.rests()
-        while batch := await loop.run_in_executor(None, partial(next, found, None)):
-            self._points += batch
-            for page in self.pages:
-                page.say({"reach": batch})
+        try:
+            while batch := await loop.run_in_executor(None, partial(next, found, None)):
+                self._points = self._points + batch
+                for page in self.pages:
+                    page.say({"reach": batch})
+        except SoftdynError as error:
+            self._reach = None  # it may be asked again
+            for page in self.pages[:1]:
+                page.say({"error": str(error)})
+
+    # -- the end -------------------------------------------------------------------------------
+
+    async def part(self, html: str) -> None:
+        """Hand every page what is left, and a page to look at when nobody serves one any more."""
+        for _ in range(20):
+            self.heard()
+        for page in self.pages:
+            if html:
+                page.say({"replay": html})
+        end = asyncio.get_running_loop().time() + FAREWELL
+        closing: set[Page] = set()
+        while self.pages and asyncio.get_running_loop().time() < end:
+            for page in tuple(self.pages):
+                if page not in closing and not page.behind:
+                    closing.add(page)
+                    page.close()
+            await asyncio.sleep(0.01)
 
 
 class Checked(tornado.web.RequestHandler):
@@ -192,7 +235,7 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
     def open(self, *_arguments: str) -> None:
         """Join the others, if there is room."""
         self._busy: Any = None
-        self._waiting: list[str] = []
+        self._outbox = Outbox()
         self.dropped = 0
         if len(self.hub.pages) >= MOST:
             self.close(1013, "too many pages")
@@ -209,37 +252,37 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
         self.hub.left(self)
 
     def frame(self, content: bytes) -> None:
-        """Show a frame; dropped where what went before has not left yet."""
-        if self._leaving():
-            self.dropped += 1
-        else:
-            self._write(content, binary=True)
-
-    def say(self, what: dict[str, Any]) -> None:
-        """Tell something, when it can be sent; of a page that does not read the latest few."""
-        self._waiting = [*self._waiting[-20:], json.dumps(what)]
+        """Show a frame when it can be sent; a later one takes its place where it cannot."""
+        self.dropped += self._outbox.show(content)
         self._next()
 
-    def _leaving(self) -> bool:
-        return self._busy is not None and not self._busy.done()
+    def say(self, what: dict[str, Any]) -> None:
+        """Tell something when it can be sent."""
+        self._outbox.put(what)
+        self._next()
+
+    @property
+    def behind(self) -> bool:
+        """Whether there is something that it has not been told yet."""
+        return bool(self._outbox) or (self._busy is not None and not self._busy.done())
 
     def _next(self) -> None:
         """Send what waits, one after the other: each is sent when the one before has left."""
-        if self._waiting and not self._leaving():
-            self._write(self._waiting.pop(0))
-
-    def _write(self, content: str | bytes, binary: bool = False) -> None:
+        if not self._outbox or (self._busy is not None and not self._busy.done()):
+            return
+        content = self._outbox.take()
         with suppress(tornado.websocket.WebSocketClosedError):
-            self._busy = asyncio.ensure_future(self.write_message(content, binary))
+            written = self.write_message(content, isinstance(content, bytes))
+            self._busy = asyncio.ensure_future(written)
             self._busy.add_done_callback(self._left)
 
     def _left(self, done: asyncio.Future) -> None:
-        if done.exception() is None:  # else the page is gone
+        if not done.cancelled() and done.exception() is None:  # else the page is gone
             self._next()
 
 
-async def serve(given: dict[str, Any], loop: socket.socket) -> None:
-    """Serve until standard input ends."""
+async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.socket) -> None:
+    """Serve until standard input says what the pages keep, or just ends."""
     hub = Hub(given, loop)
     options = {"hub": hub}
     application = tornado.web.Application(
@@ -247,32 +290,26 @@ async def serve(given: dict[str, Any], loop: socket.socket) -> None:
         log_function=lambda _handler: None,
         websocket_max_message_size=LONGEST + 1,
     )
-    server = application.listen(given["port"], address=HOST)
+    server = tornado.httpserver.HTTPServer(application)
+    server.add_socket(listening)
     running = asyncio.get_running_loop()
     running.add_reader(loop, hub.heard)
-    over = asyncio.Event()
-    running.add_reader(sys.stdin, over.set)
     print("ready", flush=True)
-    await over.wait()
+    left = await running.run_in_executor(None, sys.stdin.buffer.read)
     server.stop()
-    for page in tuple(hub.pages):
-        page.close()
-    await asyncio.sleep(0.05)
+    await hub.part(left.decode())
 
 
-def main(descriptor: int) -> None:
+def main(*descriptors: int) -> None:
     """Read what to serve from standard input, and serve it."""
     os.nice(KINDNESS)
     given = pickle.load(sys.stdin.buffer)  # from our own parent
-    loop = socket.socket(fileno=descriptor)
-    loop.setblocking(False)
-    try:
-        asyncio.run(serve(given, loop))
-    except OSError as error:
-        print(error, flush=True)
-    sys.stdout.flush()
+    loop, listening = (socket.socket(fileno=descriptor) for descriptor in descriptors)
+    for one in (loop, listening):
+        one.setblocking(False)
+    asyncio.new_event_loop().run_until_complete(serve(given, loop, listening))
     os._exit(0)  # a search of rests may still be going on in a thread
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(*map(int, sys.argv[1:]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import singledispatchmethod
 from time import perf_counter_ns
@@ -24,10 +25,11 @@ from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.paper import setup_of
 from softdyn.validation.twin.state_map import StateMap
-from softdyn.validation.twin.twin import SimulationError
+from softdyn.validation.twin.twin import SimulationError, Twin
 from softdyn.view.scene import Figure
 
 Make = Callable[[SoftModel], Any]
+KNOWN = (*registry.CONTROLLERS.values(), *registry.BEYOND.values())
 LONGEST_PULL = 0.5  # of the robot's length: a hand pulls no harder than at this distance
 
 
@@ -39,7 +41,10 @@ def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str
 
 @dataclass
 class Shown:
-    """What a page shows besides frames; `notice` is the last thing that went wrong."""
+    """What a page shows besides frames.
+
+    `notice` is the last thing that went wrong, `busy` why the robot stands still for a moment.
+    """
 
     law: str
     mismatch: dict[str, Any] = field(default_factory=lambda: asdict(messages.Mismatch()))
@@ -48,6 +53,7 @@ class Shown:
     speed: float = 1.0
     ghost: bool = False
     notice: str = ""
+    busy: str = ""
 
 
 class Session:
@@ -112,10 +118,11 @@ class Session:
         self._hand: Hand | None = None
         self._ghost: Ghost | None = None
         self._law: Any = None
+        self._inner: Any = None
         self._by_hand = self._u = self._zero
         self._V = np.nan
         self.shown, self.changed = Shown(OPEN_LOOP, inputs=self._zero.tolist()), True
-        self._build(*self._at_rest(), 0.0)
+        self._plant, self._map = self._built(self._mismatch, *self._at_rest(), 0.0)
         self._state = model.state(*self._q_v())
         if target is None:
             target = self._state.y
@@ -132,8 +139,9 @@ class Session:
         InputError
             When it cannot be done: nothing has changed then.
         """
+        before = copy(self.shown)
         self._do(message)
-        self.changed = True
+        self.changed |= self.shown != before
 
     @singledispatchmethod
     def _do(self, message: Any) -> None:
@@ -154,14 +162,10 @@ class Session:
 
     @_do.register
     def _(self, message: messages.Mismatch) -> None:
-        before = self._mismatch
+        plant = self._built(message, *self._q_v(), self.t)
+        self._law = self._connected(self._inner, message)
+        self._plant, self._map = plant
         self._mismatch = message
-        try:
-            self._build(*self._q_v(), self.t)
-        except (SoftdynError, ValueError):
-            self._mismatch = before
-            raise
-        self._connect()
         self.shown.mismatch = asdict(message)
 
     @_do.register
@@ -192,9 +196,10 @@ class Session:
 
     @_do.register
     def _(self, _message: messages.Reset) -> None:
+        plant = self._built(self._mismatch, *self._at_rest(), 0.0)
+        self._law = self._connected(self._inner, self._mismatch)
+        self._plant, self._map = plant
         self._release()
-        self._build(*self._at_rest(), 0.0)
-        self._connect()
         if self._ghost is not None:
             self._ghost = self._new_ghost()
         self._u, self._V = self._zero, np.nan
@@ -283,9 +288,10 @@ class Session:
     def _q_v(self) -> tuple[np.ndarray, np.ndarray]:
         return self._map.from_twin(self._plant.data.qpos, self._plant.data.qvel)
 
-    def _build(self, q: np.ndarray, v: np.ndarray, t: float) -> None:
-        """The plant anew, in a state; the one that there is stays where that fails."""
-        said = self._mismatch
+    def _built(
+        self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
+    ) -> tuple[Twin, StateMap]:
+        """A plant anew, in a state."""
         differs = Plant(mass=said.mass, stiffness=said.stiffness, damping=said.damping)
         twin = differs.twin(
             self.model.robot, timestep=self._grid.timestep, contacts=said.contacts, friction=False
@@ -295,29 +301,36 @@ class Session:
             twin.set_state(*states.to_twin(q, v), t)
         except SimulationError as error:
             raise InputError("state", "one that MuJoCo can start from", error.reason) from None
-        self._plant, self._map = twin, states
+        return twin, states
 
     def _choose(self, name: str) -> None:
         inner = None
         if name != OPEN_LOOP:
-            inner = registry.make_controller(name, self.model, cls=self._menu[name])
-        else:
+            inner = self._made(name)
+        law = self._connected(inner, self._mismatch)
+        if name == OPEN_LOOP:
             self._by_hand = self._u
             self.shown.inputs = self._u.tolist()
-        self._inner = inner
-        self._connect()
+        self._inner, self._law = inner, law
         self._V = np.nan
         self.shown.law, self.shown.notice = name, ""
 
-    def _connect(self) -> None:
-        """The law behind what stands between it and the plant, begun anew."""
-        said = self._mismatch
-        self._law = self._inner
-        if self._inner is not None:
-            link = Link(delay=said.delay, noise=said.noise)
-            self._law = link.around(self._inner, self.period)
-            if hasattr(self._law, "reset"):
-                self._law.reset(self.period)
+    def _made(self, name: str) -> Any:
+        """A law of the menu; one of ours has compiled what it needs, so that no step has to."""
+        make = self._menu[name]
+        if make in KNOWN:
+            first = self._connected(registry.make_controller(name, self.model), messages.Mismatch())
+            first(self._state, self._reference)
+        return registry.make_controller(name, self.model, cls=make)
+
+    def _connected(self, inner: Any, said: messages.Mismatch) -> Any:
+        """A law behind what stands between it and the plant, begun anew."""
+        if inner is None:
+            return None
+        law = Link(delay=said.delay, noise=said.noise).around(inner, self.period)
+        if hasattr(law, "reset"):
+            law.reset(self.period)
+        return law
 
     def _release(self) -> None:
         self._hand = None

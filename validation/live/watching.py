@@ -8,9 +8,8 @@ from time import perf_counter_ns
 import numpy as np
 
 from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.drive import RATE
 from softdyn.validation.live.frames import Columns
-from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.pacing import RATE, Clock
 from softdyn.validation.live.page import live_page
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log

@@ -13,9 +13,8 @@ from typing import Any
 import softdyn
 from softdyn.validation.live import messages
 from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.drive import drive
 from softdyn.validation.live.pacing import Clock
-from softdyn.validation.live.playing import stage
+from softdyn.validation.live.playing import drive, stage
 from softdyn.validation.live.session import Session
 from softdyn.validation.tables import aligned
 

@@ -8,7 +8,7 @@ import pytest
 import softdyn
 from softdyn import InputError, statics
 from softdyn.validation.live import messages as m
-from softdyn.validation.live.explorer import Explorer
+from softdyn.validation.live.explorer import Explorer, explore
 
 
 def part(explorer, name):
@@ -58,3 +58,36 @@ def test_an_arm_that_buckles_is_shown_beside_its_unstable_rest():
             assert not explorer.unstable.stable
             np.testing.assert_allclose(explorer.unstable.y, straight, atol=1e-9)
             assert part(explorer, "gap") > 0.02
+
+
+def test_what_is_said_while_a_rest_is_found_is_done_in_order():
+    """A slow machine reads many messages at once: joints, inputs, joints again."""
+    model = softdyn.load("finger")
+    x = np.array([0.1, -0.2, 0.3, 0.0])
+
+    class Told:
+        ended = False
+
+        def __init__(self):
+            self.frames, self.errors = [], []
+            by_hand = (m.Joints(0 * x), m.Joints(2 * x))
+            self.said = [*by_hand, m.Inputs(np.zeros(2)), m.Reset(), m.Joints(x)]
+
+        def messages(self):
+            said, self.said = self.said, []
+            return iter(said)
+
+        def state(self, shown):
+            pass
+
+        def error(self, text):
+            self.errors.append(text)
+
+        def frame(self, row):
+            self.frames.append(row)
+
+    channel = Told()
+    explore(model, channel, lambda: bool(channel.frames))
+    place = Explorer(model).columns.places["q"]
+    np.testing.assert_allclose(channel.frames[-1][place], x, atol=1e-7)
+    assert len(channel.errors) == 1

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
+from tornado.websocket import websocket_connect
 
 import softdyn
+from softdyn.controllers import SoftIdClfQp
+from softdyn.validation import paper
+from softdyn.validation.live.watching import watch, watched
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.report.replay import replay
 from tests.support import SCRIPTS
 from tests.support.browser import Browser, required
 
@@ -34,24 +40,51 @@ def url(tmp_path_factory):
     try:
         yield process.stdout.readline().strip()
         process.terminate()
-        assert process.wait(30) == 0
+        assert process.wait(120) == 0
     finally:
         process.kill()
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    return tmp_path_factory.mktemp("recorded") / "record.html"
-
-
-@pytest.fixture(scope="module")
-def browser(url):
+def page(url):
     with Browser() as found:
         found.open(url)
         found.until("softdyn.leads && softdyn.frames > 5")
         yield found
         assert found.console == []
         assert {u.split("/")[2] for u in found.requests if "//" in u} == {url.split("/")[2]}
+
+
+@pytest.fixture
+def browser(page):
+    """The page, its robot at rest again and as the model says: no test rests on another."""
+    for message in ("do: 'mismatch'", "do: 'law', name: 'soft-id-clf-qp'", "do: 'ghost', on: false",
+                    "do: 'pause', on: true", "do: 'reset'"):  # fmt: skip
+        page.run(f"softdyn.say({{{message}}})")
+    page.until("softdyn.state.paused && softdyn.one(softdyn.last, 't') == 0")
+    page.run("softdyn.say({do: 'pause', on: false})")
+    page.until("!softdyn.state.paused && softdyn.one(softdyn.last, 't') > 0")
+    return page
+
+
+@pytest.fixture(scope="module")
+def other():
+    with Browser() as found:
+        yield found
+
+
+@pytest.fixture
+def recorded(browser, tmp_path):
+    """A recording of half a second."""
+    browser.key("v")
+    browser.until("document.getElementById('record').classList.contains('on')")
+    t = vector(browser, "t")[0]
+    browser.until(f"softdyn.one(softdyn.last, 't') > {t} + 0.5")
+    browser.key("v")
+    browser.until("!document.getElementById('recorded').hidden")
+    text = browser.run("fetch(document.getElementById('recorded').href).then(r => r.text())")
+    (tmp_path / "record.html").write_text(text, encoding="utf-8")
+    return tmp_path / "record.html"
 
 
 def vector(browser, name):
@@ -77,7 +110,7 @@ def test_the_target_follows_the_mouse_and_the_tip_the_target(browser):
     now = vector(browser, "y_ref")
     assert now[1] == pytest.approx(before[1], abs=1e-6)
     np.testing.assert_allclose(now, goal, atol=0.006)  # a pixel is about a millimetre
-    browser.until("softdyn.history.error.slice(-20).every(e => e < 0.05)", timeout=30)  # cm
+    browser.until("softdyn.history.error.slice(-20).every(e => e < 0.05)")  # cm
 
     browser.drag(
         on_screen(browser, now), on_screen(browser, now + np.array([0, 0.05, 0])), shift=True
@@ -100,17 +133,17 @@ def test_a_pushed_link_deflects_and_returns(browser):
     browser.press(start)
     browser.move(end)
     browser.until("softdyn.arrow.visible")
-    browser.until(f"Math.abs(softdyn.part(softdyn.last, 'y')[0] - {before[0]}) > 0.004", timeout=10)
+    browser.until(f"Math.abs(softdyn.part(softdyn.last, 'y')[0] - {before[0]}) > 0.004")
     assert " N" in browser.run("document.getElementById('newtons').value")
     browser.lift(end)
     browser.until("!softdyn.arrow.visible")
-    deadline = time.monotonic() + 20
-    while np.linalg.norm(vector(browser, "y") - before) > 1e-3 and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert np.linalg.norm(vector(browser, "y") - before) < 1e-3
+    there = f"softdyn.part(softdyn.last, 'y').map((y, i) => y - {before.tolist()}[i])"
+    browser.until(f"Math.hypot(...{there}) < 1e-3")
 
 
 def test_inputs_by_slider_and_laws_and_plant_by_menu_while_it_runs(browser):
+    browser.key("o")
+    browser.until("softdyn.state.law == 'open loop' && !softdyn.inputs[0].range.disabled")
     browser.run("(s => { s.value = 0.7; s.oninput(); })(softdyn.inputs[0].range)")
     browser.until("softdyn.part(softdyn.last, 'u')[0] > 0.3")
     assert browser.run("[...law.options].map(o => o.value).at(-1)") == "open loop"
@@ -128,8 +161,7 @@ def test_inputs_by_slider_and_laws_and_plant_by_menu_while_it_runs(browser):
 def test_pause_step_and_reset_by_key(browser):
     browser.key(" ")
     browser.until("softdyn.state.paused")
-    browser.settle()
-    time.sleep(0.1)
+    browser.until(f"softdyn.frames > {browser.run('softdyn.frames')} + 2")  # those on their way
     t = vector(browser, "t")[0]
     browser.key(".")
     browser.until(f"softdyn.one(softdyn.last, 't') > {t}")
@@ -143,56 +175,99 @@ def test_pause_step_and_reset_by_key(browser):
     browser.until("!softdyn.state.paused && softdyn.one(softdyn.last, 't') > 0.1")
 
 
-def test_a_recording_is_kept(browser, recorded):
-    browser.key("v")
-    browser.until("document.getElementById('record').classList.contains('on')")
-    time.sleep(0.6)
-    browser.key("v")
-    browser.until("!document.getElementById('recorded').hidden")
-    text = browser.run("fetch(document.getElementById('recorded').href).then(r => r.text())")
-    recorded.write_text(text, encoding="utf-8")
+def test_a_page_that_loses_command_while_it_drags_lets_go(browser, url):
+    """Another page takes over with the button still down, and leaves again."""
+
+    async def take_over():
+        link = await websocket_connect(url.replace("http:", "ws:").replace("/?", "/live?"))
+        await link.write_message('{"do": "lead"}')
+        await asyncio.to_thread(browser.until, "!softdyn.leads")
+        found = browser.run("[softdyn.gizmo.dragging, softdyn.held]")
+        link.close()
+        await asyncio.to_thread(browser.until, "softdyn.leads")
+        return found
+
+    at = on_screen(browser, vector(browser, "y_ref"))
+    browser.press(at)
+    browser.move([at[0] + 20, at[1]])
+    browser.until("softdyn.gizmo.dragging")
+    assert asyncio.run(take_over()) == [False, None]
+    browser.lift([at[0] + 20, at[1]])
+    goal = (vector(browser, "y_ref") + np.array([-0.01, 0, 0.01])).tolist()
+    browser.run(f"softdyn.say({{do: 'target', y: {goal}}})")
+    browser.until(f"Math.abs(softdyn.target.position.x - {goal[0]}) < 1e-5")  # it follows again
 
 
 def test_the_reach_and_the_model_beside_the_plant_are_shown(browser):
     browser.key("g")
     browser.until("softdyn.ghost.object.visible")
     browser.key("h")
-    browser.until("softdyn.rests.length > 20", timeout=40)
+    browser.until("softdyn.rests.length > 20")
     reach = np.array(browser.run("softdyn.rests"))
     assert np.linalg.norm(reach, axis=1).max() < 0.25  # the finger's length is 0.24 m
 
 
-def test_sliders_explore_rests_and_recordings_replay(tmp_path, recorded):
+def test_a_recording_replays(other, recorded):
+    other.open(recorded.as_uri() + "#pause")
+    assert other.run("softdyn.tracks[0].frames.length") > 8
+    assert other.run("softdyn.tracks[0].end") > 0.4
+    assert other.console == []
+
+
+def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
+    model = softdyn.load("finger")
+    goal = paper.set_point("finger", 0.5)
+    loop = ClosedLoop(model, SoftIdClfQp(model), goal, duration=0.3, name="soft-id-clf-qp")
+    with watched(loop) as channel:
+        other.open(channel.url)
+        other.until("softdyn.link.readyState == 1")
+        log, _ = watch(loop, channel)
+        channel.leave(replay(log, model).html())
+    other.until("!document.getElementById('recorded').hidden")  # the server is gone
+    assert other.run("document.getElementById('notice').textContent").startswith("the server has")
+    kept = other.run("fetch(document.getElementById('recorded').href).then(r => r.text())")
+    assert kept == replay(log, model).html()
+
+
+def test_sliders_explore_rests(other, tmp_path):
     """`view --sliders`: an input leads to a rest with its ellipsoid, a joint to that pose."""
+    page = other
     command = [sys.executable, SCRIPTS / "view.py", "finger", "--sliders", "--no-open"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        with Browser() as page:
-            page.open(process.stdout.readline().strip())
-            page.until("softdyn.leads && softdyn.frames > 2 && softdyn.ellipsoid.visible")
-            page.run("(s => { s.value = 0.7; s.oninput(); })(softdyn.inputs[0].range)")
-            page.until("softdyn.part(softdyn.last, 'u')[0] > 0.3")
-            assert page.run("softdyn.readouts.rest.value") == "stable"
-            page.run("(s => { s.value = 0.5; s.oninput(); })(softdyn.joints[1].range)")
-            page.until("softdyn.readouts.rest.value == 'joints by hand'")
-            assert vector(page, "q")[1] == pytest.approx(0.5, abs=1e-6)
-            assert not page.run("softdyn.ellipsoid.visible")
-            assert page.console == []
-
-            model = softdyn.load("finger")  # and the page that needs no server
-            softdyn.show(model).save(tmp_path / "show.html")
-            page.open((tmp_path / "show.html").as_uri())
-            page.run("(s => { s.value = 0.5; s.oninput(); })(softdyn.joints[1].range)")
-            tip = page.run("softdyn.tracks[0].figure.tip()")
-            y = model.state(np.array([0, 0.5, 0, 0]), np.zeros(4)).y
-            np.testing.assert_allclose(tip, y, atol=1e-5)
-            assert page.console == []
-
-            page.open(recorded.as_uri() + "#pause")
-            assert page.run("softdyn.tracks[0].frames.length") > 8
-            assert page.run("softdyn.tracks[0].end") > 0.2
-            assert page.console == []
+        page.open(process.stdout.readline().strip())
+        page.until("softdyn.leads && softdyn.frames > 2 && softdyn.ellipsoid.visible")
+        page.run("(s => { s.value = 0.7; s.oninput(); })(softdyn.inputs[0].range)")
+        page.until("softdyn.part(softdyn.last, 'u')[0] > 0.3")
+        page.until("softdyn.readouts.rest.value == 'stable'")
+        page.run("(s => { s.value = 0.5; s.oninput(); })(softdyn.joints[1].range)")
+        page.until("softdyn.readouts.rest.value == 'joints by hand'")
+        assert vector(page, "q")[1] == pytest.approx(0.5, abs=1e-6)
+        assert not page.run("softdyn.ellipsoid.visible")
+        # plots hold the last 12 s, every line of them
+        lengths = page.run("""(() => {
+          softdyn.link.onmessage = null;
+          for (let k = 0; k < 400; k++) {
+            const frame = new Float32Array(softdyn.last.length);
+            frame[0] = 1000 + k / 20;
+            frame[softdyn.scene.columns.V[0]] = k;
+            softdyn.take(frame);
+          }
+          const {t, V, u0} = softdyn.history;
+          return [t.length, V.length, u0.length, t.at(-1) - t[0], V.at(-1)];
+        })()""")
+        assert lengths == [241, 241, 241, 12, 399]
+        assert page.console == []
         process.terminate()
-        assert process.wait(30) == 0
+        assert process.wait(120) == 0
     finally:
         process.kill()
+
+    model = softdyn.load("finger")  # and the page that needs no server
+    softdyn.show(model).save(tmp_path / "show.html")
+    page.open((tmp_path / "show.html").as_uri())
+    page.run("(s => { s.value = 0.5; s.oninput(); })(softdyn.joints[1].range)")
+    tip = page.run("softdyn.tracks[0].figure.tip()")
+    y = model.state(np.array([0, 0.5, 0, 0]), np.zeros(4)).y
+    np.testing.assert_allclose(tip, y, atol=1e-5)
+    assert page.console == []

@@ -129,3 +129,35 @@ def test_what_cannot_be_done_changes_nothing(model):
         session.apply(m.Reach())
     np.testing.assert_array_equal(session.frame(), before)
     assert session.shown.law == OPEN_LOOP
+
+
+class Stubborn:
+    """It cannot be begun."""
+
+    def __init__(self, model):
+        self.u = np.ones(2)
+
+    def __call__(self, state, reference):
+        return self.u
+
+    def reset(self, period):
+        raise ValueError("not today")
+
+
+def test_a_law_that_cannot_be_begun_changes_nothing(model):
+    session = make(model, OPEN_LOOP, {"stubborn": Stubborn})
+    session.apply(m.Inputs(np.array([0.1, 0.0])))
+    with pytest.raises(ValueError, match="not today"):
+        session.apply(m.Law("stubborn"))
+    session.step()
+    assert session.shown.law == OPEN_LOOP
+    np.testing.assert_allclose(part(session, "u"), [0.1, 0.0], rtol=1e-6)
+
+
+def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
+    session = make(model)
+    session.changed = False
+    session.apply(m.Target(np.array([0.1, 0.0, -0.1])))
+    assert not session.changed
+    session.apply(m.Speed(0.5))
+    assert session.changed

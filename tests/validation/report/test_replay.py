@@ -244,7 +244,8 @@ def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=\S+\n", err)
     shown, plain = json.loads(out), json.loads(plain)
     viewer = shown.pop("viewer")
-    assert 2 <= viewer["frames"] <= 6  # 40 a second of the clock
+    # 40 a second of the clock, which is slower where the machine is
+    assert 2 <= viewer["frames"] <= 40 * 0.5 / viewer["pace"] + 2
     assert viewer["wake_us"]["p99"] >= viewer["wake_us"]["median"] >= 0
     assert 0 < viewer["pace"] < 6
     for report in (shown, plain):  # the machine's

@@ -66,7 +66,8 @@ class Live {
     [this.viewer, this.stage] = openViewer(document.getElementById("pane"));
     this.find = name => document.getElementById(name);
     this.state = {paused: false, law: "", mismatch: {}, inputs: []};
-    this.sent = {};  // when each kind of message was last sent
+    this.pending = new Map();  // what a drag has not said yet
+    this.sent = -Infinity;  // when a drag last said something
     this.history = {t: []};
     this.leads = false;
     this.size = scene.figure.size;
@@ -101,22 +102,33 @@ class Live {
       if (typeof event.data != "string") this.take(new Float32Array(event.data));
       else this.told(JSON.parse(event.data));
     };
-    this.link.onclose = () => {
-      this.notice("the server has ended; the page keeps what it has");
+    this.link.onclose = event => {
+      this.notice(event.reason || "the server has ended; the page keeps what it has");
       document.body.classList.add("over");
       this.command(false);
     };
   }
-  say(message) {
+  say(message) {  // in order: after what a drag has still to say
+    this.flush();
+    if (!document.body.classList.contains("over")) this.notice(this.state.notice || "");
+    this.send(message);
+  }
+  send(message) {
     if (this.link.readyState == 1) this.link.send(JSON.stringify(message));
   }
+  flush() {
+    clearTimeout(this.later);
+    this.later = null;
+    if (this.pending.size) this.sent = performance.now();
+    for (const message of this.pending.values()) this.send(message);
+    this.pending.clear();
+  }
   often(message) {  // of a drag: not at every event, but surely the last one
-    const kind = message.do, now = performance.now();
-    clearTimeout(this.sent[kind + " later"]);
-    const wait = (this.sent[kind] || 0) + EVERY - now;
-    const send = () => { this.sent[kind] = performance.now(); this.say(message); };
-    if (wait <= 0) send();
-    else this.sent[kind + " later"] = setTimeout(send, wait);
+    this.pending.delete(message.do);
+    this.pending.set(message.do, message);
+    const wait = this.sent + EVERY - performance.now();
+    if (wait <= 0) this.flush();
+    else this.later ??= setTimeout(() => this.flush(), wait);
   }
   told(news) {
     if (news.error) this.notice(news.error);
@@ -126,6 +138,7 @@ class Live {
       link.href = news.recorded + location.search;
       link.hidden = false;
     }
+    if (news.replay) this.keep(news.replay);
     if (news.state) {
       Object.assign(this.state, news.state);
       this.leads = news.leads;
@@ -138,9 +151,23 @@ class Live {
     }
   }
   notice(text) { this.find("notice").textContent = text; }
+  keep(page) {  // a page of its own, that no server has to serve
+    const link = this.find("recorded");
+    link.href = URL.createObjectURL(new Blob([page], {type: "text/html"}));
+    link.textContent = "look at the whole run";
+    link.removeAttribute("download");
+    link.target = "_blank";
+    link.hidden = false;
+  }
   command(can) {
     for (const set of document.querySelectorAll(".command")) set.disabled = !can;
+    if (!can) this.held = null;
     this.gizmo.enabled = this.gizmo.visible = can && this.aims;
+    if (!this.gizmo.enabled) {  // nobody drags any more, even if the button is still down
+      this.gizmo.dragging = false;
+      this.gizmo.axis = null;
+      this.pending.delete("target");
+    }
   }
   get aims() { return this.scene.mode == "play" && this.state.law != this.scene.open; }
 
@@ -169,11 +196,11 @@ class Live {
       error: this.aims || this.scene.mode == "watch"
         ? 100 * Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]) : NaN};
     this.part(frame, "u").forEach((u, i) => { row["u" + i] = u; });
+    const {history} = this, old = history.t.findIndex(time => time >= t - HISTORY);
     for (const [name, value] of Object.entries(row)) {
-      const column = this.history[name] = this.history[name] || [];
+      const column = history[name] = history[name] || [];
       column.push(Number.isFinite(value) ? value : null);
-      while (this.history.t[0] < t - HISTORY && column.length > 1
-        && column.length >= this.history.t.length) column.shift();
+      if (old) column.splice(0, old < 0 ? column.length - 1 : old);
     }
     this.leaveTrail(y);
   }
@@ -347,7 +374,7 @@ class Live {
     const release = () => {
       if (!this.held) return;
       this.held = null;
-      clearTimeout(this.sent["push later"]);
+      this.pending.delete("push");
       this.say({do: "release"});
     };
     pane.addEventListener("pointerup", release);
@@ -523,7 +550,10 @@ class Live {
     }
     const by_hand = this.scene.mode == "explore" || state.law == this.scene.open;
     for (const {range} of this.inputs) range.disabled = !by_hand;
-    this.notice(state.notice || "");
+    // an error is there until the next thing is done, or another is said
+    if (state.notice !== this.stated) this.notice(state.notice || "");
+    this.stated = state.notice;
+    if (state.busy) this.find("clock").value = state.busy;
   }
   showFrame(frame, u) {
     const {readouts} = this, tip = this.part(frame, "y");
@@ -550,7 +580,7 @@ class Live {
     readouts.error.value = this.target.visible ? `${error.toFixed(2)} cm` : "open loop";
     readouts.time.value = `${t.toFixed(2)} s`;
     const wanted = this.state.speed || 1, slow = pace > 0 && pace < 0.95 * wanted;
-    this.find("clock").value = (this.state.paused ? "paused"
+    this.find("clock").value = this.state.busy || (this.state.paused ? "paused"
       : !Number.isFinite(pace) ? "" : `${pace.toFixed(2)} × real time` + (slow ? ": this machine cannot keep up" : ""))
       + (this.pages > 1 ? ` · ${this.pages} pages` : "")
       + (this.leads || this.scene.mode == "watch" ? "" : " · watching");
