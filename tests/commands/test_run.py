@@ -507,4 +507,4 @@ def test_ctrl_c_is_no_fault_of_a_user_s_code(call, folder):
     )
     (folder / "hostile.py").write_text(text)
     code, _, err = call("finger", "hostile.py:Interrupts", "--theta", "0.5")
-    assert (code, err) == (130, "error: interrupted\n")
+    assert (code, err.splitlines()[-1:]) == (130, ["error: interrupted"])  # it may compile first
