@@ -8,6 +8,8 @@ import os
 import re
 import signal
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -258,10 +260,16 @@ class _Ended(BaseException):
 
 
 @contextmanager
-def ends_cleanly() -> Iterator[None]:
-    """Leave the block without an error when somebody ends the command by Ctrl-C or SIGTERM."""
+def ends_cleanly() -> Iterator[Callable[[], bool]]:
+    """Leave the block without an error when somebody ends the command by Ctrl-C or SIGTERM.
+
+    What it gives says whether somebody has: a loop asks it. What is raised inside a compiler's
+    callback, or while something is freed, is swallowed there and ends nothing.
+    """
+    ended = threading.Event()
 
     def end(*_: object) -> None:
+        ended.set()
         # a second Ctrl-C must not interrupt the clean end that the first one began
         for number in before:
             signal.signal(number, signal.SIG_IGN)
@@ -269,12 +277,18 @@ def ends_cleanly() -> Iterator[None]:
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield ended.is_set
     except _Ended:
         pass
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def serve_until(over: Callable[[], bool]) -> None:
+    """Wait until somebody ends the command."""
+    while not over():
+        time.sleep(0.2)
 
 
 def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:

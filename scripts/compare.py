@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -92,11 +91,11 @@ def show(result: Comparison, arguments: cli.Arguments) -> None:
     if arguments.view:
         from softdyn.view.server import Viewer
 
-        with cli.ends_cleanly(), Viewer(page, arguments.port) as viewer:
+        with cli.ends_cleanly() as over, Viewer(page, arguments.port) as viewer:
             print(f"{viewer.url}\nCtrl-C ends it", file=sys.stderr, flush=True)
             if not arguments.no_open:
                 viewer.open()
-            threading.Event().wait()
+            cli.serve_until(over)
 
 
 def engines(arguments: cli.Arguments) -> tuple[dict[str, Any], str]:

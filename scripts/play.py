@@ -41,7 +41,7 @@ cli.add_server_options(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Build, serve, run until somebody ends it."""
-    with cli.ends_cleanly():
+    with cli.ends_cleanly() as over:
         from softdyn.validation.live.pacing import Clock
         from softdyn.validation.live.playing import drive, stage
 
@@ -52,7 +52,7 @@ def command(arguments: cli.Arguments) -> int:
             print(f"{channel.url}\nCtrl-C ends it", flush=True)
             if not arguments.no_open:
                 channel.open()
-            drive(session, channel, Clock(session.period))
+            drive(session, channel, Clock(session.period), over)
     return cli.PASSED
 
 

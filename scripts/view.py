@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from softdyn.commands import cli
@@ -36,16 +37,14 @@ cli.add_robot_options(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Write the page, or serve it until somebody ends it."""
-    import threading
-
-    with cli.ends_cleanly():
+    with cli.ends_cleanly() as over:
         import softdyn
         from softdyn.view.rest_sweep import rest_page
 
         cli.check_outputs(arguments.html)
         model = cli.load_robot(arguments)
         if arguments.sliders and arguments.html is None:
-            return sliders(model, arguments)
+            return sliders(model, arguments, over)
         page = softdyn.show(model).page if arguments.sliders else rest_page(model)
         if arguments.html is not None:
             page.save(arguments.html)
@@ -57,11 +56,11 @@ def command(arguments: cli.Arguments) -> int:
             print(f"{viewer.url}\nCtrl-C ends it", flush=True)
             if not arguments.no_open:
                 viewer.open()
-            threading.Event().wait()
+            cli.serve_until(over)
     return cli.PASSED
 
 
-def sliders(model: SoftModel, arguments: cli.Arguments) -> int:
+def sliders(model: SoftModel, arguments: cli.Arguments, over: Callable[[], bool]) -> int:
     """Serve the robot with its sliders."""
     from softdyn.validation.live.explorer import explore, explored
 
@@ -69,7 +68,7 @@ def sliders(model: SoftModel, arguments: cli.Arguments) -> int:
         print(f"{channel.url}\nCtrl-C ends it", flush=True)
         if not arguments.no_open:
             channel.open()
-        explore(model, channel)
+        explore(model, channel, over)
     return cli.PASSED
 
 

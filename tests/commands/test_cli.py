@@ -2,11 +2,14 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 
 import pytest
 
+from softdyn.commands import cli
 from tests.support import SCRIPTS
 
 RUN = [sys.executable, str(SCRIPTS / "run.py"), "finger", "ic", "--theta", "0.5",
@@ -68,3 +71,17 @@ def test_a_large_toml(tmp_path):
     done = shell([*RUN, "--gains", str(tmp_path / "gains.toml")], "")
     assert done.returncode == 2
     assert "at most 1000000 bytes" in done.stderr
+
+
+def test_what_swallows_an_end_does_not_keep_a_command_alive():
+    """As a compiler's callback does with what is raised inside it."""
+    reached = []
+    with cli.ends_cleanly() as over:
+        assert not over()
+        with suppress(BaseException):
+            signal.raise_signal(signal.SIGTERM)
+        reached.append(over())
+        cli.serve_until(over)
+        reached.append("the end")
+    assert reached == [True, "the end"]
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
