@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from softdyn import SoftModel
+    from softdyn.description.visuals import Visual
     from softdyn.validation import Log
     from softdyn.validation.live.watching import Shown
     from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -127,7 +130,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html is not None:
         from softdyn.validation.report.replay import replay
 
-        replay(log, model).save(arguments.html)
+        replay(log, model, around(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
     if log.complete and not report["reached"] and not arguments.no_verdict:
@@ -176,8 +179,16 @@ def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
             channel.open()
         channel.wait(watching.WAIT)
         log, shown = watching.watch(loop, channel, arguments.speed)
-        channel.leave(replay(log, loop.model).html())
+        channel.leave(replay(log, loop.model, around(loop.plant)).html())
     return log, shown
+
+
+def around(plant: Any) -> Sequence[Visual]:
+    """What a user's scene shows around the robot."""
+    from softdyn.validation.scene.plant import Scene
+    from softdyn.validation.scene.scenery import scenery
+
+    return scenery(plant) if isinstance(plant, Scene) else ()
 
 
 def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:

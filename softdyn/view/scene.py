@@ -26,6 +26,7 @@ TENSION = (
     (-1.0, (8, 48, 107)), (-0.5, (43, 123, 186)), (0.0, (150, 162, 176)), (0.5, (239, 138, 43)),
     (1.0, (150, 20, 30)),
 )  # fmt: skip
+WORLD = ""  # the link of what stands around the robot
 STICK = (0.45, 0.52, 0.6, 1.0)
 
 
@@ -53,12 +54,16 @@ class Cable:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Everything that the viewer needs to know of a robot; `problems` are shapes left out."""
+    """Everything that the viewer needs to know of a robot; `problems` are shapes left out.
+
+    `scenery` are shapes that stand around it, on the link `WORLD`.
+    """
 
     model: SoftModel
     shapes: tuple[Visual, ...]
     cables: tuple[Cable, ...]
     problems: tuple[str, ...]
+    scenery: tuple[Visual, ...] = ()
 
     @classmethod
     def of(cls, model: SoftModel) -> Figure:
@@ -93,13 +98,13 @@ class Figure:
     def data(self) -> dict[str, Any]:
         """The figure as JSON; matrices column by column, meshes in base64."""
         robot, model = self.model.robot, self.model
-        links = {name: i for i, name in enumerate(self.links)}
+        links = {WORLD: -1} | {name: i for i, name in enumerate(self.links)}
         order = {name: i for i, name in enumerate(model.joint_names)}
         joints = sorted(robot.joints, key=lambda joint: links[joint.child])
         return {
             "name": robot.name,
             "size": self.size,
-            "links": len(links),
+            "links": len(self.links),
             "tip": links[robot.task],
             "dof": model.nv,
             "floating": robot.floating,
@@ -120,7 +125,7 @@ class Figure:
                 {"name": a.name, "lower": a.lower, "upper": a.upper} for a in robot.actuators
             ],
             "coordinates": _coordinates(model, self.size),
-            **shape_data(self.shapes, links),
+            **shape_data((*self.shapes, *self.scenery), links),
             "cables": [
                 vars(cable)
                 | {

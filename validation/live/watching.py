@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter_ns
 
 import numpy as np
@@ -13,6 +13,8 @@ from softdyn.validation.live.pacing import RATE, Clock
 from softdyn.validation.live.page import live_page
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
+from softdyn.validation.scene.plant import Scene
+from softdyn.validation.scene.scenery import scenery
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.names import controller_title
 from softdyn.view.scene import Figure
@@ -63,8 +65,12 @@ def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
     figure, robot = Figure.of(model), model.bundled or model.name
+    title = f"{robot}, {controller_title(loop.name)}"
+    if isinstance(loop.plant, Scene):
+        figure = replace(figure, scenery=scenery(loop.plant))
+        title += f", in {loop.plant.path.name}"
     page = live_page(
-        figure, "watch", title=f"{robot}, {controller_title(loop.name)}", period=loop.grid.period,
+        figure, "watch", title=title, period=loop.grid.period,
         path=paper.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
     return Channel(page, figure, replayed=Columns(model).replayed, title=robot, port=port)

@@ -302,6 +302,7 @@ class ClosedLoop:
             gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
             versions=dict(_versions()),
             source=LoggedRobot.of(model),
+            plant=self.plant.path.name if isinstance(self.plant, Scene) else None,
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:

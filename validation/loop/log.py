@@ -80,6 +80,8 @@ class Log:
         The robot itself, as its file was when it ran.
     Vdot, delta_true : np.ndarray, (N,), or None
         Of a law that is `Certified`: what V does under the model's own acceleration.
+    plant : str or None
+        Name of the user's file that was the plant, None where it was the twin.
     """
 
     t: np.ndarray
@@ -118,6 +120,7 @@ class Log:
     source: LoggedRobot
     Vdot: np.ndarray | None = None
     delta_true: np.ndarray | None = None
+    plant: str | None = None
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -270,7 +273,8 @@ class Log:
             for name in ("final_error_cm", "mse_cm2")
         )
         lines = [
-            f"{self.robot}, {self.controller}, {self._goal()}: {self.t[-1]:g} s of "
+            f"{self.robot}{f' in {self.plant}' if self.plant else ''}, {self.controller}, "
+            f"{self._goal()}: {self.t[-1]:g} s of "
             f"{self.duration:g} s, period {1e3 * self.period:g} ms",
             f"final error    {self.final_error_cm:.3f} cm{sp}",
             f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
@@ -351,6 +355,8 @@ class Log:
             about = json.loads(content.pop("about").item())
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
+        if isinstance(about, dict) and about.get("format") == FORMAT:
+            about.setdefault("plant", None)  # logs of before had no word for it
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
         about["joint_names"] = tuple(about["joint_names"])

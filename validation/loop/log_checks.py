@@ -173,4 +173,5 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "max_bound_violation": lambda value: _is_number(value) and value >= 0,
     "versions": _is_versions,
     "source": _is_source,
+    "plant": _or_none(_is_text),
 }

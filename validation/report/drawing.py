@@ -10,20 +10,18 @@ import mujoco
 import numpy as np
 
 from softdyn.description.inertia import rotation_rpy
-from softdyn.description.meshes import Mesh, shown
 from softdyn.description.robot import carriers, poses
 from softdyn.description.urdf import parse
-from softdyn.description.visuals import Box, Cylinder, Rgba, Shape, Sphere, Visual, visuals
+from softdyn.description.visuals import Cylinder, Rgba, Sphere, Visual, visuals
 from softdyn.exceptions import UrdfError
 from softdyn.validation.comparison.from_mjcf import compile_mjcf
 from softdyn.validation.comparison.mjcf_file import read_mjcf
 from softdyn.validation.comparison.neutral import FREEDOMS, WORLD, Neutral
 from softdyn.validation.comparison.terms import rotations
+from softdyn.validation.scene.scenery import geom_visuals
 from softdyn.view.scene import columns, shape_data
 
-SHOWN_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 unless told otherwise
 AXES = np.eye(3)
-MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,45 +174,8 @@ def _of_mjcf(robot: Neutral, model: mujoco.MjModel) -> Iterator[tuple[int, Visua
         last = model.body_jntadr[body] + model.body_jntnum[body] - 1
         own = model.body_jntnum[body] > 0
         carrier[body] = int(last) if own else carrier[model.body_parentid[body]]
-    seen = model.geom_group < SHOWN_GROUPS
-    geoms = np.flatnonzero(seen if seen.any() else ~seen)
-    used = {int(k) for k in model.geom_dataid[geoms[model.geom_type[geoms] == MESH]]}
-    meshes = {k: _mesh(model, k) for k in used}
-    for geom in geoms:
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
-        for shape, local in _shapes(model, int(geom), meshes):
-            yield (
-                carrier[model.geom_bodyid[geom]],
-                Visual("", pose @ local, shape, tuple(map(float, model.geom_rgba[geom]))),
-            )
-
-
-def _shapes(
-    model: mujoco.MjModel, geom: int, meshes: Mapping[int, Mesh]
-) -> Iterator[tuple[Shape, np.ndarray]]:
-    """What a geom is made of, in its frame; planes and height fields are left out."""
-    kinds, here = mujoco.mjtGeom, np.eye(4)
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom].tolist()
-    if kind == MESH:
-        yield meshes[int(model.geom_dataid[geom])], here
-    elif kind == kinds.mjGEOM_BOX:
-        yield Box((2 * size[0], 2 * size[1], 2 * size[2])), here
-    elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        axes = size if kind == kinds.mjGEOM_ELLIPSOID else size[:1] * 3
-        yield Sphere(1.0), np.diag([*axes, 1.0])
-    elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-        yield Cylinder(size[0], 2 * size[1]), here
-        for end in (-1, 1) if kind == kinds.mjGEOM_CAPSULE else ():
-            moved = here.copy()
-            moved[2, 3] = end * size[1]
-            yield Sphere(size[0]), moved
-
-
-def _mesh(model: mujoco.MjModel, k: int) -> Mesh:
-    first, count = model.mesh_vertadr[k], model.mesh_vertnum[k]
-    faces = model.mesh_face[model.mesh_faceadr[k] :][: model.mesh_facenum[k]]
-    return shown(model.mesh_vert[first : first + count].astype(float), np.array(faces, int))
+    for geom, shape in geom_visuals(model, data):
+        yield carrier[model.geom_bodyid[geom]], shape
 
 
 def _sticks(robot: Neutral) -> Iterator[tuple[int, Visual]]:

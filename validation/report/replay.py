@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softdyn import SoftModel
+from softdyn.description.visuals import Visual
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import paper
 from softdyn.validation.studies.names import controller_title, goal, labels_of
@@ -22,7 +23,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GAP = 1.25  # between robots side by side, in lengths of the robot
 
 
-def replay(log: Log, model: SoftModel) -> Page:
+def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     """One run as a page.
 
     Parameters
@@ -31,15 +32,16 @@ def replay(log: Log, model: SoftModel) -> Page:
         The run.
     model : SoftModel
         The robot of the log.
+    around : Sequence of Visual
+        What stands around the robot: the `scenery` of its plant.
 
     Raises
     ------
     InputError
         When the log is another robot's.
     """
-    return Page(
-        model.bundled or log.robot, (Figure.of(model),), (Run(goal(log), (track(log, model),)),)
-    )
+    figure = replace(Figure.of(model), scenery=tuple(around))
+    return Page(model.bundled or log.robot, (figure,), (Run(goal(log), (track(log, model),)),))
 
 
 def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
@@ -112,11 +114,13 @@ def track(
     t = log.t
     # the input that was held from each sample on; the last sample has none of its own
     u = log.u[np.minimum(kept, log.steps - 1)] if log.steps else np.zeros((len(kept), model.nu))
+    said = [f"in {log.plant}"] if log.plant else []
+    said += [f"failed: {log.reason}"] if log.failed else []
     return Track(
         figure,
         frames(model, t[kept], log.q[kept], u, log.y[kept], log.y_ref[kept]),
         controller_title(log.controller),
-        note=f"failed: {log.reason}" if log.failed else "",
+        note="; ".join(said),
         path=reference_path(log, model) if path else None,
         failed=not log.complete,
     )

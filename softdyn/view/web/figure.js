@@ -132,7 +132,7 @@ class Figure {
       mesh.material.own = opacity;
       mesh.matrixAutoUpdate = false;
       mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
-      this.links[shape.link].add(mesh);
+      (this.links[shape.link] || this.object).add(mesh);
       geometry.computeBoundingBox();
       this.shapes.push(mesh);
     }

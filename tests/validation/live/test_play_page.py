@@ -224,7 +224,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
         log, _ = watch(loop, channel)
         channel.leave(replay(log, model).html())
     other.until("!document.getElementById('recorded').hidden")  # the server is gone
-    assert other.run("document.getElementById('notice').textContent").startswith("the server has")
+    assert other.run("document.getElementById('notice').textContent") == "done"
     kept = other.run("fetch(document.getElementById('recorded').href).then(r => r.text())")
     assert kept == replay(log, model).html()
 

@@ -11,9 +11,10 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.commands import run
 from softdyn.controllers import SoftIdClfQp
-from softdyn.validation import Twin, paper, simulate
+from softdyn.validation import Log, Twin, paper, simulate
 from softdyn.validation.exchange.export import write_mjcf
 from softdyn.validation.scene.plant import Scene
+from softdyn.validation.scene.scenery import scenery
 from tests.support import ROOT
 
 SCENE = ROOT / "docs/examples/finger_scene.xml"
@@ -181,11 +182,49 @@ def test_a_plant_that_cannot_be_is_refused(finger):
         )
 
 
-def test_the_command_reports_the_differences_first(capsys):
+def test_what_stands_around_the_robot_is_drawn(finger, tmp_path):
+    """The post and the shelf, and a floor; neither the block, which moves, nor the robot again."""
+
+    def add(root):
+        world, base = root.find("worldbody"), root.find(".//body[@name='phalanx_1']")
+        mount = etree.SubElement(world, "body", name="mount", pos="0 0 0")
+        etree.SubElement(mount, "geom", type="box", size="0.01 0.01 0.01")
+        mount.append(base)
+        pad = etree.SubElement(world, "body", name="pad", pos="0 0 -0.3", euler="0 90 0")
+        etree.SubElement(pad, "geom", type="capsule", size="0.01 0.1")
+        etree.SubElement(world, "geom", type="plane", size="0 0 1", pos="0 0 -0.5")
+
+    post, shelf, rod, *balls, floor = scenery(Scene(finger, changed(tmp_path, add)))
+    np.testing.assert_allclose(post.pose[:3, 3], [0.14, 0, -0.1], atol=1e-9)
+    assert post.shape.radius == pytest.approx(0.02)
+    assert post.shape.length == pytest.approx(0.08)
+    assert abs(post.pose[1, 2]) == pytest.approx(1.0)  # it lies along y
+    assert shelf.shape.size == pytest.approx((0.1, 0.1, 0.01))
+    assert rod.shape.length == pytest.approx(0.2)
+    ends = sorted(ball.pose[0, 3] for ball in balls)
+    np.testing.assert_allclose(ends, [-0.1, 0.1], atol=1e-9)
+    low, high = (floor.pose[2, 3] + s * floor.shape.size[2] / 2 for s in (-1, 1))
+    assert low < high == pytest.approx(-0.5)
+    assert {one.link for one in (post, shelf, rod, *balls, floor)} == {""}
+
+
+def test_the_command_reports_the_differences_first_and_shows_the_scene(capsys, tmp_path):
     arguments = ["finger", "best", "--theta", "0.5", "--duration", "0.05", "--plant", str(SCENE)]
-    assert run.main(arguments) in (0, 1)
+    kept = ["--html", str(tmp_path / "run.html"), "--log", str(tmp_path / "run.npz")]
+    assert run.main([*arguments, *kept]) in (0, 1)
     out = capsys.readouterr().out
-    assert out.index("reversed") < out.index("final error")
+    assert out.index("reversed") < out.index("finger in finger_scene.xml, best")
+    text = (tmp_path / "run.html").read_text().partition('id="scene">')[2].partition("</scr")[0]
+    page = json.loads(text)
+    assert [shape["link"] for shape in page["figures"][0]["shapes"]][-2:] == [-1, -1]
+    assert page["runs"][0]["tracks"][0]["note"] == "in finger_scene.xml"
+    log = Log.load(tmp_path / "run.npz")
+    assert log.plant == "finger_scene.xml"
+    with np.load(tmp_path / "run.npz") as file:  # and one of before there was a word for it
+        about, arrays = json.loads(file["about"].item()), dict(file)
+    del about["plant"]
+    np.savez(tmp_path / "old.npz", **(arrays | {"about": np.array(json.dumps(about))}))
+    assert Log.load(tmp_path / "old.npz").plant is None
     run.main([*arguments, "--json", "-"])
     found = json.loads(capsys.readouterr().out)["plant"]
     assert not found["passed"]

@@ -103,7 +103,8 @@ class Live {
       else this.told(JSON.parse(event.data));
     };
     this.link.onclose = event => {
-      this.notice(event.reason || "the server has ended; the page keeps what it has");
+      this.notice(event.reason || (this.kept ? this.state.notice
+        : "the server has ended; the page keeps what it has"));
       document.body.classList.add("over");
       this.command(false);
     };
@@ -152,6 +153,7 @@ class Live {
   }
   notice(text) { this.find("notice").textContent = text; }
   keep(page) {  // a page of its own, that no server has to serve
+    this.kept = true;
     const link = this.find("recorded");
     link.href = URL.createObjectURL(new Blob([page], {type: "text/html"}));
     link.textContent = "look at the whole run";
@@ -323,8 +325,10 @@ class Live {
     const home = this.stage.matrixWorld.clone().invert();
     for (const shape of this.figure.shapes) {
       const {min, max} = shape.geometry.boundingBox;
-      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z])
-        points.push(new T.Vector3(x, y, z).applyMatrix4(shape.matrixWorld).applyMatrix4(home));
+      for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) {
+        const at = new T.Vector3(x, y, z).applyMatrix4(shape.matrixWorld).applyMatrix4(home);
+        if (at.length() < 2 * s) points.push(at);  // not a floor's far corners
+      }
     }
     for (const x of [-0.6, 0.6]) for (const z of [-0.9, 0.25])
       points.push(new T.Vector3(x * s, 0, z * s));
@@ -580,7 +584,7 @@ class Live {
     readouts.error.value = this.target.visible ? `${error.toFixed(2)} cm` : "open loop";
     readouts.time.value = `${t.toFixed(2)} s`;
     const wanted = this.state.speed || 1, slow = pace > 0 && pace < 0.95 * wanted;
-    this.find("clock").value = this.state.busy || (this.state.paused ? "paused"
+    this.find("clock").value = this.state.busy || (this.kept ? "over" : this.state.paused ? "paused"
       : !Number.isFinite(pace) ? "" : `${pace.toFixed(2)} × real time` + (slow ? ": this machine cannot keep up" : ""))
       + (this.pages > 1 ? ` · ${this.pages} pages` : "")
       + (this.leads || this.scene.mode == "watch" ? "" : " · watching");
