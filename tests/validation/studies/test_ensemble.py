@@ -82,6 +82,12 @@ def test_a_file_of_distributions(tmp_path: Path) -> None:
     again = distribution.join(found, run(tmp_path, seed=2)[0])
     assert set(again["chaotic"].seeds) == {"1", "2"}
     assert again["chaotic"].seeds_agree()
+    # of one seed the longer list stays, with its failures
+    short = Distribution(30.0, {"1": (31.0,)}, {"1": 1})
+    long = Distribution(30.0, {"1": (31.0, 32.0), "2": (3.0,)}, {"1": 2, "nominal": 1})
+    for old, new in ((short, long), (long, short)):
+        joined = distribution.join({"a": old}, {"a": new})["a"]
+        assert (joined.seeds, joined.failed["1"]) == (long.seeds, 2)
     # runs of another code are not joined
     other = Distribution(30.0, {"2": (31.0, 32.0)})
     assert distribution.join(again, {"chaotic": other})["chaotic"] == other

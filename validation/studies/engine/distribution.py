@@ -175,7 +175,8 @@ def join(
 ) -> dict[str, Distribution]:
     """Old cells and new ones; of a cell that is in both, the runs of all seeds.
 
-    Where its figure from rest is another one the old runs are of another code, and are dropped.
+    Of a seed that is in both, whichever has more runs: they begin with the same ones. Where the
+    figure from rest is another one the old runs are of another code, and are dropped.
     """
     both = dict(old)
     for label, cell in new.items():
@@ -183,9 +184,16 @@ def join(
         if before is None or number(before.nominal) != number(cell.nominal):
             both[label] = cell
         else:
-            seeds, failed = {**before.seeds, **cell.seeds}, {**before.failed, **cell.failed}
+            keys = {**before.seeds, **cell.seeds, **before.failed, **cell.failed}
+            runs = {key: _longer(before, cell, key) for key in keys}
+            seeds = {key: of.seeds[key] for key, of in runs.items() if key in of.seeds}
+            failed = {key: of.failed[key] for key, of in runs.items() if key in of.failed}
             both[label] = replace(cell, seeds=seeds, failed=failed)
     return both
+
+
+def _longer(old: Distribution, new: Distribution, seed: str) -> Distribution:
+    return old if len(old.seeds.get(seed, ())) > len(new.seeds.get(seed, ())) else new
 
 
 def _written(cell: Distribution) -> dict[str, Any]:
