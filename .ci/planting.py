@@ -240,9 +240,13 @@ def judge_whole(fault: Fault, order: list[str]) -> int:
 
 def forked(task: Callable[[], int], seconds: int) -> int:
     """What a task returns in a fork, cut off after so much processor time."""
+    own = Path("/proc/self/autogroup")  # a new session would run at ordinary priority
+    priority = own.read_text().split()[-1] if own.exists() else "0"
     child = os.fork()
     if child == 0:
         os.setsid()
+        with suppress(OSError):
+            own.write_text(priority)
         log = os.open(LOG, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream in (1, 2):
             os.dup2(log, stream)

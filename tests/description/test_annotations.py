@@ -1,4 +1,4 @@
-"""Names in a block that are nearly right."""
+"""Names in a block that are nearly right, and sites too near one another."""
 
 import pytest
 
@@ -22,3 +22,25 @@ def test_a_slip_is_answered_with_the_name(tmp_path, place, name, slip):
     (tmp_path / "slip.urdf").write_text(wrong)
     with pytest.raises(UrdfError, match=f"got '{slip}'; did you mean '{name}'\\?"):
         parse(tmp_path / "slip.urdf")
+
+
+def test_sites_of_different_links_are_apart(tmp_path):
+    """In either order; on one link a site may come twice."""
+    inertial = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    links = f'<link name="a"/><link name="b">{inertial}</link>'
+    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    site = '<site link="{}" xyz="0.1 0 0"/>'
+    for first, second in ("ab", "ba", "aa"):
+        apart = '<site link="b" xyz="0 0 0.2"/>'
+        tendon = f'<tendon name="t">{site.format(first)}{site.format(second)}{apart}</tendon>'
+        (tmp_path / "r.urdf").write_text(
+            f'<robot name="r">{links}{joint}<softdyn version="1">{tendon}</softdyn></robot>'
+        )
+        if first == second:
+            assert len(parse(tmp_path / "r.urdf").tendons[0].sites) == 3
+        else:
+            with pytest.raises(UrdfError, match=f"sites of '{first}' and '{second}' at the same"):
+                parse(tmp_path / "r.urdf")

@@ -36,7 +36,7 @@ def test_primitives_poses_and_colours(tmp_path):
         '<visual><origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'
         '<geometry><box size="1 2 3"/></geometry><material name="red"/></visual>'
         '<visual><geometry><cylinder radius="0.1" length="0.4"/></geometry>'
-        '<material name="own"><color rgba="0 1 0 0.5"/></material></visual>'
+        '<material name="own"><color rgba="-1 1.5 0 0.5"/></material></visual>'
         '<visual><geometry><sphere radius="0.2"/></geometry></visual>'
         '<collision><geometry><sphere radius="9"/></geometry></collision>',
         '<material name="red"><color rgba="1 0 0 1"/></material>',

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from softdyn import design
+from softdyn import InputError, design
 from softdyn.validation import crosscheck
 from tests.support.arms import EVERYTHING, RUBBER, loaded
 
@@ -120,3 +120,16 @@ def test_damping_by_ratio_and_by_viscosity():
     by_viscosity = design.lay_out(design.Arm((rod,), design.Damping(viscosity=1000.0)))
     tau = [s.damping / s.stiffness for s in by_viscosity.all_springs]
     assert tau == pytest.approx([1000 / 0.25e6] * 10)
+
+
+def test_a_profile_is_looked_at_all_along_and_cables_go_outwards():
+    with pytest.raises(InputError, match="radius"):
+        design.Section(0.2, lambda s: s - 0.5, RUBBER, 5)
+    rods = tuple(design.Section(0.1, 0.01, RUBBER, 2, name=f"s{k}") for k in range(3))
+    for start, end in ((0, 2), (1, 1), (0, -1), (2, 1), (1, -4)):
+        cable = design.Cable(0.0, 0.005, False, 1.0, start, end)
+        if (start, end) not in ((2, 1), (1, -4)):
+            assert design.Arm(rods, cables=(cable,)).cables == (cable,)
+        else:
+            with pytest.raises(InputError, match="a start and an end among the 3 sections"):
+                design.Arm(rods, cables=(cable,))

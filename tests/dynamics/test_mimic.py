@@ -13,6 +13,7 @@ import softdyn
 from softdyn import InputError, SoftModel, UrdfError
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
+from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.mimic import MimicModel
 from softdyn.dynamics.reduced import ReducedModel
 from softdyn.dynamics.tree import TreeModel, tree_of
@@ -139,3 +140,11 @@ def test_a_massless_follower_moves_with_its_leader(tmp_path):
 def test_a_model_of_the_tree_alone_is_refused(tmp_path):
     with pytest.raises(InputError, match="no mimic joint"):
         TreeModel(parse(write(tmp_path, GRIPPER)))
+
+
+def test_the_numbers_of_chosen_joints():
+    """A continuous joint has two in q, the others one."""
+    chart = Coordinates(6, np.array([0, 1, 3, 5]), np.array([False, True, True, False]), False)
+    chosen = chart.numbers_of(np.array([False, True, False, True]))
+    assert sorted(chosen) == [1, 2, 5]
+    assert sorted(chart.numbers_of(np.ones(4, bool))) == [0, 1, 2, 3, 4, 5]

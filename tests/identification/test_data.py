@@ -81,6 +81,14 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     before = [link.inertia.mass for link in finger.robot.links]
     assert sum(masses) > sum(before)
     assert sum(a != b for a, b in zip(masses, before, strict=True)) >= 1
+    # a spring without a reference rests at zero, until one is written
+    bare = tmp_path / "bare.urdf"
+    text = finger.robot.path.read_text().replace("<springReference>0</springReference>", "")
+    bare.write_text(text)
+    path.write_text(identification.rewritten(softdyn.parse(bare), {"rest": {"joint3": 0.1}}))
+    assert np.array_equal(
+        softdyn.load(path).rest, np.where(np.arange(4) == index["joint3"], 0.1, 0)
+    )
     with pytest.raises(InputError, match="a place for the armature of 'joint1'"):
         identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}})
 

@@ -13,7 +13,7 @@ from softdyn.dynamics.tree import tree_of
 from softdyn.identification import Measurements
 from softdyn.identification.fit import measured
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
-from softdyn.identification.trajectory import Start, follow
+from softdyn.identification.trajectory import Held, Start, follow
 from softdyn.validation.identification.trials import Excitation, trial, twin_data
 
 COMPLIANCE = ("stiffness", "damping")
@@ -84,13 +84,24 @@ def test_the_bodies_carry_all_of_the_inertial_force(spirob):
     assert np.allclose(mass_columns(spirob, q, v, a).sum(1), whole, rtol=1e-10)
 
 
-def test_the_trajectory_s_derivatives(finger):
-    """By all parameters and the first state, against central differences of the trajectory."""
+@pytest.mark.parametrize("stopped", [False, True])
+def test_the_trajectory_s_derivatives(finger, stopped):
+    """By all parameters and the first state, against central differences of the trajectory.
+
+    Joints that a stop holds at given places, some of the time, depend on none of them.
+    """
     rng = np.random.default_rng(6)
     several = unknowns(finger, "stiffness", "damping", "mass", "gear")
-    t = np.cumsum(rng.uniform(0.003, 0.008, 40))
-    u = rng.uniform(finger.u_min, finger.u_max, (40, finger.nu))
-    data = Measurements(t, u, ("q.joint1",), rng.uniform(size=(40, 1)))
+    samples = 12 if stopped else 40
+    t = np.cumsum(rng.uniform(0.003, 0.008, samples))
+    u = rng.uniform(finger.u_min, finger.u_max, (samples, finger.nu))
+    data = Measurements(t, u, ("q.joint1",), rng.uniform(size=(samples, 1)))
+    held = None
+    if stopped:
+        mask = np.zeros((samples, finger.nv), bool)
+        mask[3:8, 1] = mask[6:9, 3] = True
+        still = np.zeros((samples, finger.nv))
+        held = Held(mask, still + 0.05, still)
     theta = np.array([one.nominal for one in several])
     theta = theta * rng.uniform(0.8, 1.2, len(theta))
     z = np.concatenate((theta, rng.uniform(-0.2, 0.2, 2 * finger.nv)))
@@ -101,7 +112,7 @@ def test_the_trajectory_s_derivatives(finger):
     def path(at):
         start = Start(at[count : count + n], at[count + n :], *eyes)
         changed = with_values(finger, several, at[:count])
-        return follow(changed, several, data, start, file=finger)
+        return follow(changed, several, data, start, held, file=finger)
 
     _, slope = path(z)
     for k in rng.choice(len(z), 8, replace=False):

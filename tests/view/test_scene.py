@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import softdyn
 from softdyn import design
-from softdyn.view.rest_sweep import TRAVEL, rest_sweep
-from softdyn.view.scene import Figure, tension_colour
+from softdyn.description.visuals import Cylinder
+from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
+from softdyn.view.scene import TENSION, Figure, tension_colour
 from tests.support.arms import THREE_SECTIONS, loaded
 
 STICKS = """<robot name="sticks">
@@ -90,7 +91,12 @@ def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
     (tmp_path / "r.urdf").write_text(body)
     model = softdyn.load(tmp_path / "r.urdf", floating=floating)
     figure = Figure.of(model)
-    assert figure.shapes  # sticks
+    rods = [shape for shape in figure.shapes if isinstance(shape.shape, Cylinder)]
+    for rod, joint in zip(rods, model.robot.joints[-2:], strict=True):  # the first turns in place
+        half = rod.shape.length / 2 * rod.pose[:3, 2]
+        ends = rod.pose[:3, 3] - half, rod.pose[:3, 3] + half
+        assert rod.link == joint.parent
+        np.testing.assert_allclose(ends, [np.zeros(3), joint.translation], atol=1e-12)
     rng = np.random.default_rng(3)
     for _ in range(5):
         q = model.configuration(rng.uniform(-0.9, 0.9, model.nv))
@@ -142,6 +148,11 @@ def test_colours_of_tension_are_told_apart_by_lightness():
         luminance = colours**2.2 @ [0.2126, 0.7152, 0.0722]
         assert luminance[0] - luminance[-1] > 0.15
     assert tension_colour(2.0) == tension_colour(1.0)
+    stops = np.cbrt([0.0, 0.125, 1.0])  # tensions: the cube root is what the table is over
+    for sign in (1, -1):
+        table = [rgb for at in stops for stop, rgb in TENSION if stop == sign * at]
+        seen = [tension_colour(sign * at**3) for at in stops]
+        np.testing.assert_allclose(seen, np.array(table) / 255, rtol=1e-12)
 
 
 def test_the_sweep_starts_at_rest_and_moves_the_tip():
@@ -169,6 +180,34 @@ def test_a_robot_without_inputs_moves_joint_by_joint():
     sweep = rest_sweep(model)
     assert [text for _, text in sweep.notes] == list(model.joint_names)
     assert (np.ptp(sweep.q, axis=0) > 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "peak"),
+    [
+        ((-1, 0.1), -BEND),
+        ((-0.3, 0.4), 0.4),
+        ((-0.2, 0.1), -0.2),
+        ((-1, 2), BEND),
+        ((0.2, 1), 0.2 + BEND),
+    ],
+)
+def test_a_joint_moves_where_it_has_room_and_back(tmp_path, limits, peak):
+    text = STICKS.format(i=INERTIAL, mimic="").replace("continuous", "revolute", 1)
+    room = '<limit lower="{}" upper="{}" effort="1" velocity="1"/>'.format(*limits)
+    text = text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 1 0"/>{room}')
+    (tmp_path / "r.urdf").write_text(text)
+    sweep = rest_sweep(softdyn.load(tmp_path / "r.urdf"))
+    assert [name for _, name in sweep.notes] == ["j", "k"]
+    second = np.searchsorted(sweep.t, sweep.notes[1][0])
+    rest, first = max(limits[0], 0), sweep.q[:second, 0]
+    assert first[0] == pytest.approx(rest)
+    assert first[np.argmax(np.abs(first - rest))] == pytest.approx(peak, abs=0.01 * BEND)
+    assert np.argmax(np.abs(first - rest)) == pytest.approx(second / 2, abs=1)  # as fast back
+    np.testing.assert_array_equal(sweep.q[:second, 1], 0)
+    np.testing.assert_allclose(sweep.q[second:, 0], rest, atol=1e-12)
+    stroke = sweep.q[second:, 1]
+    assert stroke.max() == pytest.approx(0.03, rel=0.02)  # a tenth of the length
 
 
 def test_a_led_cable_of_a_rod_is_drawn_on_its_side(tmp_path):

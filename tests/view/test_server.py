@@ -131,6 +131,8 @@ def test_a_late_browser_gets_every_frame_and_meshcat_s_objects(model):
     assert text["value"] == "halfway"
     got = [np.frombuffer(m["value"].data, "<f4").reshape(-1, rows.shape[1]) for m in (first, last)]
     np.testing.assert_array_equal(np.concatenate(got), rows)
+    # the kind by which Meshcat sends its own
+    assert first["value"].type == meshcat.geometry.pack_numpy_array(rows)["array"].type
 
 
 def test_closing_is_final(model):

@@ -315,7 +315,7 @@ def test_a_model_that_answers_nan_or_another_shape_fails(tmp_path, monkeypatch):
     monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: np.full(2, np.nan))
     result = crosscheck(model, samples=2)
     reasons = {check.quantity: check.reason for check in result.checks}
-    assert "not finite" in reasons["qdd"]
+    assert "of the model is not finite" in reasons["qdd"]
     assert not reasons["M"]
     monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: np.zeros(3))
     result = crosscheck(model, samples=2)
