@@ -12,11 +12,13 @@ ROBOT is a path to an annotated URDF, the name of a robot of example-robot-data 
 or a bundled name (finger, helix, spirob, spirob48).
 
 Of anyone's robot the statics find targets that it can rest at and paths that it can follow. Gains
-are drawn at random and then searched by CMA-ES for about --seconds; the best few meet on other
-targets, and the winner is tested against mpc on others still. If it beats mpc it is written beside
-the file (my.urdf: my.schedule.toml, or beside the annotations), where `best` finds it as long as
-the robot's dynamics do not change; if not, nothing is written, and `best` stays mpc. --gains is a
-schedule to begin with besides.
+are drawn at random and then searched by CMA-ES; the best few meet on other targets, and the winner
+is tested against mpc on others still, on fewer where the time is short. The answer comes in about
+--seconds, statics included; on top come a first use's compilation and the runs under way at the
+end; the least is two runs of mpc, four candidates, two of the winner. If it beats mpc it is written
+beside the file (my.urdf: my.schedule.toml, or beside the annotations), where `best` finds it as
+long as the robot's dynamics do not change; if not, nothing is written, and `best` stays mpc.
+--gains is a schedule to begin with besides.
 
 A bundled robot: CMA-ES in the logarithms of the gains and the horizon of a stage: first of the
 approach, on the first second of runs, then of the stay, on whole runs. Set points at theta = 0.25,
@@ -40,7 +42,7 @@ what.add_argument("--again", metavar="FILE", help="all settings from a summary (
 parser.add_argument(
     "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
 )
-parser.option("--seconds", cli.positive, "S", "how long to search for anyone's robot", 300.0)
+parser.option("--seconds", cli.positive, "S", "until the answer for anyone's robot", 300.0)
 parser.add_argument("--gains", metavar="FILE", help="the schedule to start from, TOML")
 for stage, generations in (("approach", 10), ("stay", 8)):
     parser.add_argument(
@@ -72,19 +74,23 @@ def command(arguments: cli.Arguments) -> int:
 
 def tune_own(arguments: cli.Arguments) -> int:
     """Find targets, search, test, write what is better."""
+    from time import monotonic
+
     from softdyn.controllers.schedule import schedule_path
     from softdyn.validation.files import write_json, write_text
     from softdyn.validation.studies.engine.sources import load_model
     from softdyn.validation.studies.own import tuning as own_tuning
+    from softdyn.validation.studies.own.tasks import find_tasks
 
+    began = monotonic()
     model = load_model(arguments.robot, arguments.annotations)
     out = arguments.out or str(schedule_path(model))
     cli.check_outputs(out, arguments.summary)
     start = cli.read_toml(arguments.gains) if arguments.gains else None
     with cli.share_bar("statics") as tell:
-        tasks = own_tuning.find_tasks(arguments.robot, arguments.annotations, model, arguments.seed)
+        tasks = find_tasks(arguments.robot, arguments.annotations, model, arguments.seed)
         found = own_tuning.search(
-            tasks, arguments.seconds, start=start, seed=arguments.seed,
+            tasks, arguments.seconds, began=began, start=start, seed=arguments.seed,
             jobs=arguments.jobs or -1, tell=tell,
         )  # fmt: skip
     text = own_tuning.text(tasks, found)

@@ -309,6 +309,15 @@ def judge(
     return found
 
 
+def need_cma() -> Any:
+    """The package `cma`, or an InputError that says how to install it."""
+    try:
+        import cma
+    except ImportError:
+        raise InputError("cma", "pip install 'softdyn[tune]'", "no such package") from None
+    return cma
+
+
 def tune(
     cases: Sequence[Case],
     cost: Cost,
@@ -358,10 +367,7 @@ def tune(
     InputError
         Without the package `cma` (pip install 'softdyn[tune]').
     """
-    try:
-        import cma
-    except ImportError:
-        raise InputError("cma", "pip install 'softdyn[tune]'", "no such package") from None
+    cma = need_cma()
     names = list(start)
     centre = [math.log10(start[name]) for name in names]
     trace: list[dict[str, Any]] = []

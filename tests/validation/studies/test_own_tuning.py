@@ -14,8 +14,11 @@ from softdyn.commands import tune as command
 from softdyn.controllers import Mpc, Staged
 from softdyn.controllers.schedule import make_schedule
 from softdyn.controllers.staged import best
+from softdyn.validation.studies import tuning
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
+from softdyn.validation.studies.own import budget as own_budget
+from softdyn.validation.studies.own import tasks as own_tasks
 from softdyn.validation.studies.own import tuning as own_tuning
 
 
@@ -26,9 +29,13 @@ def arm(tmp_path):
     return file
 
 
-def test_search_finals_and_test_share_no_target(arm):
-    tasks = own_tuning.find_tasks(str(arm), None, softdyn.load(arm), seed=1)
-    assert {name: len(some) for name, some in tasks.points.items()} == own_tuning.POINTS
+@pytest.fixture(scope="module")
+def tasks():
+    return own_tasks.find_tasks("finger", None, softdyn.load("finger"), seed=1)
+
+
+def test_search_finals_and_test_share_no_target(tasks):
+    assert {name: len(some) for name, some in tasks.points.items()} == own_tasks.POINTS
     every = [tuple(y) for some in tasks.points.values() for y in some]
     assert len({*every}) == len(every)
     start = tasks.model.state(tasks.model.q0, np.zeros(4)).y
@@ -36,7 +43,7 @@ def test_search_finals_and_test_share_no_target(arm):
     schedule = own_tuning.drawn(tasks, np.random.default_rng(0))
     assert make_schedule(schedule).approach == make_schedule(schedule).stay
     with pytest.raises(InputError, match="a robot with inputs"):
-        own_tuning.find_tasks("ur5", None, load_model("ur5"), seed=1)
+        own_tasks.find_tasks("ur5", None, load_model("ur5"), seed=1)
 
 
 def test_a_run_costs_its_errors_in_parts_of_the_length():
@@ -51,12 +58,10 @@ def test_a_run_costs_its_errors_in_parts_of_the_length():
 @pytest.mark.parametrize("wins", [True, False])
 def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, capsys):
     """Two short runs a candidate; who wins the test is decided here."""
-    for name, value in (
-        ("POINTS", {"search": 1, "final": 1, "test": 1}), ("PATHS", dict.fromkeys(
-            ("search", "final", "test"), 0)), ("POINT_TIME", 0.05), ("WINDOW", 0.05),
-        ("FINALISTS", 1), ("DRAWN", 4), ("ENDS", {"draw": 0.0, "approach": 0.0, "stay": 0.0}),
-    ):  # fmt: skip
-        monkeypatch.setattr(own_tuning, name, value)
+    one, none = (dict.fromkeys(("search", "final", "test"), k) for k in (1, 0))
+    for name, value in (("POINTS", one), ("PATHS", none), ("POINT_TIME", 0.05), ("WINDOW", 0.05)):
+        monkeypatch.setattr(own_tasks, name, value)
+    monkeypatch.setattr(own_tuning, "DRAWN", 4)
     real = own_tuning.compared
 
     def decided(*arguments):
@@ -82,3 +87,40 @@ def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, c
         assert "predictive control is better" in said
         assert not written.exists()
         assert isinstance(law, Mpc)
+
+
+@pytest.mark.parametrize(
+    ("time", "price", "rival", "broken", "tested"),
+    [
+        (60.0, 0.05, 0.2, 0.0, 7),
+        (300.0, 0.05, 0.2, 0.4, 7),
+        (60.0, 0.4, 2.0, 0.2, 2),
+        (160.0, 0.4, 4.0, 0.0, 4),
+    ],
+)
+def test_the_answer_comes_in_time(tasks, time, price, rival, broken, tested, monkeypatch):
+    """A clock that only runs cost: `price` and `rival` s for a simulated one, two at a time."""
+    now, rng, longest = 100.0, np.random.default_rng(0), 0.0
+
+    def run_all(cases, _jobs):
+        nonlocal now, longest
+        failed = [case.controller == "best" and rng.random() < broken for case in cases]
+        rates = [rival if case.controller == "mpc" else price * (1 - 0.9 * f)
+                 for case, f in zip(cases, failed, strict=True)]  # fmt: skip
+        took = 0.3 + sum(r * own_budget.seconds(c) for r, c in zip(rates, cases, strict=True)) / 2
+        now, longest = now + took, max(longest, took)
+        return [{"failed": f, "mse_cm2": 1.0, "final_error_cm": rng.random(),
+                 "step_us": {"median": 1.0}} for f in failed]  # fmt: skip
+
+    for module in (own_tuning, own_budget):
+        monkeypatch.setattr(module, "monotonic", lambda: now)
+    for module in (own_tuning, tuning):
+        monkeypatch.setattr(module, "run_all", run_all)
+    found = own_tuning.search(tasks, time, began=now - 5.0, jobs=2)
+    assert found["seconds"] == now - 95.0
+    # it ends in time, by one batch of runs; and does not end early
+    assert 0.5 * time < found["seconds"] < time + longest
+    assert found["rows"][0]["targets"] + found["rows"][0]["paths"] == tested
+    assert found["rows"][0]["paths"] == 1
+    text = own_tuning.text(tasks, found)
+    assert ("more with more --seconds" in text) == (tested < 7)

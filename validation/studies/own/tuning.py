@@ -10,30 +10,27 @@ that is not better is not worth having.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
+from os import cpu_count
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.schedule import make_schedule
-from softdyn.statics import Equilibrium, Loop, loop_around, spread_rests
-from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import tuning
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
+from softdyn.validation.studies.own.budget import Budget, Generations, Tell, seconds
+from softdyn.validation.studies.own.tasks import Tasks
 from softdyn.validation.tables import aligned
 
-POINTS, PATHS = {"search": 3, "final": 3, "test": 6}, {"search": 1, "final": 1, "test": 1}
-NEAREST = 0.05  # of the length: a target closer to the start is no task
-POINT_TIME, WINDOW = 2.5, 1.0  # s of a run to a point, and of one that only tells the approach
 RMS, FINAL = 0.1, 0.01  # of the length: a mean and a final error that cost 1
 DRAWN = 24  # candidates of the first search
 ENDS = {"draw": 0.4, "approach": 0.7, "stay": 1.0}  # shares of the time
 POPULATION, GENERATIONS, FINALISTS = 6, 100, 2
+RIVAL, DECIDE = 0.25, 0.4  # of the time: predictive control on the test; finals and test at most
 # decades that gains are drawn from; w2 and w3 in the robot's own scales, the horizon in ε
 RANGES = {
     "Kp": (20.0, 2000.0), "eps": (0.01, 0.2), "w2": (1e-2, 3.0), "w3": (1e-5, 10.0),
@@ -44,110 +41,6 @@ COLUMNS = (
     ("rms on paths (cm)", "rms_cm", ".3f"), ("failed", "failed", "d"),
     ("step (us)", "step_us", ".0f"),
 )  # fmt: skip
-
-Tell = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Follow:
-    """What a case on a path is given in place of its target."""
-
-    loop: Loop
-
-    def __call__(self, _robot: str, _experiment: Experiment) -> Callable[[float], Reference]:
-        """The path itself."""
-        return self.loop
-
-
-@dataclass(frozen=True, eq=False)
-class Tasks:
-    """What a robot is tried on: points and paths for each of `POINTS`.
-
-    Attributes
-    ----------
-    robot, annotations : str, str or None
-        As on the command line.
-    model : SoftModel
-        The robot.
-    points : dict[str, list of ndarray, (3,)]
-        Tips of stable rests.
-    loops : dict[str, list of Loop]
-        Paths that stable rests follow.
-    inputs : float
-        A typical input at such rests, where it is not the least one.
-    """
-
-    robot: str
-    annotations: str | None
-    model: SoftModel
-    points: dict[str, list[np.ndarray]]
-    loops: dict[str, list[Loop]]
-    inputs: float
-
-    def cases(
-        self, part: str, controller: str = "best", parameters: Any = None, window: bool = False
-    ) -> list[Case]:
-        """Runs to each point and along each path of one part, from q = 0."""
-        make = partial(
-            Case, self.robot, controller, "point", parameters=parameters,
-            annotations=self.annotations,
-        )  # fmt: skip
-        points = [
-            make(tuple(y.tolist()), duration=WINDOW if window else POINT_TIME)
-            for y in self.points[part]
-        ]
-        paths = [
-            make(tuple(loop(0.0).y.tolist()), duration=WINDOW if window else loop.period,
-                 target=Follow(loop))
-            for loop in self.loops[part]
-        ]  # fmt: skip
-        return points + paths
-
-
-def find_tasks(robot: str, annotations: str | None, model: SoftModel, seed: int) -> Tasks:
-    """Points and paths for a robot, spread over where its statics say that it can rest.
-
-    Raises
-    ------
-    InputError
-        A robot without inputs, without a length, or whose inputs move its tip nowhere far.
-    """
-    if model.nu == 0 or model.robot.length == 0:
-        missing = "inputs" if model.nu == 0 else "a length from base to tip"
-        raise InputError("robot", f"a robot with {missing}", str(model.robot.path))
-    start = model.state(model.q0, np.zeros(model.nv)).y
-    wanted = sum(POINTS.values())
-    rests = [
-        one
-        for one in spread_rests(model, 2 * wanted, seed)
-        if np.linalg.norm(one.y - start) > NEAREST * model.robot.length
-    ]
-    if len(rests) < len(POINTS):
-        expected = f"at least {len(POINTS)} stable rests with the tip away from where it starts"
-        raise InputError(str(model.robot.path), expected, len(rests))
-    rests = rests[:wanted]
-    # dealt out in turn, for the first ones are the outermost
-    parts = [name for k in range(wanted) for name, n in POINTS.items() if k < n]
-    dealt: dict[str, list[Equilibrium]] = {name: [] for name in POINTS}
-    for name, one in zip(parts, rests, strict=False):
-        dealt[name].append(one)
-    loops = {
-        name: list(_some(map(loop_around, reversed(some)), PATHS[name]))
-        for name, some in dealt.items()
-    }
-    least = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
-    inputs = float(np.median([np.linalg.norm(one.u - least) for one in rests]))
-    points = {name: [one.y for one in some] for name, some in dealt.items()}
-    return Tasks(robot, annotations, model, points, loops, max(inputs, 1e-9))
-
-
-def _some(found: Iterator[Loop | None], count: int) -> Iterator[Loop]:
-    for loop in found:
-        if count <= 0:
-            return
-        if loop is not None:
-            count -= 1
-            yield loop
 
 
 def cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
@@ -186,22 +79,29 @@ def drawn(tasks: Tasks, rng: np.random.Generator) -> dict[str, Any]:
 
 def search(
     tasks: Tasks,
-    seconds: float,
+    time: float,
     *,
+    began: float | None = None,
     start: Mapping[str, Any] | None = None,
     seed: int = 1,
     jobs: int = -1,
     tell: Tell = lambda _text, _spent: None,
 ) -> dict[str, Any]:
-    """Find a schedule within about so many seconds, and compare it with predictive control.
+    """Find a schedule and compare it with predictive control, in about so many seconds.
+
+    Predictive control runs first, on as many targets of the test as fit: no target is chosen by
+    what comes of it. The search ends when finals and test, priced by the runs before them, need
+    what is left. What has begun is finished: of a slow robot two runs of predictive control, four
+    candidates and the test are made however long they take.
 
     Parameters
     ----------
     tasks : Tasks
         What the robot is tried on.
-    seconds : float
-        When the search ends, but for the generation under way. Finals and test come after it: a
-        fixed number of runs, some two minutes of simulated time.
+    time : float
+        How long all of it may take (s).
+    began : float, optional
+        When that time began, as `time.monotonic` says; now by default.
     start : mapping, optional
         Tables of a schedule that the search begins with, besides random ones.
     seed : int
@@ -209,7 +109,7 @@ def search(
     jobs : int
         Processes, -1 for one per core.
     tell : Callable[[str, float], None]
-        Told what is being done, and the share of `seconds` that has passed.
+        Told what is being done, and the share of the time that has passed.
 
     Returns
     -------
@@ -222,66 +122,99 @@ def search(
     InputError
         Without the package `cma`; a `start` that is no schedule.
     """
-    began, tried = monotonic(), 0
+    firsts = [] if start is None else [tuning.tables(make_schedule(start))]
+    tuning.need_cma()
+    budget, tried = Budget(time, monotonic() if began is None else began), 0
     price = partial(cost, tasks.model.robot.length)
-
-    def spent() -> float:
-        return (monotonic() - began) / seconds
 
     def judged(part: str, schedules: Sequence[Mapping[str, Any]], window: bool) -> list[float]:
         nonlocal tried
         tried += len(schedules)
-        cases = tasks.cases(part, window=window)
-        return [entry["cost"] for entry in tuning.judge(cases, price, schedules, jobs)]
+        cases, since = tasks.cases(part, window=window), monotonic()
+        entries = tuning.judge(cases, price, schedules, jobs)
+        scores = [score for entry in entries for score in entry["scores"]]
+        budget.note(since, cases * len(schedules), scores)
+        return [entry["cost"] for entry in entries]
 
-    def count(text: str, entry: Mapping[str, Any]) -> None:
-        nonlocal tried
-        tried += 1
-        tell(f"{text}, cost {entry['cost']:.3g}", spent())
+    tell("predictive control", budget.spent())
+    rival = run_rival(tasks, budget, jobs)
+    test = seconds(*tasks.cases("test")[: len(rival)])
+    final = seconds(*tasks.cases("final"))
+
+    def end() -> float:
+        """The share of the time at which finals and test must begin."""
+        wanted = budget.share(test + (2 + FINALISTS) * final)
+        return 1.0 - max(budget.share(test), min(DECIDE, wanted))
 
     # -- random gains
-    rng = np.random.default_rng(seed)
-    firsts = [] if start is None else [tuning.tables(make_schedule(start))]
+    rng, first = np.random.default_rng(seed), budget.spent()
     candidates: list[tuple[float, dict[str, Any]]] = []
-    while len(candidates) < DRAWN and (not candidates or spent() < ENDS["draw"]):
+    while len(candidates) < DRAWN and (
+        not candidates or budget.spent() < first + ENDS["draw"] * (end() - first)
+    ):
         some = firsts + [drawn(tasks, rng) for _ in range(4 - len(firsts))]
         firsts = []
         found = judged("search", some, window=True)
         candidates += zip(found, some, strict=True)
         best = min(c for c, _ in candidates)
-        tell(f"{len(candidates)} random gains, best cost {best:.3g}", spent())
+        tell(f"{len(candidates)} random gains, best cost {best:.3g}", budget.spent())
     schedule = min(candidates, key=lambda pair: pair[0])[1]
     costs = {"draw": min(c for c, _ in candidates)}
     contenders = [schedule]
 
     # -- CMA-ES: the approach alone, then the stay behind it
     for stage, candidate in (("approach", tuning.only), ("stay", tuning.changed)):
+        cases = tasks.cases("search", window=stage == "approach")
+        until = first + ENDS[stage] * (end() - first)
+        if budget.spent() + budget.share((1 + POPULATION) * seconds(*cases)) > until:
+            continue
+        clock = Generations(budget, cases, POPULATION, until, tell, stage)
         trace = tuning.tune(
-            tasks.cases("search", window=stage == "approach"),
+            cases,
             price,
             partial(candidate, schedule, stage),
             {name: schedule[stage][name] for name in tuning.TUNED if schedule[stage][name] > 0},
             generations=GENERATIONS, population=POPULATION, seed=seed, jobs=jobs,
-            each=partial(count, stage),
-            enough=lambda stage=stage: spent() > ENDS[stage],  # type: ignore[misc]
+            each=clock.each, enough=clock.enough,
         )  # fmt: skip
+        tried += len(trace)
         best_few = 1 if stage == "approach" else FINALISTS
         ranked = sorted(trace, key=lambda entry: entry["cost"])[:best_few]
         costs[stage] = ranked[0]["cost"]
-        contenders += [replaced(schedule, stage, entry["values"]) for entry in ranked]
-        schedule = contenders[-len(ranked)]
+        found_here = [replaced(schedule, stage, entry["values"]) for entry in ranked]
+        schedule = found_here[0]
+        contenders = found_here + contenders
 
-    # -- finals, and the test
-    tell("finals", spent())
-    finals = judged("final", contenders, window=False)
-    schedule = contenders[int(np.argmin(finals))]
-    costs["final"] = min(finals)
-    tell("test against mpc", spent())
-    rows = compared(tasks, schedule, jobs)
+    # -- finals between as many as there is time for, and the test
+    left = 1.0 - budget.spent() - budget.share(test)
+    affordable = int(left / max(budget.share(final), 1e-9))
+    contenders = contenders[: max(1, affordable)]
+    if len(contenders) > 1:
+        tell("finals", budget.spent())
+        finals = judged("final", contenders, window=False)
+        schedule = contenders[int(np.argmin(finals))]
+        costs["final"] = min(finals)
+    tell("test against mpc", budget.spent())
+    rows = compared(tasks, schedule, rival, jobs)
     return {
         "schedule": schedule, "better": rows[0]["cost"] < rows[1]["cost"], "rows": rows,
-        "costs": costs, "candidates": tried, "seconds": monotonic() - began,
+        "costs": costs, "candidates": tried, "seconds": monotonic() - budget.began,
     }  # fmt: skip
+
+
+def run_rival(tasks: Tasks, budget: Budget, jobs: int) -> list[dict[str, Any]]:
+    """Predictive control on the first runs of the test, as many as fit into its share of the time.
+
+    One for each process at a time, and never less than two.
+    """
+    cases, found = tasks.cases("test", "mpc"), list[dict[str, Any]]()
+    chunk = max(2, (cpu_count() or 1) if jobs < 0 else jobs)
+    took = 0.0
+    while len(found) < len(cases) and (not found or budget.spent() + took < RIVAL):
+        before = budget.spent()
+        found += run_all(cases[len(found) : len(found) + chunk], jobs)
+        took = budget.spent() - before
+    return found
 
 
 def replaced(
@@ -292,17 +225,15 @@ def replaced(
     return {**new, "stay": new["approach"]} if stage == "approach" else new
 
 
-def compared(tasks: Tasks, schedule: Mapping[str, Any], jobs: int) -> list[dict[str, Any]]:
-    """A row each for the schedule and for predictive control, on the test's points and paths."""
+def compared(
+    tasks: Tasks, schedule: Mapping[str, Any], rival: Sequence[Mapping[str, Any]], jobs: int
+) -> list[dict[str, Any]]:
+    """A row each for the schedule and for predictive control, on the runs that `rival` has."""
     price = partial(cost, tasks.model.robot.length)
-    runs = {
-        "best": tasks.cases("test", "best", schedule),
-        "mpc": tasks.cases("test", "mpc"),
-    }
-    results = iter(run_all([case for cases in runs.values() for case in cases], jobs))
+    cases = tasks.cases("test", "best", schedule)[: len(rival)]
     rows = []
-    for name, cases in runs.items():
-        found = [(case, next(results)) for case in cases]
+    for name, results in (("best", run_all(cases, jobs)), ("mpc", rival)):
+        found = list(zip(cases, results, strict=True))
         prices = [price(case, result) for case, result in found]
         finals = [r["final_error_cm"] for c, r in found if not c.target]
         squares = [r["mse_cm2"] for c, r in found if c.target]
@@ -313,6 +244,7 @@ def compared(tasks: Tasks, schedule: Mapping[str, Any], jobs: int) -> list[dict[
             "rms_cm": float(np.sqrt(np.mean(squares))) if whole else None,
             "failed": sum(bool(result["failed"]) for _, result in found),
             "step_us": float(np.median([r["step_us"]["median"] or np.nan for _, r in found])),
+            "targets": len(finals), "paths": len(squares),
         })  # fmt: skip
     return rows
 
@@ -326,7 +258,10 @@ def text(tasks: Tasks, found: Mapping[str, Any]) -> str:
     """What `search` found, for people."""
     points, paths = (sum(map(len, some.values())) for some in (tasks.points, tasks.loops))
     costs = ", ".join(f"{name} {value:.3g}" for name, value in found["costs"].items())
-    tested = f"{len(tasks.points['test'])} targets and {len(tasks.loops['test'])} paths"
+    first = found["rows"][0]
+    tested = f"{first['targets']} targets and {first['paths']} paths"
+    if first["targets"] + first["paths"] < len(tasks.cases("test")):
+        tested += f" of {len(tasks.cases('test'))} (more with more --seconds)"
     verdict = (
         "the schedule beats predictive control"
         if found["better"]

@@ -1,0 +1,122 @@
+"""What anyone's robot is tried on: points and paths from its statics, dealt out to three sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SoftModel
+from softdyn.statics import Equilibrium, Loop, loop_around, spread_rests
+from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.studies.engine.case import Case
+
+POINTS, PATHS = {"search": 3, "final": 3, "test": 6}, {"search": 1, "final": 1, "test": 1}
+NEAREST = 0.05  # of the length: a target closer to the start is no task
+POINT_TIME, WINDOW = 2.5, 1.0  # s of a run to a point, and of one that only tells the approach
+
+
+@dataclass(frozen=True)
+class Follow:
+    """What a case on a path is given in place of its target."""
+
+    loop: Loop
+
+    def __call__(self, _robot: str, _experiment: Experiment) -> Callable[[float], Reference]:
+        """The path itself."""
+        return self.loop
+
+
+@dataclass(frozen=True, eq=False)
+class Tasks:
+    """What a robot is tried on: points and paths for each of `POINTS`.
+
+    Attributes
+    ----------
+    robot, annotations : str, str or None
+        As on the command line.
+    model : SoftModel
+        The robot.
+    points : dict[str, list of ndarray, (3,)]
+        Tips of stable rests.
+    loops : dict[str, list of Loop]
+        Paths that stable rests follow.
+    inputs : float
+        A typical input at such rests, where it is not the least one.
+    """
+
+    robot: str
+    annotations: str | None
+    model: SoftModel
+    points: dict[str, list[np.ndarray]]
+    loops: dict[str, list[Loop]]
+    inputs: float
+
+    def cases(
+        self, part: str, controller: str = "best", parameters: Any = None, window: bool = False
+    ) -> list[Case]:
+        """Runs to each point and along each path of one part, from q = 0."""
+        make = partial(
+            Case, self.robot, controller, "point", parameters=parameters,
+            annotations=self.annotations,
+        )  # fmt: skip
+        points = [
+            make(tuple(y.tolist()), duration=WINDOW if window else POINT_TIME)
+            for y in self.points[part]
+        ]
+        paths = [
+            make(tuple(loop(0.0).y.tolist()), duration=WINDOW if window else loop.period,
+                 target=Follow(loop))
+            for loop in self.loops[part]
+        ]  # fmt: skip
+        # a few of them are of both kinds
+        return points[:1] + paths + points[1:]
+
+
+def find_tasks(robot: str, annotations: str | None, model: SoftModel, seed: int) -> Tasks:
+    """Points and paths for a robot, spread over where its statics say that it can rest.
+
+    Raises
+    ------
+    InputError
+        A robot without inputs, without a length, or whose inputs move its tip nowhere far.
+    """
+    if model.nu == 0 or model.robot.length == 0:
+        missing = "inputs" if model.nu == 0 else "a length from base to tip"
+        raise InputError("robot", f"a robot with {missing}", str(model.robot.path))
+    start = model.state(model.q0, np.zeros(model.nv)).y
+    wanted = sum(POINTS.values())
+    rests = [
+        one
+        for one in spread_rests(model, 2 * wanted, seed)
+        if np.linalg.norm(one.y - start) > NEAREST * model.robot.length
+    ]
+    if len(rests) < len(POINTS):
+        expected = f"at least {len(POINTS)} stable rests with the tip away from where it starts"
+        raise InputError(str(model.robot.path), expected, len(rests))
+    rests = rests[:wanted]
+    # dealt out in turn, for the first ones are the outermost
+    parts = [name for k in range(wanted) for name, n in POINTS.items() if k < n]
+    dealt: dict[str, list[Equilibrium]] = {name: [] for name in POINTS}
+    for name, one in zip(parts, rests, strict=False):
+        dealt[name].append(one)
+    loops = {
+        name: list(_some(map(loop_around, reversed(some)), PATHS[name]))
+        for name, some in dealt.items()
+    }
+    least = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+    inputs = float(np.median([np.linalg.norm(one.u - least) for one in rests]))
+    points = {name: [one.y for one in some] for name, some in dealt.items()}
+    return Tasks(robot, annotations, model, points, loops, max(inputs, 1e-9))
+
+
+def _some(found: Iterator[Loop | None], count: int) -> Iterator[Loop]:
+    for loop in found:
+        if count <= 0:
+            return
+        if loop is not None:
+            count -= 1
+            yield loop
