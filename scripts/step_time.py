@@ -16,9 +16,10 @@ SCALING_ROUNDS = 20
 DRIVER = "soft-id-clf-qp"  # drives the loops that states are recorded from
 EPILOG = """\
 Robots and controllers as in benchmark.py. Every figure comes from the same recorded closed-loop
-states, states/ROBOT.npz below --out, which are recorded where they are missing. What is inside each
-figure, how the floor and the paper's stack are built: docs/real_time.md. The stack needs the extra
-bench (cvxpy, SCS) and is left out without it.
+states, states/ROBOT.npz below --out, which are recorded where they are missing: at the paper's set
+points, or at rests that the statics of anyone's robot find, driven by the first controller. What is
+inside each figure, how the floor and the paper's stack are built: docs/real_time.md. The stack
+needs the extra bench (cvxpy, SCS) and is left out without it.
 
 Times say something only on a machine that is otherwise idle; how busy it was is in the report.
 
@@ -74,18 +75,25 @@ def command(arguments: cli.Arguments) -> int:
     stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 
+    def driver(model: softdyn.SoftModel) -> tuple[str, Any]:
+        """Name and maker of what drives a robot's loops: of anyone's the first law asked for."""
+        return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
+
     load, report = MachineLoad(), dict[str, Any](rows=[])
     total = rounds * len(models) + arguments.scaling * SCALING_ROUNDS
     with tqdm(total=total, unit="round", disable=None, leave=False) as bar:
         for name, model in models.items():
             bar.set_description(name)
-            driver = find_controller(DRIVER) if model.bundled else next(iter(makes.values()))
-            states = recorded(model, driver, arguments.states, out / "states", name)
+            _, drive = driver(model)
+            states = recorded(model, drive, arguments.states, out / "states", name)
             report["rows"] += rows_of(name, model, makes, states.steps(), rounds, stack, bar.update)
         if arguments.scaling:
             report["scaling"] = scaling(rounds=SCALING_ROUNDS, tick=bar.update)
         if arguments.throughput:
-            report["throughput"] = [throughput(model, DRIVER) for model in models.values()]
+            report["throughput"] = [
+                throughput(model, name, make=make)
+                for model in models.values() for name, make in [driver(model)]
+            ]  # fmt: skip
     report["machine"] = step_report.machine() | load.report()
 
     step_figures.bars(report["rows"], out / "step_time")

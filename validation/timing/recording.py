@@ -17,6 +17,7 @@ from softdyn.validation.files import atomic, safe
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.own import goals as own
 
 DURATION = 3.0  # s of every loop: the transient, and what follows it
 TRANSIENT = 0.5  # s; half of a loop's states are taken from it
@@ -36,7 +37,7 @@ class Recording:
     t : array, (states,)
         When in its loop each was met (s).
     loop : array of str, (states,)
-        Which loop: ``set_point THETA`` or ``tracking OMEGA``.
+        Which loop: ``set_point THETA`` or ``tracking OMEGA``, without number where there is none.
     digest : str
         SHA-256 of the robot's file.
     """
@@ -110,14 +111,13 @@ def record(
     count : int
         How many states, at least one a loop; loops that end early may leave fewer.
     experiments : sequence of Experiment, optional
-        By default the paper's four set points from rest and one trajectory.
+        By default the paper's four set points from rest and one trajectory; of a robot that is
+        not the paper's, rests that its statics find and a path about one of them.
     duration : float
         Of each loop (s).
     """
-    setup = paper.setup_of(model)
     if experiments is None:
-        experiments = [setup.set_point(theta) for theta in paper.THETAS]
-        experiments.append(setup.tracking(OMEGA))
+        experiments = experiments_of(model)
     rows: list[tuple[Any, ...]] = []
     for i, experiment in enumerate(experiments):
         share = count // len(experiments) + (i < count % len(experiments))
@@ -128,6 +128,14 @@ def record(
             rows.append((*arrays, log.t[k], _name(experiment)))
     q, v, y, ydot, yddot, t, loop = (np.array(column) for column in zip(*rows, strict=True))
     return Recording(q, v, y, ydot, yddot, t, loop, digest_of(model))
+
+
+def experiments_of(model: SoftModel) -> list[Experiment]:
+    """What a robot's loops are asked to do; set points come first."""
+    if model.bundled not in paper.ROBOTS:
+        return own.experiments(model, len(paper.THETAS))
+    setup = paper.setup_of(model)
+    return [*map(setup.set_point, paper.THETAS), setup.tracking(OMEGA)]
 
 
 def recorded(

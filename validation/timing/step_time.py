@@ -21,6 +21,7 @@ import numpy as np
 from softdyn import Reference, SoftModel, State
 from softdyn.compiled import COMPILES
 from softdyn.dynamics import tree as engine
+from softdyn.dynamics.projection import Projection, tree_below
 from softdyn.validation.oracles.programmes import PROGRAMMES, PrintedLaw
 from softdyn.validation.oracles.solvers import Scs, Unsolved
 
@@ -137,9 +138,10 @@ def paper_stack(controller: Any) -> list[Law]:
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:
     """The calls of Pinocchio that a step makes, (q, v) → nothing, with nothing around them.
 
-    `gravity` and `coriolis` for laws that ask for `State.g` and `State.C`.
+    `gravity` and `coriolis` for laws that ask for `State.g` and `State.C`. (q, v) are those of the
+    tree below the model: see `Subject`.
     """
-    pin, model_ = engine.pin, engine.tree_of(model).pin_model
+    pin, model_ = engine.pin, tree_below(model)[0].pin_model
     data = model_.createData()
 
     def calls(q: np.ndarray, v: np.ndarray) -> None:
@@ -189,6 +191,11 @@ class Subject:
                 law(state, reference)
         lazy = vars(state).keys() - given  # what the law made the State compute
         self._engine = engine_calls(model, gravity="g" in lazy, coriolis="C" in lazy)
+        # a projection's engine calls are those of its tree
+        self._engine_steps = [
+            (model.expand(q), model.S @ v) if isinstance(model, Projection) else (q, v)
+            for q, v, _ in self._steps
+        ]
         self._stacks = stack(self._law) if stack else []
         chosen = np.linspace(0, len(self._steps) - 1, min(STACK_STATES, len(self._steps)))
         self._stack_steps = [self._steps[i] for i in chosen.astype(int)]
@@ -218,7 +225,7 @@ class Subject:
             ended = now()
             dynamics.append(halfway - began)
             law.append(ended - halfway)
-        for q, v, _ in self._steps:
+        for q, v in self._engine_steps:
             began = now()
             pinocchio(q, v)
             engine.append(now() - began)

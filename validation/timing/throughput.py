@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
@@ -11,15 +12,20 @@ from softdyn import SoftModel
 from softdyn.controllers import find_controller
 from softdyn.validation.loop.closed_loop import ClosedLoop, simulate
 from softdyn.validation.studies import paper
+from softdyn.validation.studies.own.goals import experiments
 from softdyn.validation.timing.step_time import quiet
 
 THETA = 0.5  # the set point that is run, in multiples of π
 
 
 def throughput(
-    model: SoftModel, controller: str, duration: float | None = None, repeats: int = 3
+    model: SoftModel,
+    controller: str,
+    duration: float | None = None,
+    repeats: int = 3,
+    make: Callable[[SoftModel], Any] | None = None,
 ) -> dict[str, Any]:
-    """One robot's row: a set point of the paper, the fastest of `repeats` runs.
+    """One robot's row: a set point, the paper's or a rest of its own; the fastest of some runs.
 
     The controller's time is what the log says of `model.state` and it together, less that of
     `model.state` alone, timed on the recorded states. Bookkeeping is the rest.
@@ -34,15 +40,20 @@ def throughput(
         Simulated time of a loop (s); the experiment's by default.
     repeats : int
         Number of runs.
+    make : callable, optional
+        Builds the controller, where the name does not say all.
 
     Returns
     -------
     dict
         Times (s) of the whole and of its parts, and how many steps it took.
     """
-    experiment = paper.setup_of(model).set_point(THETA)
+    if model.bundled in paper.ROBOTS:
+        experiment = paper.setup_of(model).set_point(THETA)
+    else:
+        experiment = experiments(model, 1)[0]
     duration = experiment.duration if duration is None else duration
-    make = find_controller(controller)
+    make = make or find_controller(controller)
     simulate(model, make(model), experiment, duration=min(duration, 0.1))  # warm up
     runs = []
     for _ in range(repeats):

@@ -21,7 +21,7 @@ from softdyn.validation.timing.recording import Recording, record, recorded
 from softdyn.validation.timing.step_scaling import chain
 from softdyn.validation.timing.step_time import Subject, measure
 from softdyn.validation.timing.throughput import throughput
-from tests.support import SCRIPTS
+from tests.support import SCRIPTS, micro
 
 SCRIPT = SCRIPTS / "step_time.py"
 CONTRACT = {
@@ -178,3 +178,18 @@ def test_throughput(finger):
     parts = ("setup", "state", "controller", "mujoco", "bookkeeping")
     assert sum(row[f"{part}_s"] for part in parts) == pytest.approx(row["wall_s"])
     assert row["times_real_time"] == pytest.approx(0.2 / row["wall_s"])
+
+
+def test_anyones_robot_is_timed_where_it_can_rest(tmp_path):
+    """A robot with mimic joints: its terms are projected, and the paper's ellipse is not for it."""
+    model = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    states = record(model, BEYOND["mpc"], 30, duration=0.1)
+    assert set(states.loop) <= {"set_point", "tracking"}
+    goals = np.unique(states.y[states.loop == "set_point"], axis=0)
+    assert len(goals) > 1
+    rest = softdyn.statics.inputs_for_tip(model, goals[0], shapes=0).nearest_stable
+    assert np.linalg.norm(rest.y - goals[0]) < 1e-6
+    row = measure({"it": Subject(model, BEYOND["mpc"], states.steps())}, 1)["it"].row()
+    assert row["pinocchio_us"] > 0
+    row = throughput(model, "mpc", duration=0.02, repeats=1)
+    assert row["control_steps"] == 10

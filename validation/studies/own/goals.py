@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any
 
-from softdyn import SoftModel, statics
+from softdyn import Reference, SetPoint, SoftModel, statics
+from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.studies import paper
 
 Goal = tuple[str, Any]
@@ -35,3 +37,26 @@ def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...
     """
     rests = statics.spread_rests(model, count, seed)
     return [tuple(round(x, 4) + 0.0 for x in one.y.tolist()) for one in rests]
+
+
+def experiments(model: SoftModel, count: int) -> list[Experiment]:
+    """Runs to `count` stable rests at most, and along a path about the last of them that has one.
+
+    The robot can do each of them, which the paper's ellipse in its size does not promise.
+
+    Raises
+    ------
+    InputError
+        Inputs that move the tip nowhere.
+    """
+    rests = statics.spread_rests(model, count)
+    loops = (loop for loop in map(statics.loop_around, reversed(rests)) if loop is not None)
+    found: list[tuple[str, Callable[[float], Reference], float]] = [
+        ("set_point", SetPoint(one.y), SET_POINT_DURATION) for one in rests
+    ]
+    found += [("tracking", loop, paper.CYCLES * loop.period) for loop in islice(loops, 1)]
+    return [
+        Experiment(model.name, kind, None, None, reference, duration, DEFAULT_PERIOD,
+                   model.robot.length)
+        for kind, reference, duration in found
+    ]  # fmt: skip
