@@ -9,7 +9,8 @@ from softdyn.commands import cli
 
 EPILOG = """\
 --mjcf writes the twin as one file that MuJoCo's own viewer loads: several joints a body where links
-are massless, sites, tendons, actuators, stiff stops, shapes, a keyframe at rest.
+are massless, sites, tendons, actuators, stiff stops, shapes, a keyframe at rest. Collision shapes
+are in group 3; they touch with --contacts (or <flag contact="enable"/> in the file).
 --urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what that cannot say.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
@@ -22,6 +23,7 @@ output.add_argument("--mjcf", metavar="FILE", help="write MJCF")
 output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
 cli.add_robot_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out what it looks like")
+parser.add_argument("--contacts", action="store_true", help="MJCF: its links touch each other")
 cli.add_json(parser)
 
 
@@ -40,6 +42,7 @@ def command(arguments: cli.Arguments) -> int:
             floating=arguments.floating,
             repair_inertia=arguments.repair_inertia,
             shapes=not arguments.no_shapes,
+            contacts=arguments.contacts,
         )
     for note in lost:
         print(f"lost: {note}", file=sys.stderr)

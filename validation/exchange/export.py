@@ -26,6 +26,7 @@ def write_mjcf(
     floating: bool = False,
     repair_inertia: bool = False,
     shapes: bool = True,
+    contacts: bool = False,
 ) -> Outcome:
     """Write a URDF as MJCF.
 
@@ -37,6 +38,8 @@ def write_mjcf(
         The file to write.
     shapes : bool
         Whether to write what the robot looks like.
+    contacts : bool
+        Whether its collision shapes touch.
 
     Returns
     -------
@@ -51,8 +54,8 @@ def write_mjcf(
     robot = parse(
         find(source), annotations=annotations, floating=floating, repair_inertia=repair_inertia
     )
-    write_text(str(target), to_mjcf(robot, shapes=shapes))
-    return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot) if shapes else ())
+    write_text(str(target), to_mjcf(robot, shapes=shapes, contacts=contacts))
+    return _compared(from_urdf(robot), neutral(target)), tuple(lost(robot))
 
 
 def write_urdf(source: str | Path, target: str | Path) -> Outcome:

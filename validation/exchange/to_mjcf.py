@@ -17,16 +17,23 @@ from softdyn.description.visuals import Box, Cylinder, Sphere, Visual, triangles
 from softdyn.validation.comparison.from_urdf import from_urdf
 from softdyn.validation.comparison.neutral import WORLD, Neutral, Pose
 from softdyn.validation.exchange.xml_text import Names, add, text
+from softdyn.validation.twin.bodies import Shape as Collision
+from softdyn.validation.twin.bodies import Tree, read_bodies
+from softdyn.validation.twin.build import neighbours
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 
 NEGLIGIBLE = 1e-12  # kg, and kg·m²: of a massless body that no other can take in
 SMALLEST = 1e-14  # kg·m²: MuJoCo's compiler wants moments above 1e-15
 POINT = np.array([-1e-9, 1e-9])  # rad, m: around a joint that may stand at one place only
+ROUNDING = 1e-14  # of a principal moment
+SAME_FRAME = 1e-5  # MuJoCo's own bound is 1e-6; the axes in another order are never so close
 TASK_SITE = "task"
 Element = etree._Element
 
 
-def to_mjcf(robot: Robot, *, timestep: float = 5e-4, shapes: bool = True) -> str:
+def to_mjcf(
+    robot: Robot, *, timestep: float = 5e-4, shapes: bool = True, contacts: bool = False
+) -> str:
     """The robot as MJCF, all in one text.
 
     Parameters
@@ -36,14 +43,16 @@ def to_mjcf(robot: Robot, *, timestep: float = 5e-4, shapes: bool = True) -> str
     timestep : float
         Integration step (s) that the file asks for.
     shapes : bool
-        Whether to write what the robot looks like too; nothing collides.
+        Whether to write what the robot looks like too; that collides with nothing.
+    contacts : bool
+        Whether the collision shapes touch. They are written either way, as the twin has them.
 
     Returns
     -------
     str
         With MuJoCo's settings, stops and ties as stiff as the twin's, and a keyframe at rest.
     """
-    return _Writer(robot, from_urdf(robot)).write(timestep, shapes)
+    return _Writer(robot, from_urdf(robot)).write(timestep, shapes, contacts)
 
 
 class _Writer:
@@ -59,12 +68,19 @@ class _Writer:
         self._shapes: dict[int, list[Visual]] = {}
         for visual in shown:
             self._shapes.setdefault(self._place[visual.link][0], []).append(visual)
+        self._tree = tree_of(robot)
+        self._hulls: dict[int, list[tuple[Collision, Pose]]] = {}
+        for body in self._tree.bodies:
+            for hull in body.shapes:
+                part, pose = self._place[body.link]
+                self._hulls.setdefault(part, []).append((hull, pose))
         self._bodies = Names("world")
+        self._body_of: dict[int, str] = {WORLD: "world"}
         self._sites = Names()
         self._meshes = Names()
         self._origin: dict[int, np.ndarray] = {WORLD: np.zeros(3)}
 
-    def write(self, timestep: float, shapes: bool) -> str:
+    def write(self, timestep: float, shapes: bool, contacts: bool) -> str:
         """The whole document."""
         root = etree.Element("mujoco", model=self._robot.name)
         add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false",
@@ -74,13 +90,15 @@ class _Writer:
             integrator="implicitfast", solver="Newton", cone="elliptic", iterations="100",
             tolerance=1e-12,
         )  # fmt: skip
-        add(option, "flag", energy="enable", autoreset="disable")
+        touch = "enable" if contacts else "disable"
+        add(option, "flag", energy="enable", autoreset="disable", contact=touch)
         self._asset = add(root, "asset")
         world = add(root, "worldbody")
         add(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
         self._fill(world, WORLD, shapes)
         for part in self._neutral.children(WORLD):
             self._body(world, part, shapes)
+        self._apart(root)
         self._cables(root)
         self._ties(root)
         self._motors(root)
@@ -94,7 +112,8 @@ class _Writer:
     def _joins(self, k: int) -> bool:
         """Whether a part is nothing but a joint before the only one that it carries."""
         part, below = self._neutral.parts[k], self._neutral.children(k)
-        used = {frame.part for frame in self._neutral.frames.values()} | set(self._shapes)
+        used = {frame.part for frame in self._neutral.frames.values()}
+        used |= self._shapes.keys() | self._hulls.keys()
         used |= {point.part for cable in self._neutral.cables for point in cable.path}
         used.add(self._place[self._robot.task][0])
         massless = not part.inertia.mass and not part.inertia.tensor.any()
@@ -110,6 +129,7 @@ class _Writer:
         for index in joints:
             self._origin[index] = last.point
         name = self._bodies.new(last.link)
+        self._body_of |= dict.fromkeys(joints, name)
         body = add(parent, "body", name=name, pos=last.point - above)
         for index in joints:
             self._joint(body, index)
@@ -148,11 +168,12 @@ class _Writer:
         least = max(SMALLEST, 1e-12 * float(moments.max()))
         if not inertia.mass:
             least = NEGLIGIBLE
-        moments = np.maximum(moments, least)
-        moments[0] = max(moments[0], (1 + 1e-12) * (moments[2] - moments[1]))
+        moments = possible(np.maximum(moments, least))
         mass = inertia.mass or NEGLIGIBLE
-        add(body, "inertial", pos=inertia.com - self._origin[k] if inertia.mass else np.zeros(3),
-            quat=_quaternion(axes), mass=mass, diaginertia=moments)  # fmt: skip
+        at = inertia.com - self._origin[k] if inertia.mass else np.zeros(3)
+        if _snaps(at) or _snaps(_quaternion(axes)[1:]):
+            axes, moments = np.roll(axes, 1, axis=1), np.roll(moments, 1)
+        add(body, "inertial", pos=at, quat=_quaternion(axes), mass=mass, diaginertia=moments)
 
     def _fill(self, body: Element, k: int, shapes: bool) -> None:
         """Sites and shapes of a part, or of the root."""
@@ -172,6 +193,10 @@ class _Writer:
                     quat=_quaternion(frame.pose.rotation), size=0.002)  # fmt: skip
         for visual in self._shapes.get(k, ()) if shapes else ():
             self._shape(body, visual, origin)
+        for hull, pose in self._hulls.get(k, ()):
+            at = pose.translation + pose.rotation @ hull.pose[:3, 3]
+            add(body, "geom", type=hull.kind, size=hull.size, pos=at - origin, group="3", mass=0,
+                quat=_quaternion(pose.rotation @ hull.pose[:3, :3]))  # fmt: skip
 
     def _shape(self, body: Element, visual: Visual, origin: np.ndarray) -> None:
         """A visual as a geom that nothing collides with and that weighs nothing."""
@@ -209,6 +234,16 @@ class _Writer:
         return name
 
     # -- the rest ------------------------------------------------------------------------------
+
+    def _apart(self, root: Element) -> None:
+        """Bodies that a joint holds together never touch, as in the twin."""
+        names = [self._body_of[self._place[b.link][0]] if b.link else "world"
+                 for b in self._tree.bodies]  # fmt: skip
+        pairs = [(names[a], names[b]) for a, b in neighbours(self._tree.bodies)]
+        if pairs:
+            contact = add(root, "contact")
+            for one, other in pairs:
+                add(contact, "exclude", body1=one, body2=other)
 
     def _cables(self, root: Element) -> None:
         if not self._neutral.cables:
@@ -254,6 +289,23 @@ class _Writer:
             add(add(root, "keyframe"), "key", name="rest", qpos=qpos)
 
 
+def _snaps(offset: np.ndarray) -> bool:
+    """Whether MuJoCo takes an inertial frame so little apart from its body's for the same."""
+    return 0 < float(np.abs(offset).max()) < SAME_FRAME
+
+
+def possible(moments: np.ndarray) -> np.ndarray:
+    """The nearest principal moments (3,) in rising order that a body can have: a + b ≥ c.
+
+    MuJoCo takes no others, and bodies that are possible add up to one that is: a file whose moments
+    break this by their last digit cannot be written as it is.
+    """
+    excess = max(0.0, float(moments[2] - moments[1] - moments[0])) / 3
+    found = moments + excess * np.array([1.0, 1.0, -1.0])
+    found[2] = min(found[2], found[0] + found[1])
+    return found
+
+
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of a rotation matrix, exact for the identity."""
     from scipy.spatial.transform import Rotation
@@ -262,9 +314,22 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return np.array([w, x, y, z])
 
 
+def tree_of(robot: Robot) -> Tree:
+    """The bodies as the twin reads them: collision shapes are theirs."""
+    mended = robot.text if robot.mended else ""
+    return read_bodies(robot.path, mended=mended, floating=robot.floating)
+
+
 def lost(robot: Robot) -> list[str]:
     """What the URDF says and the MJCF does not."""
-    notes = list(visuals(robot)[1])
+    notes = [*visuals(robot)[1], *tree_of(robot).skipped]
+    for part in from_urdf(robot).parts:
+        moments = np.linalg.eigvalsh(part.inertia.tensor)
+        if (excess := moments[2] - moments[1] - moments[0]) > ROUNDING * moments[2]:
+            notes.append(
+                f"the inertia of {part.link!r}, whose principal moments are a + b < c by "
+                f"{excess / moments[2]:.1e} c: no body has them; the nearest possible are written"
+            )
     repeated = Counter(link.name for link in robot.links)
     notes += [f"a second link {name!r}" for name, count in repeated.items() if count > 1]
     return notes

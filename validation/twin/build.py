@@ -75,7 +75,7 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
                 _tie(spec, body.joint)
         for shape in body.shapes:
             _add_geom(bodies[index], shape)
-    for a, b in _neighbours(tree.bodies):
+    for a, b in neighbours(tree.bodies):
         exclude = spec.add_exclude()
         exclude.bodyname1, exclude.bodyname2 = bodies[a].name, bodies[b].name
     _add_tendons(spec, robot, tree, bodies)
@@ -144,7 +144,7 @@ def _add_geom(body: mujoco.MjsBody, shape: Shape) -> None:
     geom.contype = geom.conaffinity = 1
 
 
-def _neighbours(bodies: Sequence[Body]) -> list[tuple[int, int]]:
+def neighbours(bodies: Sequence[Body]) -> list[tuple[int, int]]:
     """Pairs of bodies that a joint holds together: they overlap at it, so they never collide.
 
     A massless body without shapes is part of the joint, not a neighbour.

@@ -10,18 +10,19 @@ import pytest
 import softdyn
 from softdyn.validation import Twin, compare
 from softdyn.validation.comparison.comparison import neutral
-from softdyn.validation.exchange import export
+from softdyn.validation.exchange import export, to_mjcf
 from tests.support import SCRIPTS, micro, pair_robots
 
 
 @pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
 def test_mujoco_loads_the_twin_and_steps_to_the_same(tmp_path, name):
     path = tmp_path / "out.xml"
-    result, _ = export.write_mjcf(name, path, shapes=name == "spirob")
+    touching = name == "spirob"
+    result, _ = export.write_mjcf(name, path, shapes=touching, contacts=touching)
     assert result.passed, str(result)
     assert max(result.waterfall[0].left.values()) < 1e-10
     model = mujoco.MjModel.from_xml_path(str(path))
-    twin = Twin(name, friction=True)
+    twin = Twin(name, friction=True, contacts=touching)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     np.testing.assert_array_equal(data.qpos, 0.0)
@@ -31,10 +32,14 @@ def test_mujoco_loads_the_twin_and_steps_to_the_same(tmp_path, name):
     u = np.array(
         [a.lower + p * (a.upper - a.lower) for p, a in zip(part, twin.robot.actuators, strict=True)]
     )
+    touched = 0
     for _ in range(400):
         data.ctrl[:] = u
         mujoco.mj_step(model, data)
         twin.advance(u)
+        assert data.ncon == twin.data.ncon
+        touched += data.ncon
+    assert (touched > 0) == touching
     assert np.abs(data.qpos[order]).max() > 1e-3
     np.testing.assert_allclose(data.qpos[order], twin.qpos, atol=1e-8)
     mujoco.mj_forward(model, data)
@@ -84,6 +89,37 @@ def test_what_a_urdf_cannot_say_is_listed(tmp_path):
     state = model.state(model.q0, np.zeros(1))
     assert state.B.tolist() == [[3.0]]
     assert neutral(tmp_path / "out.urdf").parts[0].name == "h"
+
+
+def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
+    """MuJoCo refuses a + b < c: what a last digit breaks is mended by thirds, and told."""
+    moments = np.array([1e-3, 2e-3, 3e-3 + 3e-12])
+    found = to_mjcf.possible(moments)
+    np.testing.assert_allclose(found - moments, [1e-12, 1e-12, -1e-12], rtol=1e-3)
+    assert found[0] + found[1] >= found[2]
+    _, lost = one_hinge(tmp_path, 'ixx="1e-3" ixy="0" iyy="2e-3" izz="3.000000003e-3"')
+    assert ["a + b < c by 1.0e-09 c" in note for note in lost] == [True]
+
+
+def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
+    """MuJoCo's compiler takes frames for the same that are less than 1e-6 apart."""
+    result, lost = one_hinge(tmp_path, 'ixx="1e-3" ixy="4e-10" iyy="2e-3" izz="2.5e-3"')
+    assert not lost
+    assert max(result.waterfall[0].left.values()) < 1e-14
+
+
+def one_hinge(folder, inertia):
+    """A hinge about an axis at a slant, exported; MuJoCo must load it."""
+    source = folder / "hinge.urdf"
+    source.write_text(
+        '<robot name="r"><link name="world"/><link name="l"><inertial><mass value="1"/>'
+        f'<inertia {inertia} ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute">'
+        '<parent link="world"/><child link="l"/><axis xyz="0.6 0.8 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    found = export.write_mjcf(source, folder / "out.xml")
+    assert mujoco.MjModel.from_xml_path(str(folder / "out.xml")).nv == 1
+    return found
 
 
 def test_the_command(tmp_path):
