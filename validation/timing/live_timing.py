@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
+from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -46,12 +47,13 @@ asyncio.run(read())
 
 
 def measure(
-    session: Session, seconds: float, rounds: int = 3, browser: str | None = None
+    session: Session, seconds: float, rounds: int = 6, browser: str | None = None
 ) -> dict[str, Any]:
     """The same robot without pages, with two that do not draw, and in a browser.
 
-    They take turns, `rounds` of each, so that what else the machine does meets them all; step times
-    are medians over the rounds.
+    They take turns, `rounds` of each, forth and back (A B B A), so that what else the machine does
+    meets them all; step times are medians over the rounds, a ratio is the median of those of each
+    round, and `ratios` their least and largest.
 
     Parameters
     ----------
@@ -69,12 +71,15 @@ def measure(
     model = session.model
     goal = session.frame()[session.columns.places["y"]].astype(float)
     session.apply(messages.Target(goal + 0.05 * model.robot.length))
-    for _ in range(rounds):
-        for kind in kinds:
+    for k in range(rounds):
+        for kind in kinds[:: (-1) ** k]:
             runs[kind].append(_round(session, kind, seconds, browser))
     rows = [{"pages": kind, **_middle(runs[kind])} for kind in kinds]
-    for row in rows:
-        row["ratio"] = row["median_us"] / rows[0]["median_us"]
+    for row, kind in zip(rows, kinds, strict=True):
+        pairs = zip(runs[kind], runs["none"], strict=True)
+        ratios = [one["median_us"] / other["median_us"] for one, other in pairs]
+        row["ratio"] = median(ratios)
+        row["ratios"] = [min(ratios), max(ratios)]
     return {
         "robot": model.name,
         "law": session.shown.law,
@@ -138,17 +143,16 @@ class _Page:
 def _middle(rounds: list[dict[str, Any]]) -> dict[str, Any]:
     """Medians of times, sums of counts."""
     sums = ("misses", "periods", "dropped")
-    found: dict[str, Any] = {}
-    for name in rounds[0]:
-        values = sorted(one[name] for one in rounds)
-        found[name] = sum(values) if name in sums else values[len(values) // 2]
-    return found
+    columns = {name: [one[name] for one in rounds] for name in rounds[0]}
+    return {name: (sum if name in sums else median)(rows) for name, rows in columns.items()}
 
 
 def text(report: Mapping[str, Any]) -> str:
     """The report for a terminal."""
+    least, largest = report["rows"][1]["ratios"]
     return (
         f"{report['robot']}, {report['law']}; load {report['load']:.1f}\n"
         f"{aligned(COLUMNS, report['rows'])}\n"
-        f"step time with two readers {report['rows'][1]['ratio']:.2f} x, limit {RATIO:g} x"
+        f"step time with two readers {report['rows'][1]['ratio']:.2f} x "
+        f"({least:.2f} to {largest:.2f}), limit {RATIO:g} x"
     )
