@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.dynamics.model import check_model
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     InputError
         A robot without inputs or with crossed bounds, or one without published gains given none.
     """
-    if model.nu == 0:
+    if check_model(model).nu == 0:
         raise no_actuator(model)
     if not (np.isfinite(model.u_max - model.u_min) & (model.u_min <= model.u_max)).all():
         bounds = f"u_min {model.u_min}, u_max {model.u_max}"

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.checks import number
 from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.programmes.prediction import one_period, programme, ramps
 from softdyn.controllers.programmes.qp import DenseQp, Problem
 from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.dynamics.model import check_model
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
@@ -104,7 +106,7 @@ class Mpc:
     def __init__(
         self, model: SoftModel, parameters: Any = None, period: float = DEFAULT_PERIOD
     ) -> None:
-        if model.nu == 0:
+        if check_model(model).nu == 0:
             raise no_actuator(model)
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
@@ -125,7 +127,7 @@ class Mpc:
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the input applied, the estimated forces."""
         model = self._model
-        self.period = period
+        self.period = number("period", period, above=0.0)
         self.guard.reset()
         self._u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
         self._unmodelled = np.zeros(model.nv)

@@ -17,6 +17,7 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains
+from softdyn.dynamics.model import check_model
 from softdyn.files import read_toml
 
 FOLDER = Path(__file__).parent / "schedules"
@@ -110,7 +111,7 @@ def tuned(model: SoftModel) -> Schedule | None:
     InputError
         A file there that is no schedule.
     """
-    file = schedule_path(model)
+    file = schedule_path(check_model(model))
     if not os.path.isfile(file):
         return None
     table = read_toml(file)

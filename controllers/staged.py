@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.checks import number
 from softdyn.controllers.controller import Command, guarded
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
@@ -59,7 +60,7 @@ class Staged:
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the one before."""
-        self.period = period
+        self.period = number("period", period, above=0.0)
         self.guard.reset()
         self._near = 0.0  # s
         self._staying = False

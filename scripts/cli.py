@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -341,11 +341,11 @@ def read_toml(path: str) -> dict[str, Any]:
     return read(path)
 
 
-def check_outputs(*targets: str | None) -> None:
-    """Refuse, before any work, output files that cannot be written, and two that are one."""
+def check_outputs(*targets: str | None, inputs: Iterable[str | None] = ()) -> None:
+    """Refuse, before any work, outputs that cannot be written, and those that are another file."""
     from softdyn.validation.files import check_outputs as check
 
-    check(*targets)
+    check(*targets, inputs=inputs)
 
 
 def make_folder(path: Path) -> None:

@@ -51,7 +51,12 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import InputError
     from softdyn.validation import compare
 
-    cli.check_outputs(arguments.json, arguments.markdown, arguments.html)
+    cli.check_outputs(
+        arguments.json,
+        arguments.markdown,
+        arguments.html,
+        inputs=(arguments.a, arguments.b, arguments.map),
+    )
     if arguments.catalogue is not None:
         if arguments.a is not None:
             raise InputError("--catalogue", "no A and B", arguments.a)

@@ -36,7 +36,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Measure, extrapolate, report."""
-    cli.check_outputs(arguments.json)
+    cli.check_outputs(arguments.json, inputs=[arguments.file])
     measure = closed_forms if arguments.closed_forms else peer if arguments.peer else converge
     report, text = measure(arguments)
     cli.write_report(report, arguments.json, text)

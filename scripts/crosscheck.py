@@ -47,7 +47,9 @@ def command(arguments: cli.Arguments) -> int:
     """Load, compare, report."""
     from softdyn.validation import Twin, crosscheck
 
-    cli.check_outputs(arguments.json, arguments.markdown)
+    cli.check_outputs(
+        arguments.json, arguments.markdown, inputs=(arguments.robot, arguments.annotations)
+    )
     if arguments.robot is None:
         return many(arguments)
     model = cli.load_robot(arguments)

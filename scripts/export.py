@@ -31,7 +31,12 @@ def command(arguments: cli.Arguments) -> int:
     """Write, then read what was written and compare."""
     from softdyn.validation.exchange import export
 
-    cli.check_outputs(arguments.json, arguments.mjcf, arguments.urdf)
+    cli.check_outputs(
+        arguments.json,
+        arguments.mjcf,
+        arguments.urdf,
+        inputs=(arguments.robot, arguments.annotations),
+    )
     if arguments.urdf is not None:
         result, lost = export.write_urdf(arguments.robot, arguments.urdf)
     else:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softdyn.commands import cli
@@ -56,11 +55,11 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
 
-    cli.check_outputs(arguments.out, arguments.html, arguments.json)
+    cli.check_outputs(
+        arguments.out, arguments.html, arguments.json, inputs=(arguments.robot, arguments.data)
+    )
     if (arguments.data is None) == (arguments.twin is None):
         raise InputError("DATA", "a file, or --twin", "both" if arguments.data else "neither")
-    if arguments.out and Path(arguments.out).resolve() == Path(arguments.robot).resolve():
-        raise InputError("--out", "another file than ROBOT", arguments.out)
     model = softdyn.load(arguments.robot)
     free = arguments.free or ([] if arguments.shared else ["stiffness", "damping"])
     unknowns = [

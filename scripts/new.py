@@ -22,13 +22,11 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Read, judge, write."""
-    from softdyn import InputError, design
+    from softdyn import design
     from softdyn.validation.files import atomic
 
     out = Path(arguments.out or Path(arguments.file).with_suffix(".urdf"))
-    if out == Path(arguments.file):
-        raise InputError("--out", "another file than FILE", out)
-    cli.check_outputs(str(out), arguments.json)
+    cli.check_outputs(str(out), arguments.json, inputs=[arguments.file])
     made = design.read(cli.read_toml(arguments.file), arguments.file)
     for name, content in {**made.meshes, out.name: made.text.encode()}.items():
         cli.make_folder((out.parent / name).parent)

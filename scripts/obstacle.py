@@ -41,7 +41,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers.gains import from_table
     from softdyn.validation.studies import obstacle
 
-    cli.check_outputs(arguments.json, arguments.html)
+    cli.check_outputs(arguments.json, arguments.html, inputs=(arguments.robot, arguments.gains))
     model = cli.load_robot(arguments)
     table = cli.read_toml(arguments.gains) if arguments.gains else {}
     met = obstacle.meet(

@@ -37,7 +37,7 @@ def command(arguments: cli.Arguments) -> int:
 
     if arguments.html is None and arguments.plot is None:
         raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
-    cli.check_outputs(arguments.html, arguments.plot)
+    cli.check_outputs(arguments.html, arguments.plot, inputs=(*arguments.logs, arguments.robot))
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
         raise softdyn.InputError(
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)

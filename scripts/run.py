@@ -94,7 +94,12 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation import paper
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
-    cli.check_outputs(arguments.log, arguments.json, arguments.html)
+    cli.check_outputs(
+        arguments.log,
+        arguments.json,
+        arguments.html,
+        inputs=(arguments.robot, arguments.annotations, arguments.gains, arguments.plant),
+    )
     model = cli.load_robot(arguments)
     experiment = paper.experiment(
         model,

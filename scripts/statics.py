@@ -60,7 +60,8 @@ def command(arguments: cli.Arguments) -> int:
         parser.error("argument --map: not allowed with --inputs")
     if arguments.map is not None:
         check_path(arguments.map)
-    cli.check_outputs(arguments.map, arguments.json)
+    inputs = (arguments.robot, arguments.annotations, arguments.log)
+    cli.check_outputs(arguments.map, arguments.json, inputs=inputs)
     model = cli.load_robot(arguments)
     report, text = (lead if arguments.inputs else search)(model, arguments)
     cli.write_report(report, arguments.json, text)

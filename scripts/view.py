@@ -41,7 +41,7 @@ def command(arguments: cli.Arguments) -> int:
         import softdyn
         from softdyn.view.rest_sweep import rest_page
 
-        cli.check_outputs(arguments.html)
+        cli.check_outputs(arguments.html, inputs=(arguments.robot, arguments.annotations))
         model = cli.load_robot(arguments)
         if arguments.sliders and arguments.html is None:
             return sliders(model, arguments, over)

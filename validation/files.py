@@ -8,6 +8,7 @@ import json
 import math
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -46,15 +47,17 @@ def check_writable(path: str | Path) -> Path:
     return path
 
 
-def check_outputs(*paths: str | Path | None) -> None:
+def check_outputs(*paths: str | Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
     """`check_writable` of each file of one command, before any work; None and ``-`` are none.
 
     Raises
     ------
     InputError
-        Also for two outputs that are one file: the second would replace the first.
+        Also for two outputs that are one file: the second would replace the first; and for one of
+        the files that the command reads, `inputs`.
     """
     seen: set[Path] = set()
+    read = {followed(Path(path)) for path in inputs if path and os.path.isfile(path)}
     for path in paths:
         if path is None or str(path) == "-":
             continue
@@ -64,6 +67,8 @@ def check_outputs(*paths: str | Path | None) -> None:
         target = followed(Path(path))
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
+        if target in read:
+            raise InputError(str(path), "another file than what is read", "that one")
         seen.add(target)
 
 

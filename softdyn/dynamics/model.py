@@ -16,6 +16,7 @@ import numpy as np
 from softdyn.checks import array
 from softdyn.description.robot import Robot
 from softdyn.dynamics.tendons import Tendons
+from softdyn.exceptions import InputError
 
 
 @runtime_checkable
@@ -154,6 +155,19 @@ class SoftModel(Protocol):
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
+
+
+def check_model(value: Any) -> SoftModel:
+    """`value` if it is a model; a robot's name or file, say, is none.
+
+    Raises
+    ------
+    InputError
+        What is no model.
+    """
+    if not isinstance(value, SoftModel):
+        raise InputError("model", "a model, from softdyn.load(…)", repr(value))
+    return value
 
 
 @dataclass(frozen=True, eq=False, repr=False)

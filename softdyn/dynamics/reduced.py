@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, read_only, vector
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
@@ -55,6 +55,7 @@ def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float
     InputError
         Another robot, names of other joints, a matrix of another shape or of lower rank.
     """
+    check_model(model)
     if not isinstance(basis, Basis):
         columns = np.shape(basis)[1] if np.ndim(basis) == 2 else 0
         names = tuple(f"xi_{k + 1}" for k in range(columns))

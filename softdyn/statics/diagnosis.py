@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.statics.doubts import doubts, shape_doubts
 from softdyn.statics.text import head, joint_lines
@@ -208,7 +208,7 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
     UrdfError
         A number in a visual shape that is none.
     """
-    robot = model.robot
+    robot = check_model(model).robot
     if robot.floating or robot.followers:
         what = "a floating base" if robot.floating else "mimic joints"
         raise InputError("robot", "a fixed base and independent joints", what)

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array
-from softdyn.dynamics.model import SoftModel
-from softdyn.exceptions import InputError
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 
@@ -40,9 +39,7 @@ class View:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        if not isinstance(model, SoftModel):
-            raise InputError("model", "a model, from softdyn.load(…)", repr(model))
-        self.model, self._figure = model, Figure.of(model)
+        self.model, self._figure = check_model(model), Figure.of(model)
         self._server: Any = None
         self._shown = 0
         self.display()

@@ -7,6 +7,7 @@ import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import pytest
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, SoftModel
 from softdyn.controllers import (
+    BEYOND,
     CONTROLLERS,
     Command,
     Gains,
@@ -220,6 +222,12 @@ def test_a_copy_of_a_bundled_file_has_no_published_gains(
 def test_gains_of_another_kind_are_refused(name: str, gains: object) -> None:
     with pytest.raises(InputError, match="gains"):
         CONTROLLERS[name](robot("finger"), gains)
+
+
+@pytest.mark.parametrize("law", [*CONTROLLERS.values(), *BEYOND.values(), Staged])
+def test_what_is_no_model_is_refused(law: Any) -> None:
+    with pytest.raises(InputError, match=r"model: expected a model, from softdyn.load\(…\), got"):
+        law("finger")
 
 
 @every_published

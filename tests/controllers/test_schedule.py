@@ -70,6 +70,9 @@ def test_both_stages_share_a_guard() -> None:
     law.reset(0.01)
     assert law.guard.fallbacks == 0
     assert law.period == 0.01
+    for period in (0.0, -0.01, float("nan"), "0.01", None):
+        with pytest.raises(InputError, match="period: expected a finite number > 0"):
+            law.reset(period)
 
 
 def test_a_tip_that_is_nowhere_changes_no_stage() -> None:

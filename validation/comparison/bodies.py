@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -143,8 +142,9 @@ def _turned_or_scaled(one: Inertia, other: Inertia) -> str:
     first, second = np.linalg.eigvalsh(one.tensor), np.linalg.eigvalsh(other.tensor)
     if np.allclose(first, second, rtol=1e-6, atol=1e-9 * abs(first).max()):
         return "turned"
-    ratio = float(np.trace(other.tensor) / np.trace(one.tensor)) if first.any() else math.inf
-    if np.allclose(ratio * one.tensor, other.tensor, rtol=1e-6, atol=1e-9 * abs(second).max()):
+    ratio = float(np.trace(other.tensor) / np.trace(one.tensor)) if first.any() else 0.0
+    slack = 1e-9 * abs(second).max()
+    if ratio and np.allclose(ratio * one.tensor, other.tensor, rtol=1e-6, atol=slack):
         return f"scaled by {ratio:.6g}"
     gap = np.linalg.norm(other.tensor - one.tensor) / (np.linalg.norm(one.tensor) or 1.0)
     return f"{100 * gap:.3g} % apart"

@@ -155,7 +155,8 @@ def _cables(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Fi
     theirs = lengths(b, states)
     for one, other in _paired(a.cables, b.cables):
         if one is None or other is None:
-            yield _alone("tendon", one, other, _cable_words)
+            if not (_drives(one, a) or _drives(other, b)):
+                yield _alone("tendon", one, other, _cable_words)
             continue
         scale = float(np.abs(ours[one.name]).max()) or 1.0
         error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
@@ -183,6 +184,13 @@ def _cables(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Fi
                 "tendon", one.name, (list(one.rest), list(other.rest)), "rest length",
                 _with_cable(other.name, one), 1.0,
             )  # fmt: skip
+
+
+def _drives(cable: Cable | None, robot: Neutral) -> bool:
+    """Whether a tendon says no more than its actuators do: it is plain, and over one joint."""
+    if cable is None or len(cable.terms) != 1 or cable.stiffness or cable.damping:
+        return False
+    return any(motor.target == f"tendon:{cable.name}" for motor in robot.motors)
 
 
 def _same_terms(ours: dict[str, float], theirs: dict[str, float]) -> bool:
@@ -224,17 +232,20 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
         if one is None or other is None:
             yield _alone("actuator", one, other, _motor_words)
             continue
-        _, _, joint = one.target.partition("joint:")
+        first, second = one, other
+        if plain_name(one.target) != plain_name(other.target):
+            first, second = _on_joint(one, a), _on_joint(other, b)
+        _, _, joint = first.target.partition("joint:")
         sense = turns.get(joint, (1.0, 0.0))[0]
         words = []
         size = 0.0
-        if plain_name(one.target) != plain_name(other.target):
+        if plain_name(first.target) != plain_name(second.target):
             words.append("acts on another target")
         if one.law != other.law:
             words.append("another law")
-        if min(differ(one.gear, other.gear), differ(one.gear, sense * other.gear)) > SAME:
+        if min(differ(first.gear, second.gear), differ(first.gear, sense * second.gear)) > SAME:
             words.append("gear")
-            size = differ(one.gear, other.gear)
+            size = differ(first.gear, second.gear)
         spans = [(one.lower, other.lower), (one.upper, other.upper)]
         if any(differ(p, q) > SAME for p, q in spans):
             words.append("range")
@@ -244,6 +255,15 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
                 "actuator", one.name, (_motor_words(one), _motor_words(other)), ", ".join(words),
                 _with_motor(other.name, one), size or 1.0,
             )  # fmt: skip
+
+
+def _on_joint(motor: Motor, robot: Neutral) -> Motor:
+    """The same force as one on the joint itself, if the tendon it pulls is over one joint alone."""
+    for cable in robot.cables:
+        if motor.target == f"tendon:{cable.name}" and len(cable.terms) == 1:
+            ((joint, coefficient),) = cable.terms.items()
+            return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient)
+    return motor
 
 
 def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:

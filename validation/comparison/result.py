@@ -111,8 +111,7 @@ class Comparison:
     @property
     def explained(self) -> bool:
         """Whether nothing is left once all causes are repaired."""
-        both = all(self.unmatched.values())
-        alike = bool(self.matched) or not both
+        alike = bool(self.matched) or not any(self.unmatched.values())
         return alike and all(v <= EXPLAINED for v in self.residual.values())
 
     @property

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.crosschecks.result import Check, CrossCheck, Ladder, Run
@@ -133,7 +133,7 @@ def crosscheck(
     """
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
-    twin = Twin(model, limits=False) if twin is None else twin
+    twin = Twin(check_model(model), limits=False) if twin is None else twin
     report = progress or (lambda _text: None)
     tally = Tally()
     runs: tuple[Run, ...] = ()

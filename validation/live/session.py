@@ -233,7 +233,7 @@ class Session:
                 self._u = self._by_hand
             else:
                 answer = self._law(self._state, self._reference)
-                u = array("u", answer if isinstance(answer, np.ndarray) else answer.u,
+                u = array("u", getattr(answer, "u", answer),
                           (self.model.nu,))  # fmt: skip
                 self._u = np.clip(u, self.model.u_min, self.model.u_max)
                 self._V = getattr(answer, "V", np.nan)

@@ -105,7 +105,7 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
             break
         if clock.frame(RATE):
             state, answer = moment.state, moment.answer
-            u = answer if isinstance(answer, np.ndarray) else answer.u
+            u: Any = getattr(answer, "u", answer)
             channel.frame(
                 columns.frame(
                     t=moment.t, q=model.coordinates(state.q), y=state.y,

@@ -18,6 +18,7 @@ from tqdm.auto import tqdm
 import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
+from softdyn.dynamics.model import check_model
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
@@ -148,7 +149,7 @@ class ClosedLoop:
         plant: str | Path | Scene | None = None,
         name: str | None = None,
     ) -> None:
-        self.model, self.controller = model, controller
+        self.model, self.controller = check_model(model), controller
         self.experiment = reference if isinstance(reference, Experiment) else None
         planned, usual = SET_POINT_DURATION, DEFAULT_PERIOD
         self._length = model.robot.length

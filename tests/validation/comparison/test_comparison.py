@@ -177,11 +177,47 @@ def test_a_robot_with_and_without_its_hand(tmp_path, pair):
     assert compare(pair[0], path).passed
 
 
-def test_another_robot_is_refused(pair):
-    result = compare(pair[0], "finger")
-    assert not result.matched
-    assert not result.passed
-    assert "two robots" in str(result)
+def test_another_robot_is_refused(tmp_path, pair):
+    still = tmp_path / "still.xml"  # nothing of it moves: no joint, so none without a partner
+    still.write_text('<mujoco><worldbody><body><geom size="1"/></body></worldbody></mujoco>')
+    for other in ("finger", still):
+        result = compare(pair[0], other)
+        assert not result.matched
+        assert not result.passed
+        assert "two robots" in str(result)
+    assert compare(still, still).passed
+
+
+def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
+    """format.md: a tendon over one joint is a motor there; an MJCF names the joint."""
+    ours, theirs = pair[0].read_text(), pair[1].read_text()
+    motor = '<motor name="m" joint="slide" gear="2" ctrlrange="-3.5 3.5"/>'
+    pair[1].write_text(theirs.replace("</actuator>", f"{motor}</actuator>"))
+
+    def write(coef, gear, spring=""):
+        drive = f'<tendon name="drive"{spring}><joint name="slide" coef="{coef}"/></tendon>'
+        motor = f'<actuator name="m" tendon="drive" gear="{gear}" lower="-3.5" upper="3.5"/>'
+        text = ours.replace("<actuator", f"{drive}<actuator", 1)
+        pair[0].write_text(text.replace("</softdyn>", f"{motor}</softdyn>"))
+
+    for coef, gear, expected in ((1, 2, {}), (-4, -0.5, {}), (1, -2, {"actuator": 1})):
+        write(coef, gear)
+        for a, b in (pair, pair[::-1]):
+            result = compare(a, b, strict=True)
+            assert kinds(result) == expected, str(result)
+    write(1, 2, ' stiffness="3"')  # a spring is more than a motor
+    assert kinds(compare(*pair)) == {"tendon": 1}
+
+
+def test_a_tensor_of_nothing_is_no_warning(pair):
+    """A free base alone has no inertia: no ratio of tensors, and no warning about one."""
+    free = pair[0].parent / "free.xml"
+    free.write_text(
+        '<mujoco><worldbody><body name="base"><freejoint/><inertial pos="0 0 0" mass="1" '
+        'diaginertia="1 1 1"/><body name="arm" pos="0.1 0.2 0.3"><joint name="lift" '
+        'axis="0.6 0 0.8"/><geom size="0.1"/></body></body></worldbody></mujoco>'
+    )
+    assert not compare(pair[0], free).passed
 
 
 @pytest.mark.parametrize("name", ["finger", "spirob"])

@@ -122,9 +122,26 @@ def one_hinge(folder, inertia):
     return found
 
 
+def test_a_motor_on_a_joint_comes_through(tmp_path):
+    path = tmp_path / "motor.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="h" range="-1 1"/><geom size="0.1"/></body>'
+        '</worldbody><actuator><motor name="m" joint="h" ctrlrange="-1 2" gear="3"/></actuator>'
+        "</mujoco>"
+    )
+    result, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert result.passed, str(result)
+    assert not result.causes
+    assert not lost
+
+
 def test_the_command(tmp_path):
     command = [sys.executable, str(SCRIPTS / "export.py"), "finger", "--mjcf", "out.xml"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "agree" in done.stdout
+    command[2:] = ["out.xml", "--urdf", "out.xml"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "error: out.xml: expected another file than what is read, got that one\n"
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4

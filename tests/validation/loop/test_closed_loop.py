@@ -11,7 +11,7 @@ import pytest
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
 from softdyn.controllers import Impedance
-from softdyn.validation import Twin, simulate
+from softdyn.validation import Twin, crosscheck, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.studies import paper
 from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
@@ -202,8 +202,23 @@ def test_an_answer_that_is_no_input_ends_the_run(cart, u):
 def test_an_answer_without_input_ends_the_run(cart):
     log = simulate(cart, lambda state, reference: None, TARGET, duration=0.1)
     assert log.failed
-    assert log.reason == "the controller failed at t = 0 s: its answer has no u"
+    expected = "u: expected finite numbers of shape (1,), got None"
+    assert log.reason == f"the controller failed at t = 0 s: {expected}"
     assert (log.steps, len(log.t), log.u.shape) == (0, 1, (0, 1))
+
+
+@pytest.mark.parametrize("answer", [[1.5], (1.5,), np.array([1.5])])
+def test_the_numbers_alone_are_an_answer(cart, answer):
+    log = simulate(cart, lambda state, reference: answer, TARGET, duration=0.01)
+    assert log.u.tolist() == [[1.5]] * 5
+
+
+def test_what_is_no_model_is_refused(cart):
+    for run in (lambda: simulate("cart", lambda s, r: [0.0], TARGET), lambda: crosscheck("cart")):
+        with pytest.raises(
+            InputError, match=r"model: expected a model, from softdyn.load\(…\), got"
+        ):
+            run()
 
 
 def test_inputs_beyond_their_bounds_are_measured_and_clipped(cart):

@@ -188,7 +188,8 @@ class Lagging:
         share = period / self._lag
         self._left, self._mean = np.exp(-share), -np.expm1(-share) / share
         self._acts: np.ndarray | float = 0.0
-        self._controller.reset(period)
+        if hasattr(self._controller, "reset"):
+            self._controller.reset(period)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["_controller"], name)
@@ -196,9 +197,10 @@ class Lagging:
     def __call__(self, state: State, reference: Reference) -> Any:
         """The mean input that acts over the next period."""
         command = self._controller(state, reference)
-        rest = self._acts - command.u
-        self._acts = command.u + self._left * rest
-        u = np.clip(command.u + self._mean * rest, state.model.u_min, state.model.u_max)
+        asked = np.asarray(getattr(command, "u", command), float)
+        rest = self._acts - asked
+        self._acts = asked + self._left * rest
+        u = np.clip(asked + self._mean * rest, state.model.u_min, state.model.u_max)
         return Delivered(command, u)
 
 
