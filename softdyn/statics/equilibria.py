@@ -53,7 +53,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
         H = stiffness(model, q, u)
         block = H[np.ix_(free, free)]
         step = np.zeros(model.nv)
-        if here.left <= TOLERANCE * here.scale:
+        if _balanced(here, H):
             escape = _downhill(block)
             if escape is None:
                 return _equilibrium(model, q, u, here, H)
@@ -83,9 +83,9 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             break
         q, energy = after, energy + change
         damping = 0.0 if damping < 1e-9 else damping / 10
-    here = _forces(model, q, u, stops)
-    if here.left <= 1e4 * TOLERANCE * here.scale:
-        return _equilibrium(model, q, u, here, stiffness(model, q, u))
+    here, H = _forces(model, q, u, stops), stiffness(model, q, u)
+    if _balanced(here, H, 1e4):
+        return _equilibrium(model, q, u, here, H)
     raise StaticsError(f"no stable equilibrium of {model.name} after {ITERATIONS} steps", here.left)
 
 
@@ -120,7 +120,7 @@ def balance(
         at = model.coordinates(q)
         H = stiffness(model, q, u) + np.diag(stops.stiffness(at))
         size = here.left
-        if size <= TOLERANCE * here.scale:
+        if _balanced(here, H):
             break
         free = np.flatnonzero(~here.held)
         step = np.zeros(model.nv)
@@ -136,7 +136,7 @@ def balance(
         else:
             break
         q, here = after, there
-    if size <= 1e4 * TOLERANCE * here.scale:
+    if _balanced(here, H, 1e4):
         return _equilibrium(model, q, u, here, H)
     raise StaticsError(f"no equilibrium of {model.name} near the start", size)
 
@@ -224,6 +224,15 @@ def _forces(
     scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
     r = state.K + state.bias - state.B @ u
     return _Forces(r, max(scale, 1e-12), *stops.push(model.coordinates(q), r))
+
+
+def _balanced(here: _Forces, H: np.ndarray, times: float = 1.0) -> bool:
+    """Whether what is left is small beside the forces, or beside their change over a milliradian.
+
+    Of what hangs straight down all forces vanish, and what is left of them is rounding.
+    """
+    scale = max(here.scale, 1e-3 * float(np.abs(H).max(initial=0.0)))
+    return here.left <= times * TOLERANCE * scale
 
 
 def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:

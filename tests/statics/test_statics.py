@@ -329,6 +329,19 @@ def test_the_command_refuses_bad_input(arguments, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+def test_what_hangs_straight_down_rests_there(tmp_path):
+    """No force is left at all, and rounding is no scale for itself."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM.format(height=-0.1, stiffness=0))
+    model = softdyn.load(path)
+    for start in (0.4, -1.0):
+        found = statics.settle(model, np.zeros(model.nu), np.array([start]))
+        assert found.stable
+        assert abs(found.q[0]) < 1e-12
+    arm = statics.rest(softdyn.load("ur5"))  # turns freely about the vertical
+    assert arm.y[2] < -0.8
+
+
 def test_the_error_crosses_processes():
     error = pickle.loads(pickle.dumps(statics.StaticsError("no rest", 0.25)))
     assert error.residual == 0.25
