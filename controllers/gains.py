@@ -133,7 +133,8 @@ def from_table(
     if published is not None:
         return replace(published, **table)
     if "Kp" not in table:
-        expected = f"a value of Kp for {model.robot.path}, which has no published gains"
+        robot = f"{model.robot.path}, which has no published gains"
+        expected = f"a value of Kp (--gains FILE) for {robot}"
         raise InputError("gains", expected, ", ".join(table) or "nothing")
     return Gains(**table)
 

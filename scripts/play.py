@@ -70,11 +70,14 @@ def make_session(arguments: cli.Arguments) -> Any:
     from softdyn.controllers.registry import find_controller
     from softdyn.validation.live.messages import OPEN_LOOP
     from softdyn.validation.live.session import Session, menu_of
+    from softdyn.validation.studies import paper
 
     model = cli.load_robot(arguments)
     own = {name: find_controller(name) for name in arguments.controllers if name != OPEN_LOOP}
     first = arguments.controllers[0] if arguments.controllers else "best"
     law = first if model.nu else OPEN_LOOP
+    if arguments.target is not None:
+        paper.check_reach(model, arguments.target)
     menu = menu_of(model, own)
     return Session(model, menu, law, period=arguments.period, target=arguments.target)
 

@@ -97,6 +97,7 @@ def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], 
     on_ellipse = arguments.theta is not None or model.bundled in paper.ROBOTS
     curve, thetas = None, [None]
     if arguments.target is not None:
+        paper.check_reach(model, arguments.target)
         goals = {"target": arguments.target}
     elif on_ellipse:
         asked = paper.THETAS if arguments.theta is None else (arguments.theta,)

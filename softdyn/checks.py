@@ -22,6 +22,11 @@ def near(name: str, known: Iterable[str]) -> str:
     return f"{name!r}; did you mean {found[0]!r}?" if found else repr(name)
 
 
+def in_degrees(angle: float, low: float, high: float) -> bool:
+    """Whether an angle is beyond its limits (rad), and within them if it is meant in degrees."""
+    return abs(angle) > math.pi and not low <= angle <= high and low <= math.radians(angle) <= high
+
+
 def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -math.inf) -> float:
     """`value` as a finite float, ``>= lower`` and ``> above``.
 

@@ -58,7 +58,7 @@ def find(source: str | Path) -> Path:
     if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
         return path
     if path.suffix or len(path.parts) != 1:
-        raise InputError("robot", "an existing URDF file", text)
+        raise InputError("robot", "an existing file", text)
     examples = example_robots()
     for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf
         if name in examples:

@@ -103,7 +103,8 @@ def _robot(
 ) -> Robot:
     path, block_text = root.file, ""
     if root.tag != "robot":
-        raise root.error("the root element <robot>", f"<{root.tag}>")
+        mjcf = ", an MJCF: `softdyn export` writes it as a URDF" if root.tag == "mujoco" else ""
+        raise root.error("the root element <robot>", f"<{root.tag}>{mjcf}")
     check_known_names(root)
     name = root.text("name")
     links = root.unique("link", _link)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import array, in_degrees
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 
@@ -104,7 +104,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     ------
     InputError
         A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
-        number.
+        number, angles that are degrees.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -138,6 +138,12 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     if not outputs or not column:
         expected = "rows, and a column of q.JOINT, tip.x or length.TENDON"
         raise InputError(str(path), expected, f"{len(table)} rows of {', '.join(header)}")
+    for joint in model.robot.moving_joints:
+        angles = column.get(f"q.{joint.name}", np.zeros(1))
+        most = float(angles[np.argmax(np.abs(angles))])
+        if joint.kind == "revolute" and in_degrees(most, joint.lower, joint.upper):
+            expected = f"radians, from {joint.lower:g} to {joint.upper:g}"
+            raise InputError(f"{path}: column q.{joint.name}", expected, f"{most:g}: degrees?")
     stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
                for names in (inputs, outputs)]  # fmt: skip
     try:

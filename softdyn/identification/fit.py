@@ -25,6 +25,7 @@ from softdyn.identification.trajectory import Held, Start, TrajectoryError, foll
 from softdyn.identification.whiteness import autocorrelation, ljung_box, widening
 from softdyn.statics.equilibria import settle
 
+FEWEST = 5  # samples that a smoothing spline can go through
 VAGUE = 0.5  # a relative standard deviation above which a parameter is not identified
 
 
@@ -130,7 +131,9 @@ def identify(
         raise InputError("robot", "a fixed base and no mimic joints", model.name)
     if not 0 <= hold_out < 0.9:
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
-    split = max(3, round(len(data.t) * (1 - hold_out)))
+    if len(data.t) < FEWEST:
+        raise InputError("data", f"at least {FEWEST} samples", len(data.t))
+    split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
     problem, accelerations = _problem(model, data.part(0, split), unknowns, step)
     theta, noise, problem, vague = _fitted(problem, _guess(problem, accelerations))
     count = len(problem.unknowns)
@@ -275,7 +278,7 @@ def _held_out(
     problem: _Problem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
 ) -> float:
     """Rms over the noise in the rest of the data; from its smoothed first state, or all the way."""
-    if split >= len(data.t) - 3:
+    if split > len(data.t) - FEWEST:
         return float("nan")
     if problem.first is None:
         whole = replace(problem, data=data)

@@ -41,6 +41,7 @@ def test_names_of_the_finger(finger):
         (HEADER + "\n" + "0,0,0,0,0,0,0\n" * 3, "constant|increasing"),
         (HEADER + "\n0,0,0,1,0,0,0\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "increasing times, got 0, th"),
         (HEADER + "\n0,0,0,1,0,0,0\n1,0,0,1,0,0,0\n2,0,0,1,0,0,0\n", "outputs that move"),
+        (HEADER + "\n0,0,0,1,0,0,0\n1,0,0,1,40,0,0\n2,0,0,1,0,0,0\n", "from -1.57.*: degrees?"),
     ],
 )  # fmt: skip
 def test_files_that_cannot_be_used(finger, tmp_path, text, message, capsys):
@@ -59,6 +60,17 @@ def test_samples_at_a_stop_and_beside_it(finger):
     expected = np.zeros((8, 4), bool)
     expected[2:5, 1] = expected[5:8, 2] = expected[6:8, 0] = True
     np.testing.assert_array_equal(at_stops(finger, joints), expected)
+
+
+def test_few_rows(finger):
+    """Too few for a spline are refused; 4 that are held out test nothing."""
+    unknowns = identification.parameters(finger, "stiffness", shared=True)
+    names = [f"q.{name}" for name in finger.joint_names]
+    data, _ = twin_data(finger, unknowns, names, Excitation(0.1), 0.0, 3)
+    assert len(data.t) == 20
+    with pytest.raises(InputError, match="data: expected at least 5 samples, got 4"):
+        identification.identify(finger, data.part(0, 4), unknowns)
+    assert np.isnan(identification.identify(finger, data, unknowns).held_out)
 
 
 def test_new_numbers_in_the_file(finger, tmp_path):

@@ -182,6 +182,8 @@ FILE = [
     Misuse("undefined entity", beside("&e;"), "file", "well-formed XML", "", row=False),
     Misuse("more than 16 MiB", ARM + " " * 2**24, "file", "at most 16777216 bytes", "more"),
     Misuse("another root element", "<sdf/>", "<sdf>", "the root element <robot>", "<sdf>"),
+    Misuse("an MJCF", "<mujoco/>", "<mujoco>", "the root element <robot>",
+           "<mujoco>, an MJCF: `softdyn export` writes it as a URDF", row=False),
     Misuse("root in a namespace", ARM.replace("<robot", '<robot xmlns="u"'), "<{u}robot>",
            "the root element <robot>", "<{u}robot>", row=False),
     Misuse("robot without a name", (' name="arm"', ""), "<robot>", 'attribute name="…"', "none"),

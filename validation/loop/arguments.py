@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
+from softdyn.checks import in_degrees
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.scene.plant import Scene
 
@@ -82,11 +83,10 @@ def check_pose(model: SoftModel, q: np.ndarray) -> None:
     limits = {joint.name: joint for joint in model.robot.moving_joints}
     for name, angle in zip(model.joint_names, model.coordinates(q), strict=True):
         joint = limits.get(name)
-        if joint is None or joint.kind != "revolute" or abs(angle) <= math.pi:
+        if joint is None or joint.kind != "revolute":
             continue
-        low, high = joint.lower, joint.upper
-        if not low <= angle <= high and low <= math.radians(angle) <= high:
-            expected = f"radians: joint {name!r} turns from {low:g} to {high:g}"
+        if in_degrees(angle, joint.lower, joint.upper):
+            expected = f"radians: joint {name!r} turns from {joint.lower:g} to {joint.upper:g}"
             raise InputError("q0", expected, f"{angle:g}: degrees?")
 
 
