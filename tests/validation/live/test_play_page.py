@@ -219,7 +219,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     goal = paper.set_point("finger", 0.5)
     loop = ClosedLoop(model, SoftIdClfQp(model), goal, duration=0.3, name="soft-id-clf-qp")
     with watched(loop) as channel:
-        other.open(channel.url)
+        other.open(channel.url, 800, 600)  # as wide as in a notebook
         other.until("softdyn.link.readyState == 1")
         log, _ = watch(loop, channel)
         channel.leave(replay(log, model).html())
@@ -227,6 +227,10 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     assert other.run("document.getElementById('notice').textContent") == "done"
     kept = other.run("fetch(document.getElementById('recorded').href).then(r => r.text())")
     assert kept == replay(log, model).html()
+    right = "[...document.querySelectorAll('%s')].map(c => c.getBoundingClientRect().right)"
+    plots, (panel,) = other.run(right % ".plot canvas"), other.run(right % "#side")
+    assert len(plots) > 4
+    assert max(plots) < panel  # what is newest is not cut off
 
 
 def test_sliders_explore_rests(other, tmp_path):

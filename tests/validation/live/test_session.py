@@ -9,6 +9,8 @@ import softdyn
 from softdyn import InputError, statics
 from softdyn.validation.live import messages as m
 from softdyn.validation.live.messages import OPEN_LOOP
+from softdyn.validation.live.pacing import Clock
+from softdyn.validation.live.playing import drive
 from softdyn.validation.live.session import Session, menu_of
 
 
@@ -161,3 +163,30 @@ def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
     assert not session.changed
     session.apply(m.Speed(0.5))
     assert session.changed
+
+
+def test_a_law_that_is_chosen_late_says_so_and_costs_no_period(model):
+    """Its kernels are compiled before its first step, while the page is told to wait."""
+
+    class Told:
+        ended, said, shown, errors = False, (m.Law("ic"), m.Law("stubborn")), (), ()
+
+        def messages(self):
+            said, self.said = self.said, ()
+            return iter(said)
+
+        def state(self, shown):
+            self.shown = (*self.shown, shown)
+
+        def error(self, text):
+            self.errors = (*self.errors, text)
+
+        def frame(self, row):
+            pass
+
+    session, channel = make(model, OPEN_LOOP, {"stubborn": Stubborn}), Told()
+    clock = Clock(session.period)
+    drive(session, channel, clock, lambda: clock.periods > 2)
+    busy = [(one["law"], one["busy"].partition(":")[0]) for one in channel.shown]
+    assert busy == [(OPEN_LOOP, "starting ic"), ("ic", "starting stubborn"), ("ic", "")]
+    assert channel.errors == ("ValueError: not today",)

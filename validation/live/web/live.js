@@ -52,6 +52,12 @@ class Plot {
         filter: (_, ticks) => ticks, values: (_, ticks) => ticks.map(short),
         ...(y.distr > 2 ? {splits: (_, at, low, high) => decades(low, high)} : {})}],
     }, [[], ...series.slice(1).map(() => [])], this.box);
+    this.fit();
+    addEventListener("resize", () => this.fit());
+  }
+  fit() {  // as wide as the panel, which is narrow in a notebook; room for its scroll bar
+    const width = Math.max(60, Math.min(274, this.box.clientWidth - 14));
+    this.plot.setSize({width, height: 74});
   }
   show(t, rows, text) {
     this.plot.setData([t, ...rows, ...this.fixed.map(value => t.map(() => value))]);
