@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from softdyn.validation.comparison.neutral import (
 from softdyn.validation.twin.settings import silence
 
 MAX_BODIES = 1024
+AXIS = 0.1  # m along a cylinder's axis to the second point that tells how it lies
 Pieces = tuple[tuple[str, Inertia], ...]
 KINDS = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
@@ -108,7 +110,9 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
         for b in range(1, model.nbody)
         if model.body(b).name and not model.body_jntnum[b]
     }
-    routed = model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE]
+    routed = {*model.wrap_objid[model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE].tolist()}
+    around = (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
+    routed |= {*model.wrap_prm[np.isin(model.wrap_type, around)].astype(int).tolist()}  # sides
     for site in range(model.nsite):
         if (label := model.site(site).name) and site not in routed:
             pose = Pose(_matrix(data.site_xmat[site]), data.site_xpos[site].copy())
@@ -223,9 +227,7 @@ def _cables(model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int]) -> t
             elif kind == wraps.mjWRAP_PULLEY:
                 path.append(Point(WORLD, np.zeros(3), f"pulley {model.wrap_prm[w]:g}"))
             else:
-                part = carrier[model.geom_bodyid[which]]
-                size = f"radius {model.geom_size[which, 0]:.6g}"
-                path.append(Point(part, data.geom_xpos[which].copy(), size))
+                path += _wrapped(model, data, carrier, w)
         rest = (float(model.tendon_lengthspring[t, 0]), float(model.tendon_lengthspring[t, 1]))
         found.append(
             Cable(
@@ -234,6 +236,25 @@ def _cables(model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int]) -> t
             )
         )  # fmt: skip
     return tuple(found)
+
+
+def _wrapped(
+    model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int], w: int
+) -> Iterator[Point]:
+    """What a path goes around: the centre, a second point on a cylinder's axis, the side's site."""
+    geom = int(model.wrap_objid[w])
+    part, centre = carrier[model.geom_bodyid[geom]], data.geom_xpos[geom].copy()
+    size = f"radius {model.geom_size[geom, 0]:.6g}"
+    if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_CYLINDER:
+        axis = _matrix(data.geom_xmat[geom])[:, 2]
+        # either sense is the same cylinder: the one whose first component that is not zero is > 0
+        sense = np.sign(axis[np.abs(axis) > 1e-6][0])
+        yield Point(part, centre, f"cylinder of {size}")
+        yield Point(part, centre + AXIS * sense * axis, "its axis")
+    else:
+        yield Point(part, centre, f"sphere of {size}")
+    if (side := int(model.wrap_prm[w])) >= 0:
+        yield Point(carrier[model.site_bodyid[side]], data.site_xpos[side].copy(), "its side")
 
 
 def _couplings(model: mujoco.MjModel) -> tuple[Coupling, ...]:

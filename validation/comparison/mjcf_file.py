@@ -29,7 +29,7 @@ PLACE = "softdyn attach {}"  # the frame that stands where a model is attached
 MAX_MESHES = 512 * 2**20
 NOT_FINITE = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.IGNORECASE | re.ASCII)
 WORDS = {"name", "class", "childclass", "file", "model", "content_type", "prefix"}
-REFUSED = ("composite", "flexcomp", "flex", "plugin", "extension")
+REFUSED = ("composite", "flexcomp", "flex", "plugin")
 NO_PLANT = ("sensor", "keyframe", "visual", "statistic", "custom", "size", "deformable")
 NO_DYNAMICS = (*NO_PLANT, "contact")
 PICTURES = ("texture", "material", "skin", "camera", "light")
@@ -194,7 +194,9 @@ def _judge(root: Element) -> None:
             raise element.error(f"at most {MAX_DEPTH} elements inside each other", "more")
         copies[node] = 1 if above is None else copies[above]
         if node.tag in REFUSED:
-            raise element.error("elements that a comparison supports", f"<{node.tag}>")
+            said = [f'{k}="{node.get(k)}"' for k in ("type", "plugin", "name") if k in node.attrib]
+            got = one_line(f"<{' '.join([node.tag, *said])}>")
+            raise element.error("bodies, joints and tendons, which can be compared", got)
         if node.tag == "replicate":
             copies[node] *= max(1, int(element.number("count")))
             if copies[node] > MAX_COPIES:

@@ -177,6 +177,34 @@ def test_a_robot_with_and_without_its_hand(tmp_path, pair):
     assert compare(pair[0], path).passed
 
 
+WRAPPED = """<mujoco><worldbody><site name="from" pos="0.1 0 0.3"/><body name="arm"><joint name="j"
+ axis="0 1 0"/><inertial pos="0 0 -0.2" mass="1" diaginertia="1e-2 1e-2 1e-3"/>
+<geom name="pulley" type="cylinder" size="0.03 0.1" euler="90 0 0"/>
+<site name="side" pos="0.1 0 0"/><site name="to" pos="0.1 0 -0.3"/></body></worldbody>
+<tendon><spatial name="t"><site site="from"/><geom geom="pulley" sidesite="side"/>
+<site site="to"/></spatial></tendon></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "causes"),
+    [
+        ("0.03 0.1", "0.03 0.2", {}),  # a wrapped cylinder has no ends
+        ('euler="90 0 0"', 'euler="-90 0 0"', {}),
+        ('euler="90 0 0"', 'euler="90 0.1 0"', {"tendon": 1}),
+        ("0.03 0.1", "0.031 0.1", {"tendon": 1}),
+        ('type="cylinder"', 'type="sphere"', {"tendon": 1}),
+        ('name="side" pos="0.1', 'name="side" pos="-0.1', {"tendon": 1}),
+        (' sidesite="side"', "", {"tendon": 1}),
+    ],
+)
+def test_what_a_tendon_wraps(tmp_path, old, new, causes):
+    assert old in WRAPPED
+    a, b = tmp_path / "a.xml", tmp_path / "b.xml"
+    a.write_text(WRAPPED)
+    b.write_text(WRAPPED.replace(old, new))
+    assert kinds(compare(a, b)) == causes
+
+
 def test_another_robot_is_refused(tmp_path, pair):
     still = tmp_path / "still.xml"  # nothing of it moves: no joint, so none without a partner
     still.write_text('<mujoco><worldbody><body><geom size="1"/></body></worldbody></mujoco>')

@@ -102,6 +102,24 @@ def test_hostile_files_are_refused(folder, monkeypatch, case):
     assert all(file.is_relative_to(folder) for file in opened)
 
 
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<composite type="cable"',
+        '<plugin plugin="mujoco.elasticity.cable"',
+        '<flexcomp name="cloth"',
+    ],
+)
+def test_what_cannot_be_compared_is_named(folder, element):
+    path = folder / "robot.xml"
+    inside = f"<extension>{element}/></extension>" if "plugin" in element else ""
+    world = "" if inside else f"<worldbody><body>{element}/></body></worldbody>"
+    path.write_text(f"<mujoco>{inside}{world}</mujoco>")
+    with pytest.raises(softdyn.UrdfError) as caught:
+        neutral(path)
+    assert str(caught.value).endswith(f"got {element}>")
+
+
 def test_a_million_bodies(folder):
     path = folder / "hostile.xml"
     path.write_text(WORLD.format("<body/>" * 1_000_000))
