@@ -325,7 +325,8 @@ def lost(robot: Robot) -> list[str]:
     notes = [*visuals(robot)[1], *tree_of(robot).skipped]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)
-        if (excess := moments[2] - moments[1] - moments[0]) > ROUNDING * moments[2]:
+        excess = moments[2] - moments[1] - moments[0]
+        if excess > max(ROUNDING * moments[2], SMALLEST):  # a point's are rounding
             notes.append(
                 f"the inertia of {part.link!r}, whose principal moments are a + b < c by "
                 f"{excess / moments[2]:.1e} c: no body has them; the nearest possible are written"

@@ -99,6 +99,7 @@ def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
     assert found[0] + found[1] >= found[2]
     _, lost = one_hinge(tmp_path, 'ixx="1e-3" ixy="0" iyy="2e-3" izz="3.000000003e-3"')
     assert ["a + b < c by 1.0e-09 c" in note for note in lost] == [True]
+    assert not one_hinge(tmp_path, 'ixx="0" ixy="0" iyy="1e-18" izz="3e-18"')[1]  # a point
 
 
 def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
