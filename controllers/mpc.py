@@ -139,6 +139,10 @@ class Mpc:
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`. V is the cost that the horizon predicts."""
         model, u, v = self._model, self._u, state.v
+        small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
+        if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
+            self._expected = None
+            return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
         K, D = tangent_dynamics(model, state.q, v, u)
         held = self._at_stops(state)
         unmodelled = self._estimate(v, held)

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
-from softdyn.statics.doubts import doubts, shape_doubts
+from softdyn.statics.doubts import doubts, fast_springs, shape_doubts
 from softdyn.statics.text import head, joint_lines
 from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
@@ -214,10 +216,11 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
         raise InputError("robot", "a fixed base and independent joints", what)
     poses = tuple(sample_poses(model, samples, seed))
     outsize, unreadable = shape_doubts(robot)
+    fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
     return Diagnosis(
         model,
         poses,
         find_boundary(model, min(poses, key=lambda pose: pose.least)),
         (*robot.warnings, *unreadable),
-        (*doubts(robot), *outsize),
+        (*doubts(robot), *([fast] if fast else []), *outsize),
     )

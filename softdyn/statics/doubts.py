@@ -10,6 +10,9 @@ import numpy as np
 from softdyn.description.meshes import Mesh
 from softdyn.description.robot import Robot, moving_bodies
 from softdyn.description.visuals import triangles, visuals
+from softdyn.dynamics.model import SoftModel
+
+PLANT_STEP = 5e-4  # s, the coarsest of closed loops
 
 DENSE, LIGHT = 25_000.0, 1.0  # kg/m³: heavier than gold is near, lighter than any solid foam
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
@@ -45,6 +48,24 @@ def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
         if extent > OUTSIZE * size
     )
     return tuple(found), unreadable
+
+
+def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) -> str | None:
+    """What is said of a spring that swings faster than plant steps (s) can follow.
+
+    Explicit springs are unstable from λ h² = 4 on, λ = k (M⁻¹)_ii the square of the frequency.
+    """
+    with np.errstate(all="ignore"):
+        squares = model.stiffness * np.diag(np.linalg.inv(M)) * timestep**2
+    worst = int(np.argmax(squares)) if squares.size else 0
+    if not squares.size or not squares[worst] > 4:
+        return None
+    rate = math.sqrt(squares[worst]) / timestep
+    return (
+        f"joint {model.joint_names[worst]!r}: a stiffness of {model.stiffness[worst]:g} swings at "
+        f"{rate:.2g} rad/s, too fast for plant steps of {timestep:g} s: other units than "
+        "N m/rad or N/m, or too little inertia?"
+    )
 
 
 def _sizes(robot: Robot) -> Iterator[str]:

@@ -196,7 +196,7 @@ def test_hostile_numbers(which: str) -> None:
                 continue
             ask(controller, model, wild, goal)
     for value in (np.nan, np.inf, 1e300):
-        for name in ("M", "h", "J", "B", "D", "y"):
+        for name in ("M", "h", "J", "B", "D", "y", "q", "v"):
             array = np.array(getattr(state, name))
             array.flat[0] = value
             ask(controller, model, replace(state, **{name: array}), goal)

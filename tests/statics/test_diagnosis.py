@@ -197,6 +197,14 @@ def test_bundled_robots_look_right(name: str) -> None:
     assert doubts(robot(name).robot) == ()
 
 
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_a_spring_too_fast_for_the_plant(share: float, tmp_path: Path) -> None:
+    """λ h² = k h² / (m l²) reaches 4, of explicit steps of 0.5 ms the bound."""
+    bound = 4 * MASS * LEVER**2 / 5e-4**2
+    found = diagnose(load(tmp_path, links(1, False, share * bound)), 1).doubts
+    assert any("too fast for plant steps of 0.0005 s" in line for line in found) is (share > 1)
+
+
 def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:
     soft = load(tmp_path, links(2, False, STIFFNESS, actuated=(1,))).robot
     assert not [line for line in doubts(soft) if "springs" in line or "tendon" in line]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -13,6 +12,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import in_degrees
+from softdyn.statics.doubts import fast_springs
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.scene.plant import Scene
 
@@ -91,21 +91,10 @@ def check_pose(model: SoftModel, q: np.ndarray) -> None:
 
 
 def warn_of_fast_springs(model: SoftModel, M: np.ndarray, timestep: float) -> None:
-    """Warn of a spring that swings faster than plant steps (s) can follow.
-
-    Explicit springs are unstable from λ h² = 4 on, λ = k (M⁻¹)_ii the square of the frequency.
-    """
-    with np.errstate(all="ignore"):
-        squares = model.stiffness * np.diag(np.linalg.inv(M)) * timestep**2
-    worst = int(np.argmax(squares)) if squares.size else 0
-    if squares.size and squares[worst] > 4:
-        rate = math.sqrt(squares[worst]) / timestep
-        warnings.warn(
-            f"{model.robot.path}: joint {model.joint_names[worst]!r}: a stiffness of "
-            f"{model.stiffness[worst]:g} swings at {rate:.2g} rad/s, too fast for plant steps of "
-            f"{timestep:g} s: other units than N m/rad or N/m, or too little inertia?",
-            stacklevel=3,
-        )
+    """Warn of a spring that swings faster than plant steps (s) can follow."""
+    said = fast_springs(model, M, timestep)
+    if said is not None:
+        warnings.warn(f"{model.robot.path}: {said}", stacklevel=3)
 
 
 def name_of(controller: Any) -> str:
