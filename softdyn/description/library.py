@@ -57,12 +57,12 @@ def find(source: str | Path) -> Path:
     path = Path(text)
     if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
         return path
-    if path.suffix or len(path.parts) != 1:
-        raise InputError("robot", "an existing file", text)
-    examples = example_robots()
+    examples = example_robots() if len(path.parts) == 1 else {}
     for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf
         if name in examples:
             return examples[name]
+    if path.suffix or len(path.parts) != 1:  # a dot may stand in a name too
+        raise InputError("robot", "an existing file", text)
     known = [*bundled_names(), *examples]
     near = difflib.get_close_matches(text, known, 3) or bundled_names()
     raise InputError("robot", f"a URDF file or a name such as {', '.join(near)}", text)

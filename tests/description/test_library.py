@@ -66,6 +66,7 @@ def test_example_robots_are_files_by_their_stem() -> None:
     assert examples["ur5_robot"].name == "ur5_robot.urdf"
     assert all(path.is_file() and path.stem == name for name, path in examples.items())
     assert find("ur5_robot") == find("ur5") == examples["ur5_robot"]
+    assert all(find(name) == path for name, path in examples.items() if "." in name)
 
 
 def test_without_the_package_there_are_no_examples(monkeypatch) -> None:
