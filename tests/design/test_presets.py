@@ -72,8 +72,9 @@ def test_a_log_spiral(tmp_path):
 
 
 def test_a_quarter_turn_leaves_no_rounding_in_a_tensor():
-    half = math.sqrt(0.5)
-    turned = tensor((1.0, 2.0, 3.0), (half, half, 0.0, 0.0))
+    cos, sin = math.cos(math.pi / 4), math.sin(math.pi / 4)
+    assert cos != sin  # rounding
+    turned = tensor((1.0, 2.0, 3.0), (cos, sin, 0.0, 0.0))
     assert turned == [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 2.0]]
     diagonal = tensor((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, math.tan(math.pi / 8)))  # 45 degrees about z
     np.testing.assert_allclose(diagonal, [[1.5, -0.5, 0], [-0.5, 1.5, 0], [0, 0, 3]], atol=1e-15)
