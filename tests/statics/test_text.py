@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import statics
+from softdyn.statics.text import short
 
 
 def test_a_model_says_its_sizes_inputs_and_where_it_rests():
@@ -47,3 +48,9 @@ def test_robots_without_springs_can_be_printed(name, options, said):
     model = softdyn.load(name, **options)
     assert said in str(model).splitlines()[-1]
     assert str(model.state(model.q0, np.zeros(model.nv)))
+
+
+def test_of_many_names_the_first_and_the_last_are_shown():
+    names = [f"n{k}" for k in range(13)]
+    assert short(names) == "n0, n1, n2, …, n12"
+    assert short(names[:12]) == ", ".join(names[:12])

@@ -12,9 +12,11 @@ from scipy.spatial.transform import Rotation
 
 import softdyn
 from softdyn import design
-from softdyn.description.visuals import Cylinder
+from softdyn.description.robot import poses
+from softdyn.description.visuals import Box, Cylinder, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
+from softdyn.view.tendon_paths import CLEARANCE, _distance
 from tests.support.arms import THREE_SECTIONS, loaded
 
 STICKS = """<robot name="sticks">
@@ -139,6 +141,19 @@ def test_cables_clear_the_robot(finger):
     for cable in figure.cables:
         points = np.array([xyz for _, xyz in cable.sites])
         assert (np.abs(points[:, 2]) > radius).all()
+
+
+def test_a_cable_clears_the_first_link_below_that_has_a_shape(tmp_path):
+    (tmp_path / "r.urdf").write_text(STICKS.format(i=INERTIAL, mimic=""))
+    robot = softdyn.parse(tmp_path / "r.urdf")
+    boxes = [
+        Visual(link, np.eye(4), Box((0.1, 0.1, 2 * half)), (1, 1, 1, 1))
+        for link, half in (("base", 0.7), ("a", 0.05), ("b", 0.2))
+    ]
+    joint, up = robot.joints[0], np.array([0.0, 0.0, 1.0])
+    for shapes, reach in ((boxes, 0.05), (boxes[2:], 0.2)):
+        assert _distance(robot, joint, up, shapes, poses(robot)) == pytest.approx(CLEARANCE * reach)
+    assert _distance(robot, joint, up, boxes[:1], poses(robot)) == 0.03 * robot.length
 
 
 def test_colours_of_tension_are_told_apart_by_lightness():
