@@ -22,6 +22,9 @@ def test_a_reachable_point_is_held_and_the_text_says_so():
     assert target.closest.rest.stable
     # one equilibrium is judged once, whatever it is the best of
     assert target.closest_stable is target.closest
+    away = [np.linalg.norm(sample.y - goal.y) for sample in report.samples]
+    assert min(away) < max(away)
+    assert target.closest_sample == pytest.approx(min(away))
     text = str(report)
     assert text.startswith(f"finger: {len(report.samples)} stable rests sampled\nthere (")
     assert "\n  closest        0.000 cm away, stable (eigenvalue" in text
