@@ -124,11 +124,22 @@ def _by_name(robot: Robot) -> tuple[str, ...]:
 
 
 def _efforts(robot: Robot) -> dict[str, float]:
-    """What ``<limit effort>`` states; zero is what generators write for none."""
+    """What ``<limit effort>`` states, or a motor at the joint if that is less, as of an MJCF.
+
+    Zero is what generators write for none.
+    """
     found = {}
     for joint in etree.fromstring(robot.xml.encode()).iter("joint"):
         limit = joint.find("limit")
         effort = float(limit.get("effort") or 0.0) if limit is not None else 0.0
         if effort > 0:
             found[str(joint.get("name"))] = effort
+    terms = {tendon.name: tendon.terms for tendon in robot.tendons}
+    for motor in robot.actuators:
+        if len(terms[motor.tendon]) != 1:
+            continue
+        (term,) = terms[motor.tendon]
+        force = abs(motor.gear * term.coef) * max(abs(motor.lower), abs(motor.upper))
+        if force > 0:
+            found[term.joint] = min(found.get(term.joint, math.inf), force)
     return found

@@ -219,21 +219,24 @@ def test_another_robot_is_refused(tmp_path, pair):
 def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
     """format.md: a tendon over one joint is a motor there; an MJCF names the joint."""
     ours, theirs = pair[0].read_text(), pair[1].read_text()
-    motor = '<motor name="m" joint="slide" gear="2" ctrlrange="-3.5 3.5"/>'
-    pair[1].write_text(theirs.replace("</actuator>", f"{motor}</actuator>"))
 
-    def write(coef, gear, spring=""):
+    def write(coef, gear, most=3.5, spring=""):
+        motor = f'<motor name="m" joint="slide" gear="2" ctrlrange="-{most} {most}"/>'
+        pair[1].write_text(theirs.replace("</actuator>", f"{motor}</actuator>"))
         drive = f'<tendon name="drive"{spring}><joint name="slide" coef="{coef}"/></tendon>'
-        motor = f'<actuator name="m" tendon="drive" gear="{gear}" lower="-3.5" upper="3.5"/>'
+        motor = f'<actuator name="m" tendon="drive" gear="{gear}" lower="-{most}" upper="{most}"/>'
         text = ours.replace("<actuator", f"{drive}<actuator", 1)
         pair[0].write_text(text.replace("</softdyn>", f"{motor}</softdyn>"))
 
-    for coef, gear, expected in ((1, 2, {}), (-4, -0.5, {}), (1, -2, {"actuator": 1})):
-        write(coef, gear)
+    # the last: a motor that is weaker than the 7 N that the joint could bear
+    for numbers, expected in (
+        ((1, 2), {}), ((-4, -0.5), {}), ((1, -2), {"actuator": 1}), ((-4, -0.5, 1.5), {})
+    ):  # fmt: skip
+        write(*numbers)
         for a, b in (pair, pair[::-1]):
             result = compare(a, b, strict=True)
             assert kinds(result) == expected, str(result)
-    write(1, 2, ' stiffness="3"')  # a spring is more than a motor
+    write(1, 2, spring=' stiffness="3"')  # a spring is more than a motor
     assert kinds(compare(*pair)) == {"tendon": 1}
 
 
