@@ -18,7 +18,7 @@ of q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Steps of tim
 KIND is stiffness, damping, rest, armature, mass, gear, tendon_stiffness or tendon_damping. --free
 takes each member that the file gives; --shared one factor on the file's values of them all. The
 file's values are the first guess. With every joint measured, samples near a stop are left out;
-with less, the run must begin at rest under its first input.
+with less, the run must begin at rest under its first input, and ends at its first stop.
 
 Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
 parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 1 mm), and what was drawn
@@ -40,7 +40,7 @@ parser.add_argument(
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad and 1 mm", 1.0)
 parser.option("--seeds", cli.count, "N", "twins", 1)
-parser.option("--timestep", cli.positive, "S", "of the twin", 5e-4)
+parser.option("--timestep", cli.positive, "S", "of the twin", 1e-4)
 parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
 parser.add_argument("--html", metavar="FILE", help="write a page: fit, residuals, intervals")
 cli.add_json(parser)

@@ -15,6 +15,8 @@ from softdyn.exceptions import InputError
 
 MAX_ROWS = 1_000_000
 AXES = ("x", "y", "z")
+SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
+ENOUGH = 0.2  # of the data in stretches without a stop: no joint more needs to be held
 NEAR = 0.02  # of a joint's range: what is that close to a stop may be pressed against it
 
 
@@ -75,7 +77,8 @@ class Measurements:
 def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
     """Whether each joint (N, n) is so near a stop that the stop may push it.
 
-    A sample counts with its two neighbours: a stop is left and met between samples.
+    Of smoothed joint angles: noise neither hides a stop nor makes one. A sample counts with its two
+    neighbours: a stop is left and met between samples.
     """
     margin = NEAR * (model.upper - model.lower)
     with np.errstate(invalid="ignore"):
@@ -85,6 +88,43 @@ def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
     wide[1:] |= near[:-1]
     wide[:-1] |= near[1:]
     return wide
+
+
+def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Joints to hold at their measurement, and the stretches where no other joint is at a stop.
+
+    A stop acts on all joints through the inertia, so that a sample is only good where no free joint
+    is at one. A held joint tells nothing of itself: those that are at their stops most are held, as
+    few as leave stretches of `SHORTEST` samples or more in `ENOUGH` of the data, or else so many
+    that the samples of free joints are the most.
+
+    Parameters
+    ----------
+    stops : ndarray of bool, (N, n)
+        Of `at_stops`.
+
+    Returns
+    -------
+    held : ndarray of bool, (n,)
+    stretches : list of (begin, end)
+        None where every joint is always at a stop.
+    """
+    shortest = min(SHORTEST, len(stops))
+    order = np.argsort(-stops.mean(0), kind="stable")
+    best: tuple[int, np.ndarray, list[tuple[int, int]]] = (0, np.ones(stops.shape[1], bool), [])
+    for count in range(stops.shape[1]):
+        held = np.zeros(stops.shape[1], bool)
+        held[order[:count]] = True
+        good = np.concatenate(([False], ~stops[:, ~held].any(1), [False])).astype(int)
+        begins, ends = np.flatnonzero(np.diff(good) == 1), np.flatnonzero(np.diff(good) == -1)
+        runs = [(int(b), int(e)) for b, e in zip(begins, ends, strict=True) if e - b >= shortest]
+        total = sum(end - begin for begin, end in runs)
+        if total >= ENOUGH * len(stops):
+            return held, runs
+        samples = total * int((~held).sum())
+        if samples > best[0]:
+            best = (samples, held, runs)
+    return best[1], best[2]
 
 
 def read_csv(path: str | Path, model: SoftModel) -> Measurements:

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.identification.data import AXES, Measurements, at_stops
+from softdyn.identification.data import AXES, SHORTEST, Measurements, at_stops, stretches
 from softdyn.identification.linear import first_guess, smoothed
 from softdyn.identification.parameters import (
     Moment,
@@ -26,6 +26,7 @@ from softdyn.identification.whiteness import autocorrelation, ljung_box, widenin
 from softdyn.statics.equilibria import settle
 
 FEWEST = 5  # samples that a smoothing spline can go through
+CUTS = 4  # times that data without joints are cut at a stop of the motion fitted to them
 VAGUE = 0.5  # a relative standard deviation above which a parameter is not identified
 
 
@@ -36,29 +37,60 @@ class _Problem:
     base: SoftModel
     unknowns: tuple[Parameter, ...]
     data: Measurements
-    held: Held | None
-    first: np.ndarray | None  # (2n,) of the first state, which is then unknown too; None: at rest
     step: float
+    runs: tuple[tuple[int, int], ...]  # stretches of samples that are simulated
+    held: Held | None  # None where not all joints were measured: then the one run begins at rest
+    stops: np.ndarray | None  # (N, n) of `at_stops`
+    smooth: np.ndarray | None  # (3, N, n) angles, rates, accelerations
 
     def outputs(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Simulated outputs (N, outputs) and their derivatives (N, outputs, len(z))."""
         count = len(self.unknowns)
         model = with_values(self.base, self.unknowns, z[:count])
-        start = self._start(model, z)
-        path, by = follow(model, self.unknowns, self.data, start, self.held, self.step, self.base)
-        return measured(model, self.data.names, path, by)
+        shape = self.data.outputs.shape
+        out, slope = np.zeros(shape), np.zeros((*shape, len(z)))
+        firsts = np.split(z[count:], len(self.runs))
+        for k, ((begin, end), first) in enumerate(zip(self.runs, firsts, strict=True)):
+            part = slice(begin, end)
+            t, u, held = self.data.t[part], self.data.u[part], self.held
+            if held is None:
+                start = self.at_rest(model)
+            else:
+                held = Held(held.mask, held.q[part], held.v[part])
+                start = self._moving(held, first)
+            path, by = follow(model, self.unknowns, t, u, start, held, self.step, self.base)
+            out[part], by_z = measured(model, self.data.names, path, by)
+            slope[part, :, :count] = by_z[:, :, :count]
+            own = count + k * len(first)
+            slope[part, :, own : own + len(first)] = by_z[:, :, count:]
+        return out, slope
 
-    def _start(self, model: SoftModel, z: np.ndarray) -> Start:
+    def firsts(self) -> np.ndarray:
+        """The measured first states of the runs: q and v of the joints that are free."""
+        if self.held is None:
+            return np.zeros(0)
+        free = ~self.held.mask
+        firsts = [(self.held.q[begin, free], self.held.v[begin, free]) for begin, _ in self.runs]
+        return np.ravel(firsts)
+
+    def _moving(self, held: Held, first: np.ndarray) -> Start:
+        """From the unknown state of the free joints; the held ones' is measured."""
+        free = np.flatnonzero(~held.mask)
+        q, v = held.q[0].copy(), held.v[0].copy()
+        q[free], v[free] = np.split(first, 2)
+        by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
+        by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))
+        return Start(q, v, by_q, by_v)
+
+    def at_rest(self, model: SoftModel) -> Start:
+        """In equilibrium under the first input."""
         n, count = model.nv, len(self.unknowns)
-        by_q, by_v = np.zeros((2, n, len(z)))
-        if self.first is not None:
-            by_q[:, count : count + n] = by_v[:, count + n :] = np.eye(n)
-            return Start(z[count : count + n], z[count + n :], by_q, by_v)
+        by_q, by_v = np.zeros((2, n, count))
         u = self.data.u[0]
         rest = settle(model, u)
         state = model.state(rest.q, np.zeros(n))
         moment = Moment(state, np.zeros(n), u, self.base)
-        columns = columns_of(self.unknowns, moment, len(z))
+        columns = columns_of(self.unknowns, moment, count)
         free = (model.coordinates(rest.q) > model.lower) & (model.coordinates(rest.q) < model.upper)
         block = np.ix_(free, free)
         by_q[free] = -np.linalg.solve(stiffness(model, rest.q, u)[block], columns[free])
@@ -101,8 +133,10 @@ def identify(
     A first guess by least squares on smoothed angles where all joints were measured; then the
     simulated outputs are fitted to the measured ones (Gauss–Newton with bounds and analytic
     derivatives, SciPy's trust-region reflective method), each output weighted by its noise. Where
-    all joints were measured the first state is unknown too, and joints at their stops follow the
-    measurement; else the robot starts at rest under its first input. The covariance is
+    all joints were measured the robot is simulated in the stretches without a stop, the first state
+    of each unknown too; a joint that is nearly always at a stop follows its measurement. Else the
+    robot starts at rest under its first input, and its simulated motion says where a joint comes
+    to its stop: that ends the data. The covariance is
     σ² (JᵀJ)⁻¹ of the whitened outputs, times 1 + 2 Σ ρ² … of coloured residuals (Newey–West).
 
     Parameters
@@ -134,8 +168,16 @@ def identify(
     if len(data.t) < FEWEST:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
     split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
-    problem, accelerations = _problem(model, data.part(0, split), unknowns, step)
-    theta, noise, problem, vague = _fitted(problem, _guess(problem, accelerations))
+    problem = _problem(model, data.part(0, split), unknowns, step)
+    whole = problem
+    theta, noise, problem, vague = _fitted(whole, _guess(whole))
+    for _ in range(CUTS if whole.held is None else 0):
+        end = _first_stop(replace(problem, runs=whole.runs), theta)
+        if end == problem.runs[0][1]:
+            break
+        if end < SHORTEST:
+            raise InputError("data", f"{SHORTEST} samples before a joint is at its stop", f"{end}")
+        theta, noise, problem, vague = _fitted(replace(whole, runs=((0, end),)), _guess(whole))
     count = len(problem.unknowns)
     out, slope = problem.outputs(theta)
     use = _used(problem)
@@ -163,30 +205,36 @@ def identify(
 
 def _problem(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
-) -> tuple[_Problem, np.ndarray | None]:
-    """What is to be fitted, and the measured accelerations (N, n) where all joints were."""
+) -> _Problem:
+    """What is to be fitted."""
     joints = data.joints(model)
     if joints is None:
-        return _Problem(model, unknowns, data, None, None, step), None
-    held, accelerations = smoothed(data, joints, at_stops(model, joints))
-    first = np.concatenate((held.q[0], held.v[0]))
-    return _Problem(model, unknowns, data, held, first, step), accelerations
+        return _Problem(model, unknowns, data, step, ((0, len(data.t)),), None, None, None)
+    smooth = smoothed(data, joints)
+    stops = at_stops(model, smooth[0])
+    mask, runs = stretches(stops)
+    if not runs:
+        raise InputError("data", f"{SHORTEST} samples in a row away from the stops", "none")
+    held = Held(mask, smooth[0], smooth[1])
+    return _Problem(model, unknowns, data, step, tuple(runs), held, stops, smooth)
 
 
-def _guess(problem: _Problem, accelerations: np.ndarray | None) -> np.ndarray:
-    """Unknowns to start from: the file's, or the linear fit's and the measured first state."""
-    if accelerations is None or problem.held is None or problem.first is None:
+def _guess(problem: _Problem) -> np.ndarray:
+    """Unknowns to start from: the file's, or the linear fit's and the measured first states."""
+    if problem.smooth is None or problem.stops is None:
         return np.array([parameter.nominal for parameter in problem.unknowns])
-    theta = first_guess(problem.base, problem.unknowns, problem.data, problem.held, accelerations)
-    return np.concatenate((theta, problem.first))
+    theta = first_guess(problem.base, problem.unknowns, problem.data, problem.smooth, problem.stops)
+    return np.concatenate((theta, problem.firsts()))
 
 
 def _used(problem: _Problem) -> np.ndarray:
-    """Which outputs (N, outputs) count: not those of joints at their stops."""
-    use = np.ones(problem.data.outputs.shape, bool)
+    """Which outputs (N, outputs) count: those simulated, but not of joints that are held."""
+    use = np.zeros(problem.data.outputs.shape, bool)
+    for begin, end in problem.runs:
+        use[begin:end] = True
     if problem.held is not None:
-        for j, name in enumerate(problem.base.joint_names):
-            use[:, problem.data.names.index(f"q.{name}")] = ~problem.held.mask[:, j]
+        for j in np.flatnonzero(problem.held.mask):
+            use[:, problem.data.names.index(f"q.{problem.base.joint_names[j]}")] = False
     return use
 
 
@@ -244,12 +292,10 @@ def _solve(problem: _Problem, z: np.ndarray, noise: np.ndarray) -> np.ndarray:
     count = len(problem.unknowns)
     lower[:count] = [p.kind.lower for p in problem.unknowns]
     z = np.maximum(z, lower + 1e-12)
-    size = np.ones(len(z))
-    size[:count] = [abs(p.nominal) or 1.0 for p in problem.unknowns]
     outputs(z)  # an error at the first guess is the user's to know
     return least_squares(
-        residual, z, jacobian, (lower, np.full(len(z), np.inf)), x_scale=size,
-        ftol=1e-10, xtol=1e-9, gtol=1e-10, max_nfev=30,
+        residual, z, jacobian, (lower, np.full(len(z), np.inf)), x_scale="jac",
+        ftol=1e-7, xtol=1e-9, gtol=1e-10, max_nfev=30,
     ).x  # fmt: skip
 
 
@@ -274,18 +320,32 @@ def _vague(problem: _Problem, z: np.ndarray, whitened: np.ndarray) -> tuple[set[
     return {worst}, f"{text} (relative deviation {1 / max(singular[-1], 1e-300):.2g})"
 
 
+def _first_stop(problem: _Problem, z: np.ndarray) -> int:
+    """The sample at which the run that began at rest comes to a stop, or the run's end."""
+    model = with_values(problem.base, problem.unknowns, z)
+    end = problem.runs[0][1]
+    t, u, start = problem.data.t[:end], problem.data.u[:end], problem.at_rest(model)
+    path, _ = follow(model, problem.unknowns, t, u, start, None, problem.step, problem.base)
+    near = np.flatnonzero(at_stops(model, path).any(1))
+    return int(near[0]) if near.size else end
+
+
 def _held_out(
     problem: _Problem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
 ) -> float:
-    """Rms over the noise in the rest of the data; from its smoothed first state, or all the way."""
+    """Rms over the noise in the rest of the data, whose first states alone are fitted to it."""
     if split > len(data.t) - FEWEST:
         return float("nan")
-    if problem.first is None:
-        whole = replace(problem, data=data)
-        left = (whole.outputs(theta)[0] - data.outputs)[split:]
-        return float(np.sqrt(np.mean((left / noise) ** 2)))
-    rest, _ = _problem(problem.base, data.part(split, len(data.t)), problem.unknowns, problem.step)
-    assert rest.first is not None
-    z = np.concatenate((theta, rest.first))
+    if problem.held is None:
+        whole = replace(problem, data=data, runs=((0, len(data.t)),))
+        end = _first_stop(whole, theta)
+        left = (whole.outputs(theta)[0] - data.outputs)[split:end]
+        return float(np.sqrt(np.mean((left / noise) ** 2))) if end > split else float("nan")
+    changed = with_values(problem.base, problem.unknowns, theta)
+    try:
+        rest = _problem(changed, data.part(split, len(data.t)), (), problem.step)
+    except InputError:  # nothing moves there, or all is at the stops
+        return float("nan")
+    z = _solve(rest, rest.firsts(), noise)
     left = ((rest.outputs(z)[0] - rest.data.outputs) / noise)[_used(rest)]
     return float(np.sqrt(np.mean(left**2)))

@@ -11,13 +11,12 @@ from scipy.optimize import lsq_linear
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
 from softdyn.identification.parameters import Moment, Parameter, columns_of
-from softdyn.identification.trajectory import Held
 
 MOST = 2000  # samples that the first guess uses
 
 
-def smoothed(data: Measurements, joints: np.ndarray, mask: np.ndarray) -> tuple[Held, np.ndarray]:
-    """Joint angles, rates and accelerations (N, n) from smoothing splines.
+def smoothed(data: Measurements, joints: np.ndarray) -> np.ndarray:
+    """Joint angles, rates and accelerations (3, N, n) from smoothing splines.
 
     The amount of smoothing is each joint's own, by generalised cross-validation (SciPy,
     `make_smoothing_spline`).
@@ -25,8 +24,8 @@ def smoothed(data: Measurements, joints: np.ndarray, mask: np.ndarray) -> tuple[
     Parameters
     ----------
     data : Measurements
-    joints, mask : ndarray, (N, n)
-        The measured angles; which samples a stop may spoil.
+    joints : ndarray, (N, n)
+        The measured angles.
     """
     found = np.empty((3, *joints.shape))
     for j, values in enumerate(joints.T):
@@ -35,20 +34,21 @@ def smoothed(data: Measurements, joints: np.ndarray, mask: np.ndarray) -> tuple[
             found[order, :, j] = 0.0 if spline is None else spline.derivative(order)(data.t)
         if spline is None:
             found[0, :, j] = values
-    return Held(mask, found[0], found[1]), found[2]
+    return found
 
 
 def first_guess(
     model: SoftModel,
     unknowns: Sequence[Parameter],
     data: Measurements,
-    smooth: Held,
-    accelerations: np.ndarray,
+    smooth: np.ndarray,
+    stops: np.ndarray,
 ) -> np.ndarray:
     """θ by weighted least squares on r(q, v, a, u; θ) = 0 with the parameters' lower bounds.
 
-    Each joint's equation weighs by the inverse of what it leaves over, in a second pass. Samples at
-    stops are left out. Rest positions stay where the file has them: they multiply a stiffness.
+    Each joint's equation weighs by the inverse of what it leaves over, in a second pass. A
+    joint's equation is left out where it is at a stop. Rest positions stay where the file has
+    them: they multiply a stiffness.
 
     Returns
     -------
@@ -58,10 +58,11 @@ def first_guess(
     linear = [k for k, parameter in enumerate(unknowns) if parameter.kind.name != "rest"]
     if not linear:
         return theta
+    angles, rates, accelerations = smooth
     columns, loads, rows = [], [], []
     for k in np.unique(np.linspace(1, len(data.t) - 2, MOST).astype(int)):
-        use = np.flatnonzero(~smooth.mask[k])
-        state = model.state(model.configuration(smooth.q[k]), smooth.v[k])
+        use = np.flatnonzero(~stops[k])
+        state = model.state(model.configuration(angles[k]), rates[k])
         # the input changes at a sample, the smoothed acceleration does not: their mean
         u = (data.u[k - 1] + data.u[k]) / 2
         moment = Moment(state, accelerations[k], u, model)

@@ -223,6 +223,8 @@ def member_values(
 
 def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray) -> SoftModel:
     """The model with θ in place of the file's values."""
+    if not unknowns:
+        return model
     values = member_values(model, unknowns, theta)
     robot = model.robot
     for name, members in values.items():

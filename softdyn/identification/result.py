@@ -40,7 +40,7 @@ class Identified:
     names : tuple of str
         Of the outputs.
     residuals : ndarray, (N, outputs)
-        Measured less simulated; NaN where a stop may have pushed the joint.
+        Measured less simulated; NaN where a stop may have pushed a joint.
     noise : ndarray, (outputs,)
         Standard deviation of each output's residual.
     autocorrelation : ndarray, (LAGS, outputs)

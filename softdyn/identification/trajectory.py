@@ -10,7 +10,6 @@ import numpy as np
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
-from softdyn.identification.data import Measurements
 from softdyn.identification.parameters import Moment, Parameter, columns_of
 
 # Two stages of equal diagonal, order 2, L-stable and stiffly accurate (Alexander 1977, "Diagonally
@@ -18,7 +17,7 @@ from softdyn.identification.parameters import Moment, Parameter, columns_of
 GAMMA = 1 - np.sqrt(0.5)
 STAGES = ((GAMMA,), (1 - GAMMA, GAMMA))
 ITERATIONS = 30
-TOLERANCE = 1e-11
+TOLERANCE = 1e-9
 
 
 class TrajectoryError(SoftdynError, ArithmeticError):
@@ -27,12 +26,12 @@ class TrajectoryError(SoftdynError, ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Joints that follow their measurement for a while, because a stop holds them.
+    """Joints that follow their measurement, because stops push them.
 
     Attributes
     ----------
-    mask : ndarray of bool, (N, n)
-        Which, sample by sample.
+    mask : ndarray of bool, (n,)
+        Which.
     q, v : ndarray, (N, n)
         Smoothed measurements (rad, m; per second).
     """
@@ -61,7 +60,8 @@ class Start:
 def follow(
     model: SoftModel,
     unknowns: Sequence[Parameter],
-    data: Measurements,
+    t: np.ndarray,
+    u: np.ndarray,
     start: Start,
     held: Held | None = None,
     step: float = np.inf,
@@ -80,8 +80,10 @@ def follow(
         With the values of the parameters in place.
     unknowns : sequence of Parameter
         The first of the P unknowns.
-    data : Measurements
-        Times and inputs.
+    t : ndarray, (N,)
+        Times (s).
+    u : ndarray, (N, m)
+        Inputs, each held from its sample to the next one.
     start : Start
     held : Held, optional
     step : float
@@ -97,46 +99,44 @@ def follow(
     n, count = model.nv, start.by_q.shape[1]
     q, v = start.q.copy(), start.v.copy()
     dq, dv = start.by_q.copy(), start.by_v.copy()
-    path, sensitivities = np.empty((len(data.t), n)), np.empty((len(data.t), n, count))
+    path, sensitivities = np.empty((len(t), n)), np.empty((len(t), n, count))
     a = np.zeros(n)
-    free = np.arange(n)
-    for k in range(len(data.t)):
+    on = np.zeros(n, bool) if held is None else held.mask
+    free = np.flatnonzero(~on)
+    inverse = None
+    for k in range(len(t)):
         if held is not None:
-            on = held.mask[k]
             q[on], v[on], dq[on], dv[on] = held.q[k, on], held.v[k, on], 0.0, 0.0
-            free = np.flatnonzero(~on)
         path[k], sensitivities[k] = q, dq
-        if k + 1 == len(data.t):
+        if k + 1 == len(t):
             break
-        interval = data.t[k + 1] - data.t[k]
+        interval = t[k + 1] - t[k]
         pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
         forced = np.zeros(n)
         if held is not None:
             forced[on] = (held.v[k + 1, on] - held.v[k, on]) / interval
         for _ in range(pieces):
-            q, v, dq, dv, a = _step(
-                (model, file or model),
-                unknowns,
-                q,
-                v,
-                dq,
-                dv,
-                a,
-                data.u[k],
-                interval / pieces,
-                free,
-                forced,
-            )
+            q, v, dq, dv, a, inverse = _step(
+                (model, file or model), unknowns, q, v, dq, dv, a, u[k], interval / pieces,
+                free, forced, inverse,
+            )  # fmt: skip
     return path, sensitivities
 
 
 def _step(
     models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
-    h: float, free: np.ndarray, forced: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """One step: the state at its end, its derivatives, and the last stage's acceleration."""
+    h: float, free: np.ndarray, forced: np.ndarray, inverse: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """One step: the state at its end, its derivatives, the last stage's acceleration and Newton
+    matrix, which serves the next stage's iterations until it is renewed at their solution.
+    """
     model, file = models
+
+    def linearised() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        by_q, by_v = residual_derivatives(model, configuration, V, a, u)
+        return by_q, by_v, np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
+
     block = np.ix_(free, free)
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
     a = np.where(np.isin(np.arange(len(a)), free), a, forced)
@@ -152,9 +152,8 @@ def _step(
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             r = (state.M @ a + state.h - state.B @ u)[free]
-            if iteration % 4 == 0:
-                by_q, by_v = residual_derivatives(model, configuration, V, a, u)
-                inverse = np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
+            if inverse is None or iteration % 6 == 5:
+                _, _, inverse = linearised()
             change = inverse @ r
             a = a.copy()
             a[free] -= change
@@ -166,6 +165,7 @@ def _step(
             raise TrajectoryError(f"no solution of a step of {h:.3g} s: give a shorter one")
         if not np.isfinite(a).all():
             raise TrajectoryError("the model's motion is not finite under these parameters")
+        by_q, by_v, inverse = linearised()
         moment = Moment(state, a, u, file)
         columns = columns_of(unknowns, moment, dq.shape[1])
         dV0 = dq0 + hg * dv0
@@ -174,5 +174,5 @@ def _step(
         dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA
         slopes.append((v0 + hg * a, a, dV, dA))
-        end = (q0 + hg * slopes[-1][0], slopes[-1][0], dq0 + hg * dV, dV, a)
+        end = (q0 + hg * slopes[-1][0], slopes[-1][0], dq0 + hg * dV, dV, a, inverse)
     return end

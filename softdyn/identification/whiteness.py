@@ -11,7 +11,8 @@ def autocorrelation(residuals: np.ndarray) -> np.ndarray:
     """ρ at lags 1 … LAGS (LAGS, outputs), over the pairs that both count."""
     lags = min(LAGS, len(residuals) - 2)
     found = np.zeros((lags, residuals.shape[1]))
-    power = np.nanmean(np.where(np.isnan(residuals), np.nan, residuals**2), axis=0)
+    count = np.maximum(np.isfinite(residuals).sum(0), 1)  # 0 where a joint is held throughout
+    power = np.nansum(residuals**2, axis=0) / count
     for lag in range(1, lags + 1):
         product = residuals[lag:] * residuals[:-lag]
         pairs = np.isfinite(product).sum(0)
