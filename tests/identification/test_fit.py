@@ -46,6 +46,7 @@ def test_the_residual_s_derivatives(robot, request):
     q, v, a = rng.uniform(-0.3, 0.3, (3, model.nv))
     u = rng.uniform(model.u_min, model.u_max)
     by_q, by_v = residual_derivatives(model, q, v, a, u)
+    assert np.isfinite([by_q, by_v]).all()  # they scale the tolerance
     for k, e in enumerate(np.eye(model.nv) * 1e-6):
         left = (residual(model, q + e, v, a, u) - residual(model, q - e, v, a, u)) / 2e-6
         right = (residual(model, q, v + e, a, u) - residual(model, q, v - e, a, u)) / 2e-6
