@@ -22,6 +22,7 @@ from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import (
     NOTE,
+    Agreement,
     Distribution,
     number,
     over,
@@ -151,6 +152,16 @@ def _runs(controllers: Iterable[str]) -> str:
 
 def _every_run() -> str:
     return _runs(GRID)
+
+
+def _seeds() -> str:
+    found = Agreement.of(benchmark.committed())
+    cells = [cell for cell in benchmark.committed().values() if len(cell.seeds) == 2]
+    counts = zip(*(map(len, cell.seeds.values()) for cell in cells), strict=True)
+    runs = [f"{min(n)} to {max(n)}" if min(n) < max(n) else min(n) for n in counts]
+    titles = ["cells", "runs of seed 1", "of seed 2", "ranges apart", "p below 5 %", "by chance"]
+    apart = [len(found.disjoint), len(found.apart), f"up to {found.allowed}"]
+    return "\n".join(pipes([titles, [found.cells, *runs, *apart]]))
 
 
 def _hard() -> str:
@@ -299,6 +310,7 @@ def _same(log: float, run: Distribution) -> bool:
 TABLES: Mapping[str, Callable[[], str]] = {
     "benchmark": _benchmark,
     "every-run": _every_run,
+    "seeds": _seeds,
     "hard": _hard,
     "published": _published,
     "one-step": _one_step,

@@ -240,6 +240,7 @@ def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
     assert kinds(compare(*pair)) == {"tendon": 1}
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_tensor_of_nothing_is_no_warning(pair):
     """A free base alone has no inertia: no ratio of tensors, and no warning about one."""
     free = pair[0].parent / "free.xml"

@@ -13,7 +13,7 @@ from softdyn import InputError
 from softdyn.validation.studies import benchmark, benchmark_table
 from softdyn.validation.studies.engine import distribution, ensemble
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.distribution import Distribution
+from softdyn.validation.studies.engine.distribution import Agreement, Distribution
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import Answer
 
@@ -81,7 +81,7 @@ def test_a_file_of_distributions(tmp_path: Path) -> None:
     assert distribution.read(path) == found
     again = distribution.join(found, run(tmp_path, seed=2)[0])
     assert set(again["chaotic"].seeds) == {"1", "2"}
-    assert again["chaotic"].seeds_agree()
+    assert again["chaotic"].overlap()
     # of one seed the longer list stays, with its failures
     short = Distribution(30.0, {"1": (31.0,)}, {"1": 1})
     long = Distribution(30.0, {"1": (31.0, 32.0), "2": (3.0,)}, {"1": 2, "nominal": 1})
@@ -115,12 +115,9 @@ def test_what_a_distribution_holds() -> None:
     assert cell.holds(0.9996)  # prints as 1.00
     assert not cell.holds(0.9)
     assert not cell.holds(math.inf)
-    assert cell.seeds_agree()
-    assert not Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (4.5, 9.0, 5.0)}).seeds_agree()
-    assert Distribution(1.0, {"1": (2.0, 4.0), "2": (4.5, 9.0, 5.0)}).seeds_agree()  # too few
-    # the range of many runs holds the other's median too
-    assert not Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (3.5, *[9.0] * 7)}).seeds_agree()
-    assert Distribution(1.0, {"1": (2.0, 5.0, 6.0), "2": (3.5, *[9.0] * 7)}).seeds_agree()
+    assert cell.overlap()
+    assert not Distribution(1.0, {"1": (2.0, 3.0, 4.0), "2": (4.5, 9.0, 5.0)}).overlap()
+    assert Distribution(1.0, {"1": (2.0, 4.0), "2": (4.5, 9.0, 5.0)}).overlap()  # too few
     assert Distribution(math.inf).text() == "none"
 
 
@@ -155,8 +152,30 @@ def test_the_table_is_marked() -> None:
     assert benchmark.distributions(runs, {}) == {"ensemble": {}, "outside": []}
 
 
+def test_seeds_of_one_distribution_are_told_from_seeds_of_two() -> None:
+    random = np.random.default_rng(0)
+
+    def cells(shift: float) -> dict[str, Distribution]:
+        draws = random.normal(size=(60, 13)) + shift * (np.arange(13) < 8)
+        return {str(k): Distribution(x[0], {"1": (*x[:8],), "2": (*x[8:],)})
+                for k, x in enumerate(draws)}  # fmt: skip
+
+    same, other = (Agreement.of(cells(shift)) for shift in (0.0, 1.5))
+    assert (same.cells, same.allowed) == (60, 7)
+    assert len(same.apart) <= same.allowed < len(other.apart)
+    # 2 of the 1287 ways to put 5 among 13 are at least as far apart as ends that do not meet
+    assert Distribution(1.0, {"1": tuple(range(8)), "2": tuple(range(8, 13))}).chance() == (
+        pytest.approx(2 / 1287)
+    )
+    assert Distribution(1.0, {"1": (1.0, 1.0), "2": (1.0, 1.0)}).chance() == 1.0
+
+
 def test_two_seeds_of_the_committed_ensembles_agree() -> None:
     cells = benchmark.committed()
-    apart = [label for label, cell in cells.items() if not cell.seeds_agree()]
-    assert apart == []
-    assert sum(len(cell.seeds) == 2 for cell in cells.values()) >= 40
+    found = Agreement.of(cells)
+    assert found.disjoint == ()
+    assert len(found.apart) <= found.allowed
+    # what moves with one seed is run as often with the other
+    runs = [len(x) for cell in cells.values() if len(cell.seeds) == 2 for x in cell.seeds.values()]
+    assert found.cells >= 90
+    assert min(runs) >= 5

@@ -15,11 +15,13 @@ from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Any
 
+from scipy.stats import binom, mannwhitneyu
+
 from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.tables import pipes
 
-MANY = 8  # runs of a seed whose range means something
+LEVEL = 0.05  # of a test of two seeds
 MARK = "~"  # before a figure that stands for a distribution
 NOTE = f"{MARK}: the loop is chaotic; median [range] of runs whose first velocities differ by 1e-9."
 
@@ -73,16 +75,20 @@ class Distribution:
         """Whether another run's figure lies in the range, or prints as one of its ends."""
         return _within(value, self.values)
 
-    def seeds_agree(self) -> bool:
-        """Whether seeds tell the same: ranges overlap, that of `MANY` runs holds other medians.
-
-        The range of fewer is no measure: the median of three runs is beyond that of five others of
-        the same distribution in one case of five. Seeds of less than three runs say nothing.
-        """
+    def overlap(self) -> bool:
+        """Whether the ranges of all its seeds meet; seeds of one or two runs say nothing."""
         seeds = [found for found in self.seeds.values() if len(found) > 2]
-        both = [(a, b) for a in seeds for b in seeds]
-        overlap = all(min(a) <= max(b) or _within(min(a), b) for a, b in both)
-        return overlap and all(_within(_median(a), b) for a, b in both if len(b) >= MANY)
+        return not seeds or max(map(min, seeds)) <= min(map(max, seeds))
+
+    def chance(self) -> float:
+        """How often two draws of one distribution differ as much as its seeds do.
+
+        The two-sided p-value of Mann and Whitney's rank test (1947); 1 where there are not two.
+        """
+        if len(self.seeds) != 2:
+            return 1.0
+        found = float(mannwhitneyu(*self.seeds.values()).pvalue)
+        return 1.0 if math.isnan(found) else found  # all runs alike
 
     def summary(self) -> dict[str, Any]:
         """Median, range, how many runs, what failed, and the figure as tables print it."""
@@ -98,6 +104,38 @@ class Distribution:
             return number(self.nominal) + after
         low, high = self.range
         return f"{MARK}{number(self.median)}{after} [{number(low)}, {number(high)}]"
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Whether two seeds tell the same, over many cells.
+
+    One cell in twenty differs at the 5 % level though nothing does, so cells are counted.
+
+    Attributes
+    ----------
+    cells : int
+        With two seeds.
+    disjoint : tuple of str
+        Labels of those whose ranges do not meet.
+    apart : tuple of str
+        Labels of those that differ at the 5 % level.
+    allowed : int
+        As many differ by chance in 99 of 100 cases (binomial).
+    """
+
+    cells: int
+    disjoint: tuple[str, ...]
+    apart: tuple[str, ...]
+    allowed: int
+
+    @classmethod
+    def of(cls, cells: Mapping[str, Distribution]) -> Agreement:
+        """Count them."""
+        both = {label: cell for label, cell in cells.items() if len(cell.seeds) == 2}
+        disjoint = tuple(label for label, cell in both.items() if not cell.overlap())
+        apart = tuple(label for label, cell in both.items() if cell.chance() < LEVEL)
+        return cls(len(both), disjoint, apart, int(binom.ppf(0.99, len(both), LEVEL)))
 
 
 def over(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
