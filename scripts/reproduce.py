@@ -82,9 +82,9 @@ def command(arguments: cli.Arguments) -> int:
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
     for folder in (out, grid):
         cli.make_folder(folder)
+    reproduction.run(wanted, out, jobs, files(arguments))
     ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
-    reproduction.run(wanted, out, jobs, files(arguments))
     rows = reproduction.rows(wanted, out, grid)
     write_text(out / "table.md", reproduction.markdown(rows))
     cli.write_report({"rows": rows}, arguments.json, reproduction.text(rows))

@@ -333,8 +333,11 @@ def run(
     wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1, files: Path | None = None
 ) -> None:
     """Run what is missing or out of date below `folder`; a bar on a terminal."""
-    for name, cells in _by_name(wanted).items():
-        tasks = benchmark.tasks([changed(cell, name, files) for cell in cells], cells)
+    asked = {  # all of them before the first one runs: one may be bad input
+        name: benchmark.tasks([changed(cell, name, files) for cell in cells], cells)
+        for name, cells in _by_name(wanted).items()
+    }
+    for name, tasks in asked.items():
         executors.follow(benchmark.store(folder / name).run(tasks, executors.strict(jobs)), tasks)
 
 
