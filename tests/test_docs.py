@@ -6,20 +6,25 @@ A block with `<!-- not run: REASON -->` before it is not run; its commands must 
 from __future__ import annotations
 
 import importlib
+import io
 import json
-import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
 
 from softdyn.commands.__main__ import COMMANDS
 from tests.support import ROOT
+from tests.support.command import command
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+Follow = Callable[[Path], dict[str, str]]
 NAMES = {name.replace("_", "-") for names in COMMANDS.values() for name in names}
 BLOCK = re.compile(
     r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
@@ -42,40 +47,54 @@ def commands(code: str) -> list[list[str]]:
     return found
 
 
-def follow(page: Path, folder: Path) -> dict[str, str]:
-    """Do what the page says, in an empty folder; output of each command by its text."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+@pytest.fixture
+def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
+    """Does what a page says, in an empty folder; output of each command by its text.
 
-    def run(command: list[str]) -> str:
-        done = subprocess.run(
-            command, cwd=folder, env=environment, text=True, check=False,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
-        assert done.returncode == 0, f"{command[-1]}\n{done.stdout}"
-        return done.stdout
+    In this process, where the imports are done; tests/test_wheel.py and CI start a new one.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
 
-    output, last, end, session, printed = {}, "", 0, "", ""
-    text = page.read_text(encoding="utf-8")
-    for block in BLOCK.finditer(text):
-        before, after, code = text[end : block.start()], text[block.end() :], block["code"]
-        end = block.end()
-        if block["mark"]:
-            continue
-        if SAVE.search(before):
-            last = SAVE.findall(before)[-1]
-            (folder / last).write_text(code, encoding="utf-8")
-        elif target := APPEND.match(after.lstrip()):
-            with (folder / target[1]).open("a", encoding="utf-8") as file:
-                file.write(code)
-        elif block["kind"] == "sh":
-            for line in code.splitlines():
-                output[line] = run(["bash", "-c", line])
-        elif block["kind"] == "python":
-            session += code  # what one block makes, the next may use
-            whole = run([sys.executable, "-c", session])
-            output[code], printed = whole.removeprefix(printed), whole
-    return output
+    def shell(line: str) -> str:
+        words, otherwise = (shlex.split(part) for part in line.partition("||")[::2])
+        if words[0] != "softdyn":
+            done = subprocess.run(["bash", "-c", line], text=True, capture_output=True, check=True)
+            return done.stdout + done.stderr
+        code, out, err = command(*words[1:])
+        assert code == 0 or otherwise, f"{line}\n{out}{err}"
+        told = otherwise[1].replace("$?", str(code)) + "\n" if code else ""
+        return out + err + told
+
+    def python(code: str, page: Path, session: dict[str, object]) -> str:
+        with redirect_stdout(io.StringIO()) as out:
+            exec(compile(code, page.name, "exec"), session)  # what one makes, the next may use
+        return out.getvalue()
+
+    def follow(page: Path) -> dict[str, str]:
+        output, last, end, session = {}, "", 0, {"__name__": "__main__"}
+        text = page.read_text(encoding="utf-8")
+        for block in BLOCK.finditer(text):
+            before, after, code = text[end : block.start()], text[block.end() :], block["code"]
+            end = block.end()
+            if block["mark"]:
+                continue
+            if SAVE.search(before):
+                last = SAVE.findall(before)[-1]
+                (tmp_path / last).write_text(code, encoding="utf-8")
+                monkeypatch.delitem(sys.modules, Path(last).stem, raising=False)
+            elif target := APPEND.match(after.lstrip()):
+                with (tmp_path / target[1]).open("a", encoding="utf-8") as file:
+                    file.write(code)
+            elif block["kind"] == "sh":
+                for line in code.splitlines():
+                    output[line] = shell(line)
+            elif block["kind"] == "python":
+                output[code] = python(code, page, session)
+        return output
+
+    return follow
 
 
 def said(output: dict[str, str], command: str) -> str:
@@ -106,26 +125,26 @@ WITH_TESTS = {
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if page.name not in WITH_TESTS], ids=lambda page: page.name
 )
-def test_what_a_page_shows_runs(page: Path, tmp_path: Path) -> None:
-    follow(page, tmp_path)
+def test_what_a_page_shows_runs(page: Path, follow: Follow) -> None:
+    follow(page)
 
 
-def test_the_readme_closes_a_loop(tmp_path: Path) -> None:
-    said_ = said(follow(PAGES[0], tmp_path), "SoftIdClfQp")
+def test_the_readme_closes_a_loop(follow: Follow) -> None:
+    said_ = said(follow(PAGES[0]), "SoftIdClfQp")
     assert "Status.OK" in said_
     assert float(re.findall(r"after 10 s: ([\d.]+) cm", said_)[0]) <= 0.05
 
 
-def test_the_first_minutes(tmp_path: Path) -> None:
-    output = follow(ROOT / "docs/first_minutes.md", tmp_path)
+def test_the_first_minutes(follow: Follow, tmp_path: Path) -> None:
+    output = follow(ROOT / "docs/first_minutes.md")
     assert "the two engines agree" in said(output, "crosscheck")
     for page in ("ours.html", "both.html", "spirob.html"):
         assert 0.8e6 < (tmp_path / page).stat().st_size < 1.3e6
 
 
-def test_your_own_robot(tmp_path: Path) -> None:
+def test_your_own_robot(follow: Follow, tmp_path: Path) -> None:
     page = ROOT / "docs/your_robot.md"
-    output = follow(page, tmp_path)
+    output = follow(page)
     checked = said(output, "softdyn check tentacle.urdf")
     for quoted in re.findall(r"\*`([^`]+)`\*", page.read_text(encoding="utf-8")):
         assert quoted in checked
@@ -141,9 +160,9 @@ def test_your_own_robot(tmp_path: Path) -> None:
     assert all(0 <= x <= 30 for x in u)
 
 
-def test_a_silicone_arm(tmp_path: Path) -> None:
+def test_a_silicone_arm(follow: Follow, tmp_path: Path) -> None:
     """Three sections and twelve cables: file, two checks, statics, control, pictures."""
-    output = follow(ROOT / "docs/silicone_arm.md", tmp_path)
+    output = follow(ROOT / "docs/silicone_arm.md")
     assert len((tmp_path / "silicone.toml").read_text().splitlines()) <= 30
     assert "degrees_of_freedom 18, inputs 12" in said(output, "softdyn new")
     assert said(output, "softdyn check").endswith("nothing looks wrong\n")
@@ -156,8 +175,8 @@ def test_a_silicone_arm(tmp_path: Path) -> None:
         assert "<html" in (tmp_path / page).read_text(encoding="utf-8")[:2000].lower()
 
 
-def test_your_own_controller(tmp_path: Path) -> None:
-    output = follow(ROOT / "docs/your_controller.md", tmp_path)
+def test_your_own_controller(follow: Follow, tmp_path: Path) -> None:
+    output = follow(ROOT / "docs/your_controller.md")
     result = json.loads((tmp_path / "result.json").read_text())
     assert (result["controller"], result["failed"]) == ("my_controller.py:SpringPull", False)
     assert "SpringPull" in (tmp_path / "comparison" / "table.md").read_text()
@@ -166,13 +185,11 @@ def test_your_own_controller(tmp_path: Path) -> None:
     assert broken.endswith("exit code 1\n")
 
 
-def test_the_tour_runs() -> None:
-    done = subprocess.run(
-        [sys.executable, ROOT / "docs/examples/tour.py"], capture_output=True, text=True,
-        env={**os.environ, "MPLBACKEND": "Agg"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    errors = [float(x) for x in re.findall(r"mean squared error ([\d.]+)", done.stdout)]
+def test_the_tour_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    runpy.run_path(str(ROOT / "docs/examples/tour.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    errors = [float(x) for x in re.findall(r"mean squared error ([\d.]+)", printed)]
     assert len(errors) == 2
     assert all(error < 2 for error in errors)
 

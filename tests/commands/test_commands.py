@@ -86,13 +86,16 @@ def test_one_program_three_ways(tmp_path):
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["softdyn"]
     assert entry == f"{softdyn_command.__name__}:main"
     outputs = []
-    for words in (["-m", "softdyn.commands", "crosscheck"], [SCRIPTS / "crosscheck.py"],
-                  ["-m", "softdyn.commands.crosscheck"]):  # fmt: skip
-        command = [sys.executable, *words, "finger", "--samples", "1", "--json", "-"]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    for words in (["-m", "softdyn.commands", "examples"], [SCRIPTS / "examples.py"],
+                  ["-m", "softdyn.commands.examples"]):  # fmt: skip
+        folder = tmp_path / str(len(outputs))
+        folder.mkdir()
+        command = [sys.executable, *words, "here"]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout)
+        outputs.append((done.stdout, {path.name for path in folder.rglob("*")}))
     assert outputs[0] == outputs[1] == outputs[2]
+    assert "tour.py" in outputs[0][1]
 
 
 @pytest.mark.parametrize("name", ["statics", "play"])

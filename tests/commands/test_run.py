@@ -5,7 +5,6 @@ import math
 import re
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from softdyn.validation import Log, simulate
 from softdyn.validation.studies import paper
 from tests.support import ROOT, SCRIPTS
+from tests.support.command import command
 
 KEYS = {
     "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
@@ -78,19 +78,11 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def call(folder, monkeypatch, capsys):
-    """Run a command in this process: exit code, stdout, stderr."""
-    from softdyn.commands import cli, run
-
-    monkeypatch.setattr(cli, "one_thread", lambda: None)
-    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+def call(folder):
+    """Exit code, stdout, stderr."""
 
     def call(*arguments):
-        try:
-            code = run.main([str(argument) for argument in arguments])
-        except SystemExit as stop:
-            code = stop.code
-        return code, *capsys.readouterr()
+        return command("run", *arguments)
 
     return call
 

@@ -1,8 +1,6 @@
 """Two files of one robot: no false alarm, and a planted defect is named and nothing else."""
 
 import json
-import subprocess
-import sys
 from collections import Counter
 
 import numpy as np
@@ -10,10 +8,10 @@ import pytest
 from lxml import etree
 
 import softdyn
-from softdyn.commands import compare as compare_command
 from softdyn.description.library import find
 from softdyn.validation import compare
-from tests.support import SCRIPTS, defects, pair_robots
+from tests.support import defects, pair_robots
+from tests.support.command import command
 
 KEYS = {"a", "b", "matched", "causes", "residual", "passed"}
 
@@ -264,20 +262,16 @@ def test_bundled_robots(tmp_path, name):
     assert compare(good, good, strict=True).passed
 
 
-def test_the_command(tmp_path, pair, capsys):
+def test_the_command(tmp_path, pair):
     wrong = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("mass", 1))
-    command = [sys.executable, str(SCRIPTS / "compare.py")]
-    done = subprocess.run(
-        [*command, *map(str, pair), "--json", "-"], capture_output=True, text=True
-    )
-    report = json.loads(done.stdout)
-    assert (done.returncode, report["passed"]) == (0, True)
-    assert report.keys() >= KEYS
 
     def run(*words):
-        code = compare_command.main([str(word) for word in words])
-        return code, *capsys.readouterr()
+        return command("compare", *words)
 
+    code, out, _ = run(*pair, "--json", "-")
+    report = json.loads(out)
+    assert (code, report["passed"]) == (0, True)
+    assert report.keys() >= KEYS
     code, out, _ = run(pair[0], wrong, "--json", "-")
     report = json.loads(out)
     assert code == 1

@@ -1,8 +1,5 @@
 """Written in the other format, a robot is the same robot."""
 
-import subprocess
-import sys
-
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +8,8 @@ import softdyn
 from softdyn.validation import Twin, compare
 from softdyn.validation.comparison.comparison import neutral
 from softdyn.validation.exchange import export, to_mjcf
-from tests.support import SCRIPTS, micro, pair_robots
+from tests.support import micro, pair_robots
+from tests.support.command import command
 
 
 @pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
@@ -141,12 +139,10 @@ def test_a_motor_on_a_joint_comes_through(tmp_path):
 
 
 def test_the_command(tmp_path):
-    command = [sys.executable, str(SCRIPTS / "export.py"), "finger", "--mjcf", "out.xml"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "agree" in done.stdout
-    command[2:] = ["out.xml", "--urdf", "out.xml"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr == "error: out.xml: expected another file than what is read, got that one\n"
+    code, out, err = command("export", "finger", "--mjcf", "out.xml", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert "agree" in out
+    code, _, err = command("export", "out.xml", "--urdf", "out.xml", cwd=tmp_path)
+    assert code == 2
+    assert err == "error: out.xml: expected another file than what is read, got that one\n"
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4

@@ -22,7 +22,10 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_the_command_compares_this_checkout_with_itself(folder, capsys):
+def test_the_command_compares_this_checkout_with_itself(folder, monkeypatch, capsys):
+    states = {"finger": folder / "states" / "finger.npz"}
+    once = comparison.measure(comparison.HERE, states, ["ic"], 1)  # it starts a process
+    monkeypatch.setattr(comparison, "measure", lambda *_: once)
     arguments = ["--robots", "finger", "--controllers", "ic", "--pairs", "1", "--rounds", "1",
                  "--states", "5", "--out", str(folder), "--json", "-"]  # fmt: skip
     assert compare_steps.main([str(comparison.HERE), *arguments]) in (0, 1)

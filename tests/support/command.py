@@ -1,0 +1,43 @@
+"""A command in this process, as `softdyn NAME …` runs it: a new process takes seconds to start."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import NamedTuple
+from unittest.mock import patch
+
+from softdyn.commands import __main__ as softdyn
+from softdyn.commands import cli
+
+
+class Done(NamedTuple):
+    """What is left of a command."""
+
+    code: int
+    out: str
+    err: str
+
+
+@contextmanager
+def left_as_it_was() -> Iterator[None]:
+    """What a command sets for the rest of its process."""
+    with (
+        patch.object(cli, "one_thread"),
+        patch.object(warnings, "formatwarning", warnings.formatwarning),
+    ):
+        yield
+
+
+def command(*words: object, cwd: Path | str = ".") -> Done:
+    """Run it in the folder `cwd`."""
+    out, err = io.StringIO(), io.StringIO()
+    with chdir(cwd), left_as_it_was(), redirect_stdout(out), redirect_stderr(err):
+        try:
+            code = softdyn.main([str(word) for word in words])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+    return Done(code, out.getvalue(), err.getvalue())
