@@ -58,12 +58,11 @@ def explore(
     q, u = model.configuration(x[: model.nv]), x[model.nv :]
     if not problem.near_stops(q):
         return approach(balance(model, u, q), target)
-    here = balance(model, u, q, problem.stops(SOFTNESS[0]))
     for soft in map(problem.stops, SOFTNESS):
-        here = balance(model, here.u, here.q, soft)
-        here = approach(here, target, 30, soft)
-    coordinates = problem.to_stops(model.coordinates(here.q))
-    return approach(balance(model, here.u, model.configuration(coordinates)), target)
+        here = approach(balance(model, u, q, soft), target, 30, soft)
+        u, q = here.u, here.q
+    coordinates = problem.to_stops(model.coordinates(q))
+    return approach(balance(model, u, model.configuration(coordinates)), target)
 
 
 @dataclass(frozen=True, eq=False)

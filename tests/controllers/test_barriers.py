@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,11 +99,10 @@ def test_the_least_by_which_rows_give_way() -> None:
 
     Inputs of ranges from 1e-3 to 1e3, and rows of which two or three cannot be met together.
     """
-    model, rng = robot("fully actuated"), np.random.default_rng(6)
+    rng = np.random.default_rng(6)
     for _ in range(5):
         span = 10.0 ** rng.uniform(-3, 3, 3)
-        rows = BarrierRows(model, (), TAU)
-        rows._u_min, rows._u_max, rows._range = -span, span, 2 * span
+        rows = BarrierRows(SimpleNamespace(u_min=-span, u_max=span), (), TAU)  # type: ignore[arg-type]
         first = rng.normal(size=(2, 3)) / span
         matrix = np.vstack((first, -first[:1] - 0.1 * first[1:], rng.normal(size=3) / span))
         unit = 10.0 ** rng.uniform(-3, -1, 4)

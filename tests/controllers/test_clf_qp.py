@@ -90,15 +90,22 @@ def test_wild_states_are_solved(which):
     assert controller.guard.not_solved == controller.guard.fallbacks == 0
 
 
-def test_least_norm_against_a_projection():
-    """Random programmes whose optimum is reachable: min ‖u‖² on it, by SciPy's SLSQP."""
+@pytest.mark.parametrize("size", [1.0, 1e-9])
+def test_least_norm_against_a_projection(size):
+    """Random programmes whose optimum is reachable: min ‖u‖² on it, by SciPy's SLSQP.
+
+    Inputs of a nanonewton are those of a newton, smaller.
+    """
     rng = np.random.default_rng(3)
-    for m in (4, 9, 16):
+    for m, pulls in ((4, False), (9, False), (16, False), *[(6, True)] * 12):
         Q = np.ascontiguousarray(np.linalg.qr(rng.normal(size=(m, 3)))[0].T)
         lower, upper, u = -rng.uniform(0, 1, m), rng.uniform(0, 1, m), np.zeros(m)
+        lower[:] = 0.0 if pulls else lower
         R = np.ascontiguousarray(np.triu(rng.normal(size=(3, 3))) + 3 * np.eye(3))
         inside = rng.choice([0.2, 1.0], m) * rng.uniform(lower, upper)
-        assert bounded_least_norm(R, Q, R @ (Q @ inside), lower, upper, u) == 0
+        goal = R @ (Q @ inside)
+        assert bounded_least_norm(R, Q, size * goal, size * lower, size * upper, u) == 0
+        u /= size
         reached = {
             "type": "eq",
             "fun": lambda x, Q=Q, b=inside: Q @ (x - b),

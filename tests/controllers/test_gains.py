@@ -11,7 +11,7 @@ import pytest
 import softdyn
 from softdyn import InputError, SoftdynError
 from softdyn.controllers import CONTROLLERS, Gains, Mpc, SoftIdClfQp
-from softdyn.controllers.gains import PUBLISHED, resolve
+from softdyn.controllers.gains import PUBLISHED, from_table, resolve
 from softdyn.controllers.staged import best
 from tests.support import ROOT
 from tests.support.control_cases import BUNDLED, GAINS, robot
@@ -101,6 +101,15 @@ def test_resolve() -> None:
         resolve(micro, "ic", None)
     with pytest.raises(InputError, match="gains"):
         resolve(bundled, "no such controller", None)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [("kp", r"kp \(Kp\?\)"), ("horizons", r"horizons \(horizon\?\)"), ("zzz", "zzz")],
+)
+def test_a_name_that_is_no_gain_is_told_the_nearest(key: str, said: str) -> None:
+    with pytest.raises(InputError, match=rf"any of Kp, .*, horizon, got {said}$"):
+        from_table(robot("finger"), "ic", {key: 1.0}, ("horizon",))
 
 
 def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):

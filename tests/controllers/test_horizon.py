@@ -61,6 +61,10 @@ def test_the_stiffness_is_the_gradient_of_the_springs(seed: int | str, tmp_path:
     q = model.configuration(rng.uniform(low, high))
     numeric = gradient(model, lambda q: model.state(q, np.zeros(model.nv)).K, q, 2e-4)
     assert relative(model.tangent_stiffness(q), numeric) < 1e-7
+    state, tau = model.state(q, rng.normal(size=model.nv)), 0.3
+    M, h = Horizon(model, tau)(state)
+    assert relative(M, state.M + tau * state.D + tau**2 * numeric) < 1e-7
+    assert relative(h, state.h + tau * numeric @ state.v) < 1e-7
 
 
 @pytest.mark.parametrize("tau", [0.002, 0.05])

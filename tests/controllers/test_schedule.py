@@ -84,6 +84,15 @@ def test_a_tip_that_is_nowhere_changes_no_stage() -> None:
     assert law._staying
 
 
+def test_the_tip_leaves_beyond_the_distance_not_at_it() -> None:
+    law = Staged(robot("finger"), replace(SCHEDULE, leave=0.5))
+    here = replace(recorded("finger")[2][0], y=np.zeros(3))
+    law._staying = True
+    for distance, stays in ((0.5, True), (np.nextafter(0.5, 1.0), False)):
+        law(here, SetPoint([0.0, 0.0, distance]))
+        assert law._staying == stays
+
+
 def test_a_schedule_beside_a_file_is_for_that_content(tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(robot("finger").robot.path.read_text())

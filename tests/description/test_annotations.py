@@ -24,6 +24,21 @@ def test_a_slip_is_answered_with_the_name(tmp_path, place, name, slip):
         parse(tmp_path / "slip.urdf")
 
 
+@pytest.mark.parametrize(
+    "name", ["axis", "limit", "child", "mimic", "origin", "parent", "dynamics", "calibration"]
+)
+def test_letters_left_out_are_a_slip_one_of_four_to_six_and_two_of_more(name, tmp_path):
+    text = (ROOT / "urdf" / "finger.urdf").read_text()
+    for left_out in (1, 2, 3):
+        slip = name[:1] + name[1 + left_out :]
+        (tmp_path / "slip.urdf").write_text(text.replace("</joint>", f"<{slip}/></joint>", 1))
+        if left_out > (1 if len(name) <= 6 else 2):  # another tool's element
+            parse(tmp_path / "slip.urdf")
+        else:
+            with pytest.raises(UrdfError, match=rf"<{name}>.*<{slip}> \(misspelt"):
+                parse(tmp_path / "slip.urdf")
+
+
 def test_sites_of_different_links_are_apart(tmp_path):
     """In either order; on one link a site may come twice."""
     inertial = (

@@ -13,6 +13,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.description import library as catalogue
 from softdyn.description.library import BUNDLED, bundled_name, bundled_names, example_robots, find
+from softdyn.loading import load_text
 
 
 def test_bundled_names_are_the_four_robots() -> None:
@@ -45,6 +46,17 @@ def test_a_copy_is_not_the_bundled_robot(tmp_path: Path) -> None:
     assert softdyn.load(copy).bundled is None
     assert softdyn.load(copy).name == softdyn.load("finger").name == "finger"
     assert softdyn.load("finger").bundled == "finger"
+
+
+def test_a_text_is_the_bundled_robot_only_where_it_is_its_file() -> None:
+    text = (BUNDLED / "finger.urdf").read_text()
+    own = text.replace('damping="', 'damping="1', 1)
+    assert own != text
+    for written, name, found in (
+        (text, "finger", "finger"), (own, "finger", None), (text, "helix", None),
+        (text, "thumb", None), (text, None, None),
+    ):  # fmt: skip
+        assert load_text(written, path="finger.urdf", bundled=name).bundled == found
 
 
 def test_what_is_not_a_urdf_is_not_bundled() -> None:

@@ -72,6 +72,7 @@ def test_every_unit_in_si():
 
 WRONG = {
     "no segments": ("segments = 4", "segments = 0", r"\[\[section\]\] 1: segments: .*, got 0"),
+    "more than a file may have": ("segments = 4", "segments = 257", "from 1 to 256, got 257"),
     "negative radius": ("[20, 17]", "[20, -17]", r"radius: expected a finite number > 0, got -0.0"),
     "E 1e3 too large": ("= 0.25", "= 250", "'base_1': bend at max_tension, by Young's modulus"),
     "E 1e6 too large": ("= 0.25", "= 250000", "expected at most 14000 m/s"),

@@ -18,6 +18,8 @@ from softdyn.dynamics.mimic import MimicModel
 from softdyn.dynamics.reduced import ReducedModel
 from softdyn.dynamics.tree import TreeModel, tree_of
 from softdyn.validation import StateMap, Twin, crosscheck
+from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.twin.free_base import step_free_rk4
 from tests.support.micro import GRIPPER, write
 
 
@@ -101,6 +103,21 @@ def test_the_twin_agrees(floating, tmp_path):
     model = softdyn.load(write(tmp_path, GRIPPER), floating=floating)
     result = crosscheck(model, samples=4, trajectories=not floating)
     assert result.passed, [(c.quantity, c.max_error, c.reason) for c in result.checks]
+
+
+def test_a_free_base_with_followers_is_followed_by_both_engines(tmp_path):
+    """Twenty steps of Runge–Kutta: ours, and the judge's own, which holds followers."""
+    model = softdyn.load(write(tmp_path, GRIPPER), floating=True)
+    twin = Twin(model, limits=False)
+    judge, rng = Judge(twin, StateMap(model, twin)), np.random.default_rng(2)
+    q, v = model.configuration(rng.uniform(-0.3, 0.3, model.nv)), rng.uniform(-1, 1, model.nv)
+    u = rng.uniform(model.u_min, model.u_max)
+    judge.start(q, v, "rk4", 1e-3)
+    ((coordinates, velocity),) = judge.follow([u], [20])
+    for _ in range(20):
+        q, v = step_free_rk4(model, q, v, u, 1e-3)
+    np.testing.assert_allclose(model.coordinates(q), coordinates, atol=1e-12)
+    np.testing.assert_allclose(v, velocity, atol=1e-11)
 
 
 def test_omitted_rest_lengths_are_those_at_q_0(gripper):

@@ -13,6 +13,7 @@ from softdyn.dynamics.tree import tree_of
 from softdyn.identification import Measurements
 from softdyn.identification.data import stretches
 from softdyn.identification.fit import measured
+from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
 from softdyn.identification.trajectory import Held, Start, follow
 from softdyn.validation.identification.trials import Excitation, trial, twin_data
@@ -175,6 +176,21 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     seen, _ = twin_data(finger, several, some, excitation, 0.0, 0)
     at_stop = np.abs(seen.outputs[:, :3]).max(1) > 0.96 * np.pi / 2
     assert abs(np.isfinite(one.found.residuals).all(1).sum() - np.argmax(at_stop)) <= 3
+
+
+def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
+    """Exact motion of robots whose springs are 0.01 to 100 times as stiff as the file says."""
+    springs, rng = unknowns(finger, "stiffness"), np.random.default_rng(4)
+    nominal = np.array([one.nominal for one in springs])
+    factors = np.array([0.01, 0.5, 3.0, 100.0])
+    true = with_values(finger, springs, factors * nominal)
+    q, v = rng.uniform(-0.3, 0.3, (2, 50, 4))
+    u = rng.uniform(finger.u_min, finger.u_max)
+    a = np.array([true.forward_dynamics(*state, u) for state in zip(q, v, strict=True)])
+    names = tuple(f"q.{name}" for name in finger.joint_names)
+    data = Measurements(np.arange(50.0), np.tile(u, (50, 1)), names, q)
+    guess = first_guess(finger, springs, data, np.array([q, v, a]), np.zeros((50, 4), bool))
+    np.testing.assert_allclose(guess, np.clip(factors, 0.1, 10.0) * nominal, rtol=1e-6)
 
 
 def test_stretches_without_a_stop():

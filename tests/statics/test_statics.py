@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import pickle
+import warnings
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import softdyn
 from softdyn import InputError, SoftModel, statics
 from softdyn.commands import statics as command
+from softdyn.statics.equilibria import _newton
 from softdyn.validation.crosschecks.rests import hold
 from softdyn.validation.report import statics_figure
 from tests.support.oracles import gradient, relative
@@ -211,10 +214,12 @@ def test_explored_equilibria_are_exact(robot, size):
     target = statics.settle(model, some_input(model, size)).y
     distances = []
     for q, u in statics.random_shapes(model, 3):
-        try:
-            found = statics.explore(model, target, q, u)
-        except statics.StaticsError:
-            continue
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # nor does the solver say anything
+            try:
+                found = statics.explore(model, target, q, u)
+            except statics.StaticsError:
+                continue
         assert found.residual < 1e-9
         assert np.all(found.u >= model.u_min)
         assert np.all(found.u <= model.u_max)
@@ -223,6 +228,30 @@ def test_explored_equilibria_are_exact(robot, size):
         assert np.all(at <= model.upper + 1e-9)
         distances.append(np.linalg.norm(found.y - target))
     assert min(distances) < 1e-6
+
+
+def test_rests_are_sampled_under_small_inputs_as_under_large_ones(tmp_path):
+    """All along each ray: of the last two and a half of three decades none is left out."""
+    model = pendulum(tmp_path)
+    sizes = [abs(float(one.u[0])) / 2.0 for one in statics.sample_rests(model, 15)]
+    decades = np.sort(np.log10(sizes))
+    assert decades[0] < -3
+    assert decades[-1] > -0.1
+    assert np.diff(decades).max() < 0.09
+
+
+def test_newton_s_damping_is_at_most_twice_what_it_takes():
+    """Of (H + c diag |H_ii|) s = -r: c is at least -λ_min of the pencil, and none where H > 0."""
+    rng = np.random.default_rng(7)
+    for k in range(30):
+        H, r = rng.normal(size=(3, 3)), rng.normal(size=3)
+        H = H @ H.T + np.eye(3) if k < 3 else H + H.T
+        size = np.abs(np.diag(H)) + 1e-6 * np.abs(H).max()
+        needed = max(0.0, -eigh(H, np.diag(size), eigvals_only=True)[0])
+        step = _newton(H, r, np.zeros(3))
+        c = -(r + H @ step) @ step / (size * step @ step)
+        np.testing.assert_allclose((H + c * np.diag(size)) @ step, -r, atol=1e-9)
+        assert needed - 1e-9 <= c <= (max(2 * needed, 1e-3) if needed else 0.0) + 1e-9
 
 
 def test_random_inputs_stay_within_bounds(model):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn import Reference, SoftModel, State
-from softdyn.controllers.mpc import KNOTS, SIZE, STOP, MpcParameters
+from softdyn.controllers.mpc import SIZE, STOP, MpcParameters
 from softdyn.dynamics.derivatives import tangent_dynamics
+
+KNOTS = (1, 3, 6, 12, 30)  # of docs/beyond.md, "Predictive control"
 
 
 def linear(state: State, u: np.ndarray, held: np.ndarray, stop: float) -> tuple:

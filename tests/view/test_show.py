@@ -28,6 +28,15 @@ def test_a_view_shows_one_pose_in_a_notebook_and_in_a_file(tmp_path):
     assert "save(" in repr(view)
 
 
+def test_a_page_has_the_name_of_its_robot(tmp_path):
+    own = (
+        (softdyn.load("finger").robot.path).read_text().replace('name="finger"', 'name="thumb"', 1)
+    )
+    (tmp_path / "arm.urdf").write_text(own)
+    for source, title in (("spirob48", "spirob48"), (tmp_path / "arm.urdf", "thumb")):
+        assert softdyn.show(softdyn.load(source)).page.title == title
+
+
 def test_what_cannot_be_shown_is_said():
     model = softdyn.load("finger")
     view = softdyn.show(model)

@@ -113,17 +113,17 @@ class Tree:
     skipped: tuple[str, ...]
 
 
-def read_bodies(path: Path, *, mended: str = "", floating: bool = False) -> Tree:
+def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
     """Read and lump the bodies of a URDF that has already passed the strict parse.
 
     Parameters
     ----------
     path : Path
         The file.
-    mended : str
-        Text to read in its place; none by default.
     floating : bool
         Whether the root link moves freely.
+    mended : str
+        Text to read in its place; none by default.
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from softdyn.description.library import example_files, example_robots
 from softdyn.validation.crosschecks import batch as catalogue
 from softdyn.validation.crosschecks.batch import FIXED, FLOATING, REPAIRED, Row
+from softdyn.validation.crosschecks.random_robots import random_urdf
 from softdyn.validation.files import to_json
 
 
@@ -84,6 +86,47 @@ def test_a_hundred_random_robots(block):
         row = catalogue.examine(job)
         assert row is not None
         assert row.passed is True, row
+
+
+def test_random_robots_have_every_feature_of_the_format():
+    """By the tags of a hundred: joints, tendons, massless links alone and in a row."""
+    seen: set[str] = set()
+    for seed in range(100):
+        root = ElementTree.fromstring(random_urdf(seed))
+        seen |= {f"{x.get('type')} joint" for x in root.iter("joint") if x.get("type")}
+        for tag, fields in (("tendon", ("stiffness", "rest", "damping")), ("joint", ("armature",))):
+            seen |= {f"{tag} {name}" for x in root.iter(tag) for name in fields if x.get(name)}
+        seen |= {f"{x.tag} in {y.tag}" for y in root.iter() for x in y}
+        light = {x.get("name") for x in root.iter("link") if x.find("inertial") is None}
+        parents = {x.find("child").get("link"): x.find("parent").get("link")
+                   for x in root.findall("joint") if x.get("type") != "fixed"}  # fmt: skip
+        light &= parents.keys()
+        above = light & {parents[x] for x in light}
+        seen |= {"massless links in a row"} if above else set()
+        seen |= (
+            {"a massless link alone"}
+            if light - above - {x for x in light if parents[x] in light}
+            else set()
+        )
+    kinds = ("revolute", "continuous", "prismatic", "fixed")
+    assert seen >= {f"{kind} joint" for kind in kinds} | {
+        "massless links in a row", "a massless link alone",
+        "tendon stiffness", "tendon rest", "tendon damping", "joint armature", "site in tendon",
+        "joint in tendon", "actuator in softdyn", "task in softdyn", "springReference in gazebo",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("bodies", [1, 3])
+def test_random_robots_have_as_many_bodies_as_asked_for(bodies):
+    counts = []
+    for seed in range(40):
+        root = ElementTree.fromstring(random_urdf(seed, bodies))
+        carried = {x.find("child").get("link") for x in root.findall("joint")
+                   if x.get("type") != "fixed"}  # fmt: skip
+        counts.append(sum(x.get("name") in carried and x.find("inertial") is not None
+                          for x in root.iter("link")))  # fmt: skip
+    assert min(counts) >= 1
+    assert max(counts) >= bodies
 
 
 def test_the_command(tmp_path, monkeypatch, capsys):

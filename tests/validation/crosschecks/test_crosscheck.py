@@ -14,7 +14,8 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
-from softdyn.validation.crosschecks.trajectories import damping_couples_branches
+from softdyn.validation.crosschecks.result import CrossCheck, Run
+from softdyn.validation.crosschecks.trajectories import _rates, damping_couples_branches
 from softdyn.validation.twin.twin import Twin
 from tests.support import SCRIPTS
 from tests.support.random_robots import write_robot
@@ -194,6 +195,30 @@ def test_damping_that_couples_branches_is_compared_with_runge_kutta(tmp_path):
     assert {run.scheme for run in crosscheck(model, samples=1).runs} == {"rk4"}
     model = softdyn.load(write(tmp_path, MICRO["fixed links with inertia"]))
     assert not damping_couples_branches(model, model.q0, np.zeros(model.nv))
+
+
+def test_how_fast_a_falling_rod_moves(tmp_path):
+    """q̈ = m g l / (I + m l²) of a rod held level: its square root is a rate."""
+    level = link("base", "") + (
+        '<link name="rod"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>'
+        '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
+    ) + joint("j", "revolute", "base", "rod", xyz="0 0 0", rpy="0 0 0")  # fmt: skip
+    model = softdyn.load(write(tmp_path, level))
+    rates = _rates(model, model.q0, np.zeros(1))
+    assert rates.motion == pytest.approx((2 * 9.81 * 0.1 / (1e-3 + 2 * 0.1**2)) ** 0.5)
+    assert (rates.damping, rates.damped) == (0.0, False)
+
+
+def test_figures_stand_below_the_ends_of_their_headings():
+    runs = tuple(Run(name, "rk4", step, length, 1e-9, "") for name, step, length in
+                 (("free", 5e-4, 1.0), ("forced", 1.2e-5, 0.125)))  # fmt: skip
+    lines = str(CrossCheck("r", 1, 0, 1, 0, (), 1.0, runs, ())).splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("trajectory"))
+    for heading in ("step s", "length s", "error"):
+        end = lines[head].index(heading) + len(heading)
+        for line in lines[head + 1 : head + 3]:
+            assert line[end - 1].isdigit()
+            assert not line[end:].startswith(tuple("0123456789"))
 
 
 # -- faults ------------------------------------------------------------------------------------
