@@ -158,8 +158,8 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:
             expected = (
-                f"softdyn.controllers.Gains(Kp=…) or --gains FILE for {model.robot.path}, which "
-                "has no published ones; best needs none"
+                f"softdyn.controllers.Gains(Kp=…), or --gains FILE where a command has it, for "
+                f"{model.robot.path}, which has no published ones; best and mpc need none"
             )
             raise InputError("gains", expected, None)
         return table[controller]

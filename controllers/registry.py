@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
 import signal
 import sys
@@ -45,8 +46,10 @@ def find_controller(name: str) -> Callable[..., Any]:
         return BEYOND[name]
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
-        expected = f"{', '.join([*CONTROLLERS, *BEYOND])} or FILE.py:CLASS"
-        raise InputError("controller", expected, repr(name))
+        known = [*CONTROLLERS, *BEYOND]
+        near = difflib.get_close_matches(name.lower(), known, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise InputError("controller", f"{', '.join(known)} or FILE.py:CLASS", f"{name!r}{hint}")
     cls = getattr(_load(file), kind, None)
     if not callable(cls):
         raise InputError("controller", f"a class in {file}", repr(kind))

@@ -16,17 +16,24 @@ exit codes: 0 written; 2 bad input.
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("file", metavar="FILE", help="TOML")
-parser.add_argument("--out", metavar="URDF", help="what to write (default: FILE with .urdf)")
+parser.add_argument(
+    "--out", metavar="URDF",
+    help="what to write or replace (default: FILE with .urdf; refused if another hand wrote it)",
+)  # fmt: skip
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
     """Read, judge, write."""
-    from softdyn import design
+    from softdyn import InputError, design
+    from softdyn.design.urdf_text import GENERATED
     from softdyn.validation.files import atomic
 
     out = Path(arguments.out or Path(arguments.file).with_suffix(".urdf"))
     cli.check_outputs(str(out), arguments.json, inputs=[arguments.file])
+    own = not out.is_file() or GENERATED.encode() in out.read_bytes()
+    if arguments.out is None and not own:
+        raise InputError(str(out), "no file, or --out to replace it", "one of another hand")
     made = design.read(cli.read_toml(arguments.file), arguments.file)
     for name, content in {**made.meshes, out.name: made.text.encode()}.items():
         cli.make_folder((out.parent / name).parent)

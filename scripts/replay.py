@@ -18,7 +18,7 @@ exit codes: 0 written; 2 bad input.
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("logs", nargs="+", metavar="LOG")
 parser.add_argument("--html", metavar="FILE", help="the page to write")
-parser.add_argument("--plot", metavar="FILE", help="errors and inputs over time, a PNG")
+parser.add_argument("--plot", metavar="FILE", help="errors and inputs over time: .png or .pdf")
 parser.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
 parser.add_argument(
     "--side-by-side", action="store_true", help="next to each other, not in one place"
@@ -37,6 +37,10 @@ def command(arguments: cli.Arguments) -> int:
 
     if arguments.html is None and arguments.plot is None:
         raise softdyn.InputError("arguments", "--html FILE or --plot FILE", "neither")
+    if arguments.plot is not None:
+        from softdyn.validation.report.time_figures import look, save_comparison
+
+        look.check_path(arguments.plot)
     cli.check_outputs(arguments.html, arguments.plot, inputs=(*arguments.logs, arguments.robot))
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
         raise softdyn.InputError(
@@ -44,8 +48,6 @@ def command(arguments: cli.Arguments) -> int:
         )
     logs = [Log.load(path) for path in arguments.logs]
     if arguments.plot is not None:
-        from softdyn.validation.report.time_figures import save_comparison
-
         save_comparison(arguments.plot, logs, arguments.labels)
         print(arguments.plot)
     if arguments.html is None:

@@ -54,7 +54,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Search, judge, report."""
-    from softdyn.validation.report.statics_figure import check_path
+    from softdyn.validation.report.plot_style import check_path
 
     if arguments.inputs is not None and arguments.map is not None:
         parser.error("argument --map: not allowed with --inputs")

@@ -115,7 +115,7 @@ def test_a_name_that_is_no_gain_is_told_the_nearest(key: str, said: str) -> None
 def test_what_a_robot_without_gains_or_inputs_is_told(tmp_path):
     text = (ROOT / "urdf" / "finger.urdf").read_text()
     (tmp_path / "own.urdf").write_text(text)
-    with pytest.raises(InputError, match=r"--gains FILE for .*own\.urdf.*; best needs none"):
+    with pytest.raises(InputError, match=r"a command has it, for .*own\.urdf.*; best and mpc"):
         SoftIdClfQp(softdyn.load(tmp_path / "own.urdf"))
     (tmp_path / "bare.urdf").write_text(re.sub(r"<softdyn.*</softdyn>", "", text, flags=re.S))
     model = softdyn.load(tmp_path / "bare.urdf")

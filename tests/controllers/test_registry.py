@@ -10,7 +10,12 @@ import pytest
 from softdyn import InputError
 from softdyn.controllers import Gains, Mpc, SoftIdClfQp
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.controllers.registry import is_own, make_controller, one_line_errors
+from softdyn.controllers.registry import (
+    find_controller,
+    is_own,
+    make_controller,
+    one_line_errors,
+)
 from tests.support.control_cases import robot
 
 OWN = """
@@ -47,6 +52,17 @@ def test_with_and_without_parameters(own: str) -> None:
     assert isinstance(make_controller("mpc", model), Mpc)
     assert make_controller(f"{own}:Table", model, {"any": 1}).table == {"any": 1}
     assert make_controller(f"{own}:Table", model).table is None
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("soft-id-clf-pq", "; did you mean 'soft-id-clf-qp'?"), ("MPC", "; did you mean 'mpc'?"),
+     ("tangerine", "")],
+)  # fmt: skip
+def test_a_misspelt_name_is_told_the_nearest(name: str, said: str) -> None:
+    with pytest.raises(InputError, match=r"or FILE\.py:CLASS, got ") as error:
+        find_controller(name)
+    assert str(error.value).endswith(f"got {name!r}{said}")
 
 
 def test_what_cannot_be_built_is_one_line(own: str) -> None:

@@ -122,6 +122,19 @@ def test_unusual_numbers_may_be_meant():
     assert design.read(tomllib.loads("unusual = true\n" + text)).text
 
 
+def test_a_file_of_another_hand_is_replaced_only_if_it_is_named(tmp_path: Path, capsys):
+    source, out = tmp_path / "arm.toml", tmp_path / "arm.urdf"
+    source.write_text(THREE_SECTIONS)
+    out.write_text("mine")
+    assert new.main([str(source)]) == 2
+    assert "arm.urdf: expected no file, or --out to replace it" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+    assert new.main([str(source), "--out", str(out)]) == 0
+    source.write_text(THREE_SECTIONS.replace("segments = 4", "segments = 5", 1))
+    assert new.main([str(source)]) == 0  # its own
+    assert len(parse(out).moving_joints) > 24
+
+
 def test_nothing_is_written_for_bad_input(tmp_path: Path, capsys):
     source = tmp_path / "arm.toml"
     source.write_text(THREE_SECTIONS.replace("segments = 4", "segments = 0", 1))

@@ -16,12 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
+from softdyn import InputError
 from softdyn.validation.files import atomic
 from softdyn.validation.studies import names
 
 Look = tuple[str, Any]  # colour and dashes
 COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)
 PNG_DPI = 200
+SUFFIXES = (".png", ".pdf")
 TIME = "Time (s)"
 
 # Okabe and Ito's palette: told apart by all common kinds of colour vision.
@@ -155,6 +157,20 @@ def legend_above(figure: Figure, handles: Sequence[Line2D]) -> None:
         if legend.get_window_extent(renderer).width <= figure.bbox.width or columns == 1:
             return
         legend.remove()
+
+
+def check_path(path: str | Path) -> Path:
+    """`path`, if a figure can be written under its name.
+
+    Raises
+    ------
+    InputError
+        For any other suffix than .png and .pdf.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(str(path), "a file name that ends in .png or .pdf", path.suffix or "none")
+    return path
 
 
 def save(figure: Figure, path: Path) -> list[Path]:

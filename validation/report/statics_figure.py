@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from softdyn import InputError
 from softdyn.statics import Equilibrium
 from softdyn.validation.crosschecks.rest_report import RestReport
 from softdyn.validation.files import atomic
@@ -21,28 +20,14 @@ from softdyn.validation.report.plot_style import (
     PAGE,
     SKY,
     VERMILLION,
+    check_path,
     letter,
     panels,
     robot_title,
     style,
 )
 
-SUFFIXES = (".png", ".pdf")
 FLAT = 1e-6  # of the size: what is so close to a plane is in it
-
-
-def check_path(path: str | Path) -> Path:
-    """`path`, if a figure can be written under its name.
-
-    Raises
-    ------
-    InputError
-        For any other suffix than .png and .pdf.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(str(path), "a file name that ends in .png or .pdf", path.suffix or "none")
-    return path
 
 
 @dataclass(frozen=True)

@@ -97,15 +97,16 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
 def save_comparison(
     path: str | Path, logs: Sequence[Log], labels: Sequence[str] | None = None
 ) -> None:
-    """Write the figure of `compare` as a PNG; `labels` are what tells the runs apart by default."""
+    """Write the figure of `compare`, .png or .pdf; `labels` are what tells the runs apart."""
+    path = look.check_path(path)
     with look.style():
         figure = compare(logs, labels or labels_of(logs))
         with atomic(path) as stream:
-            figure.savefig(stream, format="png", dpi=120)
+            figure.savefig(stream, format=path.suffix.lower()[1:], dpi=120)
 
 
 def plot(log: Log, path: str | Path | None = None) -> Figure:
-    """One run's error and inputs over time; `path` is a PNG to write as well."""
+    """One run's error and inputs over time; `path` is a .png or .pdf to write as well."""
     if path is not None:
         save_comparison(path, [log])
     with look.style():
