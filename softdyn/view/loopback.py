@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import socket
+import webbrowser
+from abc import abstractmethod
+from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from softdyn.exceptions import InputError
@@ -10,6 +13,24 @@ from softdyn.exceptions import InputError
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
 PORTS = range(7000, 7100)
+
+
+class Served(AbstractContextManager):
+    """What serves a page at `url` until it is closed; a context manager."""
+
+    url: str
+
+    @abstractmethod
+    def close(self) -> None:
+        """End it."""
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def open(self) -> None:
+        """Show the page in the user's browser, where there is one."""
+        with suppress(webbrowser.Error):
+            webbrowser.open(self.url, new=2)
 
 
 def is_local(request: Any) -> bool:

@@ -11,7 +11,6 @@ import asyncio
 import json
 import socket
 import threading
-import webbrowser
 from contextlib import suppress
 from typing import Any
 
@@ -28,14 +27,14 @@ from meshcat.servers.zmqserver import (
 )
 
 from softdyn.exceptions import InputError
-from softdyn.view.loopback import HOST, is_local, listener
+from softdyn.view.loopback import HOST, Served, is_local, listener
 from softdyn.view.page import Page
 
 LIBRARY = "/static/main.min.js"
 FLOAT32 = 0x17  # MessagePack's extension that Meshcat reads as a Float32Array
 
 
-class Viewer:
+class Viewer(Served):
     """Serves a page from a thread of its own until it is closed; a context manager.
 
     Parameters
@@ -73,17 +72,6 @@ class Viewer:
 
     def __reduce_ex__(self, _protocol: Any) -> str:
         raise TypeError("a live page cannot be copied: make another Viewer of its page")
-
-    def __enter__(self) -> Viewer:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def open(self) -> None:
-        """Show the page in the user's browser, where there is one."""
-        with suppress(webbrowser.Error):
-            webbrowser.open(self.url, new=2)
 
     def wait(self, timeout: float) -> bool:
         """Wait for a browser, at most so long (s); whether there is one."""

@@ -156,12 +156,11 @@ def _every_run() -> str:
 
 def _seeds() -> str:
     found = Agreement.of(benchmark.committed())
-    cells = [cell for cell in benchmark.committed().values() if len(cell.seeds) == 2]
-    counts = zip(*(map(len, cell.seeds.values()) for cell in cells), strict=True)
+    counts = zip(*(map(len, cell.seeds.values()) for cell in found.cells.values()), strict=True)
     runs = [f"{min(n)} to {max(n)}" if min(n) < max(n) else min(n) for n in counts]
     titles = ["cells", "runs of seed 1", "of seed 2", "ranges apart", "p below 5 %", "by chance"]
     apart = [len(found.disjoint), len(found.apart), f"up to {found.allowed}"]
-    return "\n".join(pipes([titles, [found.cells, *runs, *apart]]))
+    return "\n".join(pipes([titles, [len(found.cells), *runs, *apart]]))
 
 
 def _hard() -> str:

@@ -13,7 +13,6 @@ import select
 import socket
 import subprocess
 import sys
-import webbrowser
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +23,7 @@ import numpy as np
 import softdyn
 from softdyn.exceptions import InputError
 from softdyn.validation.live.messages import LONGEST, Limits, Message, read
-from softdyn.view.loopback import HOST, listener
+from softdyn.view.loopback import HOST, Served, listener
 
 if TYPE_CHECKING:
     from softdyn.view.scene import Figure
@@ -34,7 +33,7 @@ AT_ONCE = 8  # messages that a loop reads between two control steps
 PATIENCE = 30.0  # s for the pages to take what is left when it ends
 
 
-class Channel:
+class Channel(Served):
     """Frames out, messages in; starts the server, and ends it when it is closed.
 
     Parameters
@@ -108,17 +107,6 @@ class Channel:
             self.close()
             raise InputError("pages", "a server of its own process", answer or "one that died")
         self.url = f"http://{HOST}:{found}/?token={token}"
-
-    def __enter__(self) -> Channel:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def open(self) -> None:
-        """Show the page in the user's browser, where there is one."""
-        with suppress(webbrowser.Error):
-            webbrowser.open(self.url, new=2)
 
     def wait(self, timeout: float) -> bool:
         """Wait for the first page, at most so long (s); whether there is one."""

@@ -234,7 +234,7 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
 
     def open(self, *_arguments: str) -> None:
         """Join the others, if there is room."""
-        self._busy: Any = None
+        self._sending: asyncio.Future | None = None
         self._outbox = Outbox()
         self.dropped = 0
         if len(self.hub.pages) >= MOST:
@@ -264,19 +264,20 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
     @property
     def behind(self) -> bool:
         """Whether there is something that it has not been told yet."""
-        return bool(self._outbox) or (self._busy is not None and not self._busy.done())
+        return bool(self._sending or self._outbox)
 
     def _next(self) -> None:
         """Send what waits, one after the other: each is sent when the one before has left."""
-        if not self._outbox or (self._busy is not None and not self._busy.done()):
+        if self._sending or not self._outbox:
             return
         content = self._outbox.take()
         with suppress(tornado.websocket.WebSocketClosedError):
             written = self.write_message(content, isinstance(content, bytes))
-            self._busy = asyncio.ensure_future(written)
-            self._busy.add_done_callback(self._left)
+            self._sending = asyncio.ensure_future(written)
+            self._sending.add_done_callback(self._left)
 
     def _left(self, done: asyncio.Future) -> None:
+        self._sending = None
         if not done.cancelled() and done.exception() is None:  # else the page is gone
             self._next()
 

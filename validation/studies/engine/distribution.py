@@ -114,8 +114,8 @@ class Agreement:
 
     Attributes
     ----------
-    cells : int
-        With two seeds.
+    cells : mapping
+        Label → cell, of those with two seeds.
     disjoint : tuple of str
         Labels of those whose ranges do not meet.
     apart : tuple of str
@@ -124,7 +124,7 @@ class Agreement:
         As many differ by chance in 99 of 100 cases (binomial).
     """
 
-    cells: int
+    cells: Mapping[str, Distribution]
     disjoint: tuple[str, ...]
     apart: tuple[str, ...]
     allowed: int
@@ -135,7 +135,7 @@ class Agreement:
         both = {label: cell for label, cell in cells.items() if len(cell.seeds) == 2}
         disjoint = tuple(label for label, cell in both.items() if not cell.overlap())
         apart = tuple(label for label, cell in both.items() if cell.chance() < LEVEL)
-        return cls(len(both), disjoint, apart, int(binom.ppf(0.99, len(both), LEVEL)))
+        return cls(both, disjoint, apart, int(binom.ppf(0.99, len(both), LEVEL)))
 
 
 def over(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
