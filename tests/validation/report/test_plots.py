@@ -148,11 +148,8 @@ def test_no_global_state_of_pyplot():
 @pytest.mark.parametrize(
     ("controllers", "thetas", "omegas", "options", "expected"),
     [
-        (("ic",), (0.5,), (0.3,), {}, ALL),
         (("own.py:Push",), (0.5,), (0.3,), {"V": False}, ALL - {
             "lyapunov_set_points", "lyapunov_trajectories"}),
-        (("ic", "soft-id-clf-qp"), (), (0.3,), {}, {
-            "lyapunov_trajectories", "tracking", "error_trajectories", "inputs"}),
         (("ic",), (1.0,), (), {}, {
             "lyapunov_set_points", "convergence_finger", "error_set_points", "inputs"}),
         (("ic",), (1.0,), (), {"end": 0.0}, {"convergence_finger", "error_set_points"}),
@@ -176,16 +173,6 @@ def test_names_that_would_be_mathematics(tmp_path):
         assert len(plots.make_all(cases, tmp_path)) == 8
 
 
-def test_figures_of_an_earlier_grid_go(tmp_path):
-    (tmp_path / "figures").mkdir()
-    for name in ("convergence_helix.pdf", "lyapunov_set_points.png", "mine.png"):
-        (tmp_path / "figures" / name).write_text("old")
-    cases = benchmark.grid(("finger",), ("ic",), (), (0.2,))
-    write(tmp_path, cases)
-    files = plots.make_all(cases, tmp_path)
-    assert {*(tmp_path / "figures").iterdir()} == {*files, tmp_path / "figures" / "mine.png"}
-
-
 # --- the command ----------------------------------------------------------------------------------
 
 
@@ -206,11 +193,16 @@ def call(tmp_path, monkeypatch, capsys):
     return call
 
 
-def test_plots_alone_run_nothing(call):
+def test_plots_alone_run_nothing_and_figures_of_an_earlier_grid_go(call):
     (case,) = benchmark.grid(("finger",), ("ic",), (), (0.2,))
     write(Path("out"), [case])
+    folder = Path("out/figures")
+    folder.mkdir()
+    for name in ("convergence_helix.pdf", "lyapunov_set_points.png", "mine.png"):
+        (folder / name).write_text("old")
     code, text, errors = call()
     assert (code, errors) == (0, "")
+    assert {*folder.iterdir()} == {*map(Path, text.split()), folder / "mine.png"}
     assert names(text.split()) == {
         "lyapunov_trajectories", "tracking", "error_trajectories", "inputs",
     }  # fmt: skip
