@@ -39,6 +39,8 @@ parser.add_argument(
     "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad and 1 mm", 1.0)
+parser.option("--reach", cli.positive, "PART", "of the inputs' ranges that the twin sees", 0.6)
+parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
 parser.option("--timestep", cli.positive, "S", "of the twin", 1e-4)
 parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
@@ -94,7 +96,12 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter
     outputs = [f"q.{name}" for name in model.joint_names]
     if arguments.measure == "tip":
         outputs = [f"tip.{axis}" for axis in "xyz"]
-    excitation = study.Excitation(arguments.twin, timestep=arguments.timestep)
+    excitation = study.Excitation(
+        arguments.twin,
+        reach=arguments.reach,
+        at_rest=arguments.at_rest,
+        timestep=arguments.timestep,
+    )
     step = arguments.step or math.inf
     trials = [
         study.trial(model, unknowns, outputs, excitation, arguments.noise, seed, step)
@@ -104,7 +111,8 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter
     report = {
         "robot": model.name, "labels": labels,
         "trials": [{"seed": one.seed, "relative": one.relative.tolist(),
-                    "scores": one.scores.tolist(), **one.found.report()} for one in trials],
+                    "scores": one.scores.tolist(), "width": one.width.tolist(),
+                    **one.found.report()} for one in trials],
     }  # fmt: skip
     cli.write_report(report, arguments.json, study.table(trials))
     known = all(one.identified for trial in trials for one in trial.found.estimates)

@@ -11,6 +11,7 @@
   values;
 - `trajectory`: the model's motion under the measured input, with its sensitivities;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
+- `problem`: the stretches without a stop, simulated; `blocks`: least squares with unknowns of each;
 - `fit`: the fit of the simulated outputs, intervals, and what cannot be identified;
 - `result`: what was found; `whiteness`: whether the residuals are white;
 - `rewrite`: the robot's file with the new numbers.

@@ -45,6 +45,8 @@ class Kind:
         (Robot, {name: value}) → the robot with these values; masses are set in the engine.
     lower : float
         The least value that makes sense.
+    measures : str
+        Of what moves nothing: the outputs to which it is added, up to the member's name.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Kind:
     columns: Callable[[Moment], np.ndarray]
     amended: Callable[[Robot, dict[str, float]], Robot]
     lower: float = 0.0
+    measures: str = ""
 
 
 def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot]:
@@ -131,6 +134,9 @@ KINDS = {
              _tendon_spring, _in("tendons", "stiffness")),
         Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
              _tendon_damper, _in("tendons", "damping")),
+        Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
+             lambda moment: np.zeros(moment.state.moment_arms.T.shape), lambda robot, values: robot,
+             -np.inf, "length."),
     )
 }  # fmt: skip
 
@@ -160,6 +166,15 @@ class Parameter:
         """Of θ."""
         return "of the file's" if np.count_nonzero(self.weights) > 1 else self.kind.unit
 
+    def shift(self, model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
+        """∂output/∂θ (outputs,) at a given motion: 1 where θ is the offset of a measurement."""
+        shift = np.zeros(len(outputs))
+        if self.kind.measures:
+            names = [self.kind.measures + name for name in self.kind.members(model)]
+            weight = dict(zip(names, self.weights, strict=True))
+            shift += [weight.get(name, 0.0) for name in outputs]
+        return shift
+
 
 def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Parameter, ...]:
     """The unknowns of one kind: one for each member that the file gives, or one factor for all.
@@ -183,11 +198,12 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
         raise InputError("kind", f"{near[0]}?" if near else f"one of {', '.join(KINDS)}", kind)
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
-    present = np.flatnonzero(nominal) if known is not KINDS["rest"] else np.arange(len(names))
+    about_zero = known in (KINDS["rest"], KINDS["offset"])
+    present = np.arange(len(names)) if about_zero else np.flatnonzero(nominal)
     if not present.size:
         raise InputError(kind, "a first guess in the robot's file", "none of it")
-    if shared and known is KINDS["rest"]:
-        raise InputError(kind, "rest positions joint by joint", "one factor for all")
+    if shared and about_zero:
+        raise InputError(kind, "each for itself, --free", "one factor for all")
     if shared:
         return (Parameter(known, f"{kind}, all", nominal.copy(), 1.0),)
     units = np.eye(len(names))

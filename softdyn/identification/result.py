@@ -42,7 +42,7 @@ class Identified:
     residuals : ndarray, (N, outputs)
         Measured less simulated; NaN where a stop may have pushed a joint.
     noise : ndarray, (outputs,)
-        Standard deviation of each output's residual.
+        Standard deviation of each output's residual; NaN of a joint that is held.
     autocorrelation : ndarray, (LAGS, outputs)
         Of the residuals; white ones stay within 2/√N.
     white : float
@@ -64,8 +64,10 @@ class Identified:
     vague: tuple[str, ...]
 
     def values(self) -> dict[str, dict[str, float]]:
-        """What was identified, by kind and member, as `rewritten` takes it."""
-        known = [one for one in self.estimates if one.identified]
+        """What was identified of the robot, by kind and member, as `rewritten` takes it."""
+        known = [
+            one for one in self.estimates if one.identified and not one.parameter.kind.measures
+        ]
         theta = np.array([one.value for one in known])
         return member_values(self.model, [one.parameter for one in known], theta)
 
@@ -90,13 +92,14 @@ class Identified:
             line = f"{one.parameter.label:{width}}  {one.value:12.6g} {one.parameter.unit}"
             if one.identified:
                 low, high = one.interval
-                change = one.value / one.parameter.nominal - 1 if one.parameter.nominal else np.nan
-                line += f"   95 %: {low:.6g} … {high:.6g}   file {change:+.1%}"
+                line += f"   95 %: {low:.6g} … {high:.6g}"
+                if one.parameter.nominal:
+                    line += f"   file {one.value / one.parameter.nominal - 1:+.1%}"
             else:
                 line += "   NOT IDENTIFIED: the file's value"
             lines.append(line)
         lines += [f"not told by these data: {text}" for text in self.vague]
-        low, high = self.noise.min(), self.noise.max()
+        low, high = np.nanmin(self.noise), np.nanmax(self.noise)
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
         lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
         if self.white < 0.01:

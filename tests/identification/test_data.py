@@ -68,7 +68,7 @@ def test_few_rows(finger):
     names = [f"q.{name}" for name in finger.joint_names]
     data, _ = twin_data(finger, unknowns, names, Excitation(0.1), 0.0, 3)
     assert len(data.t) == 20
-    with pytest.raises(InputError, match="data: expected at least 5 samples, got 4"):
+    with pytest.raises(InputError, match="data: expected at least 10 samples, got 4"):
         identification.identify(finger, data.part(0, 4), unknowns)
     assert np.isnan(identification.identify(finger, data, unknowns).held_out)
 

@@ -12,9 +12,9 @@ from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification import Measurements
 from softdyn.identification.data import stretches
-from softdyn.identification.fit import measured
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
+from softdyn.identification.problem import measured
 from softdyn.identification.trajectory import Held, Start, follow
 from softdyn.validation.identification.trials import Excitation, trial, twin_data
 
@@ -228,3 +228,15 @@ def test_bad_requests(finger):
     data = Measurements(np.arange(3.0), np.zeros((3, 2)), ("tip.x",), np.eye(3)[:, :1])
     with pytest.raises(InputError, match="unknowns: expected at least one"):
         identification.identify(finger, data, [])
+
+
+def test_the_zero_of_a_cable_s_length(finger):
+    """Of what is measured, not of the robot: found with the stiffness, and not written to it."""
+    several = [*identification.parameters(finger, "stiffness", shared=True),
+               *identification.parameters(finger, "offset")]  # fmt: skip
+    cables = [f"length.{name}" for name in finger.tendons.names]
+    one = trial(finger, several, cables, Excitation(0.5, timestep=5e-4), 1.0, 4)
+    assert np.abs(one.scores).max() < 4
+    assert np.abs(one.relative).max() < 0.05
+    assert set(one.found.values()) == {"stiffness"}
+    assert 0.9 < one.width.min() <= one.width.max() < 1.5

@@ -14,12 +14,17 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.identification import Identified, Measurements, identify
-from softdyn.identification.fit import measured
+from softdyn.identification.fit import least_deviations
 from softdyn.identification.parameters import Parameter, member_values, with_values
+from softdyn.identification.problem import measured
+from softdyn.statics.equilibria import settle
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
-JOINT_NOISE, TIP_NOISE = 0.005, 0.001  # standard deviations (rad or m; m)
+# standard deviations by type of joint (rad, m), and of tip and cables (m)
+JOINT_NOISE = {"revolute": 0.005, "continuous": 0.005, "prismatic": 1e-4}
+TIP_NOISE = 0.001
+ABOUT_ZERO = 0.05  # drawn of what the file has at zero (rad, m): rest positions, offsets
 
 LONGEST_REST, STILL = 600, 1e-6  # tenths of a second; rad/s or m/s
 
@@ -38,6 +43,9 @@ class Excitation:
         Inputs run straight between random values, this far apart (s).
     reach : float
         The share of each input's range that they use.
+    at_rest : bool
+        Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
+        falls.
     timestep : float
         Of the plant (s), an integer part of the sample time. The engine's method is of first
         order: with 0.5 ms its own error is half a standard deviation of what 2 s of joint angles
@@ -49,6 +57,7 @@ class Excitation:
     spread: float = 0.3
     knots: float = 0.2
     reach: float = 0.6
+    at_rest: bool = False
     timestep: float = 1e-4
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -86,7 +95,8 @@ def twin_data(
     """
     rng = np.random.default_rng(seed)
     nominal = np.array([parameter.nominal for parameter in unknowns])
-    theta = nominal * rng.uniform(1 - excitation.spread, 1 + excitation.spread, len(nominal))
+    drawn = rng.uniform(-excitation.spread, excitation.spread, len(nominal))
+    theta = np.where(nominal, nominal * (1 + drawn), ABOUT_ZERO * drawn)
     true = with_values(model, unknowns, theta)
     twin = Twin(true.robot, timestep=excitation.timestep)
     factors = member_values(model, unknowns, theta).get("mass", {})
@@ -101,7 +111,9 @@ def twin_data(
     t = np.arange(int(excitation.seconds * excitation.rate)) / excitation.rate
     u = excitation.inputs(true, t, rng)
     steps = round(1 / excitation.rate / excitation.timestep)
-    if not {f"q.{name}" for name in true.joint_names} <= set(outputs):
+    all_joints = {f"q.{name}" for name in true.joint_names} <= set(outputs)
+    if excitation.at_rest or not all_joints:
+        twin.set_state(*states.to_twin(settle(true, u[0]).q, np.zeros(true.nv)))
         _come_to_rest(twin, u[0])
     path = np.empty((len(t), true.nv))
     for k, held in enumerate(u):
@@ -109,13 +121,20 @@ def twin_data(
         path[k] = true.coordinates(q)
         twin.advance(held, steps)
     values, _ = measured(true, outputs, path, np.zeros((len(t), true.nv, 0)))
-    size = np.array([JOINT_NOISE if name.startswith("q.") else TIP_NOISE for name in outputs])
-    values = values + noise * size * rng.standard_normal(values.shape)
+    for unknown, value in zip(unknowns, theta, strict=True):
+        values = values + value * unknown.shift(true, outputs)
+    values = values + noise * deviations(true, outputs) * rng.standard_normal(values.shape)
     return Measurements(t, u, tuple(outputs), values), theta
 
 
+def deviations(model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
+    """Noise (outputs,) of measurements by these names."""
+    of_joints = {f"q.{joint.name}": JOINT_NOISE[joint.kind] for joint in model.robot.moving_joints}
+    return np.array([of_joints.get(name, TIP_NOISE) for name in outputs])
+
+
 def _come_to_rest(twin: Twin, u: np.ndarray) -> None:
-    """Hold the input until nothing moves, as a run must begin whose first state is not measured."""
+    """Hold the input until nothing moves."""
     tenth = round(0.1 / twin.model.opt.timestep)
     for _ in range(LONGEST_REST):
         twin.advance(u, tenth)
@@ -126,12 +145,25 @@ def _come_to_rest(twin: Twin, u: np.ndarray) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One identification of known parameters: relative errors, and errors over the deviation."""
+    """One identification of known parameters; NaN for what is not identified.
+
+    Attributes
+    ----------
+    seed : int
+    found : Identified
+    relative : ndarray, (P,)
+        Errors over the true values.
+    scores : ndarray, (P,)
+        Errors over the stated deviations.
+    width : ndarray, (P,)
+        Stated deviations over Cramér and Rao's bound; NaN without noise.
+    """
 
     seed: int
     found: Identified
     relative: np.ndarray
     scores: np.ndarray
+    width: np.ndarray
 
 
 def trial(
@@ -143,21 +175,31 @@ def trial(
     seed: int,
     step: float = np.inf,
 ) -> Trial:
-    """Draw, record, identify, compare; NaN for what is not identified."""
+    """Draw, record, identify, compare."""
     data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
     found = identify(model, data, unknowns, step=step)
     known = np.array([one.identified for one in found.estimates])
     value = np.array([one.value for one in found.estimates])
     deviation = np.array([one.deviation for one in found.estimates])
-    relative = np.where(known, value / theta - 1, np.nan)
+    size = np.where([one.nominal for one in unknowns], theta, ABOUT_ZERO)
+    relative = np.where(known, (value - theta) / size, np.nan)
     scores = np.where(known, (value - theta) / deviation, np.nan)
-    return Trial(seed, found, relative, scores)
+    width = np.full(len(theta), np.nan)
+    if noise > 0:
+        told = [one for one, yes in zip(unknowns, known, strict=True) if yes]
+        size = noise * deviations(model, outputs)
+        width[known] = least_deviations(model, data, told, theta[known], size, step=step)
+        width = deviation / width
+    return Trial(seed, found, relative, scores, width)
 
 
 def table(trials: Sequence[Trial]) -> str:
-    """Kind by kind: identified, errors, and the share of 95 % intervals that hold the truth."""
+    """Kind by kind: identified, errors, and the share of 95 % intervals that hold the truth.
+
+    `widest` is the widest interval over that of Cramér and Rao's bound.
+    """
     estimates = trials[0].found.estimates
-    rows = ["kind              identified  median error  worst error  truth in 95 %"]
+    rows = ["kind              identified  median error  worst error  truth in 95 %  widest"]
     for kind in dict.fromkeys(one.parameter.kind.name for one in estimates):
         of_kind = [k for k, one in enumerate(estimates) if one.parameter.kind.name == kind]
         errors = np.abs(np.concatenate([one.relative[of_kind] for one in trials]))
@@ -165,9 +207,10 @@ def table(trials: Sequence[Trial]) -> str:
         known = np.isfinite(errors)
         if known.any():
             inside = (scores[known] <= 1.96).mean()
+            widest = np.concatenate([one.width[of_kind] for one in trials])[known].max()
             rows.append(
                 f"{kind:16}  {known.sum():4d} of {len(known):4d}  {np.median(errors[known]):12.2%}"
-                f"  {errors[known].max():11.2%}  {inside:13.1%}"
+                f"  {errors[known].max():11.2%}  {inside:13.1%}  {widest:6.2f}"
             )
         else:
             rows.append(f"{kind:16}  {0:4d} of {len(known):4d}")
