@@ -24,8 +24,9 @@ run: $(READY)
 test: $(READY)
 	$(BIN)/python -m pytest -n auto
 
+WHEEL ?= --all
 wheel:
-	$(PYTHON) .ci/wheel.py --all
+	$(PYTHON) .ci/wheel.py $(WHEEL)
 
 # uv chooses the packages and finds the interpreters; CI runs these two apart (.ci/optional).
 UV = $(BIN)/uv

@@ -192,7 +192,7 @@ def test_a_fixed_input_stays_fixed(name: str) -> None:
 def test_an_answer_depends_on_the_state_alone(name: str, which: str) -> None:
     model, warm = robot(which), build(name, which)
     scale = np.ptp([model.u_min, model.u_max]) or 1.0
-    for state, reference in drawn(which)[:6]:
+    for state, reference in drawn(which)[:6:2]:
         one = ask(warm, model, state, reference)
         two = ask(build(name, which), model, state, reference)
         np.testing.assert_allclose(one.u, two.u, atol=1e-6 * scale)

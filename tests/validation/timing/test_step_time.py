@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -21,9 +19,9 @@ from softdyn.validation.timing.recording import Recording, record, recorded
 from softdyn.validation.timing.step_scaling import chain
 from softdyn.validation.timing.step_time import Subject, measure
 from softdyn.validation.timing.throughput import throughput
-from tests.support import SCRIPTS, micro
+from tests.support import micro
+from tests.support.command import command
 
-SCRIPT = SCRIPTS / "step_time.py"
 CONTRACT = {
     "robot", "controller", "median_us", "p99_us", "p999_us", "floor_us", "stack_us", "ratio",
 }  # fmt: skip
@@ -39,21 +37,17 @@ def states(finger):
     return record(finger, SoftIdClfQp, 25, duration=0.6)
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
 def test_the_command_times_the_states_it_finds(states, tmp_path):
     file = tmp_path / "states" / "finger.npz"
     file.parent.mkdir()
     states.save(file)
     before = file.stat().st_mtime_ns
-    done = run("--robots", "finger", "--controllers", "soft-id-clf-qp", "uic", "--states", 25,
-               "--rounds", 2, "--no-stack", "--out", tmp_path, "--json", "-")  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    controllers = ("--controllers", "soft-id-clf-qp", "uic")
+    done = command("step-time", "--robots", "finger", *controllers, "--states", 25, "--rounds", 2,
+                   "--no-stack", "--out", tmp_path, "--json", "-")  # fmt: skip
+    assert done.code == 0, done.err
     assert file.stat().st_mtime_ns == before
-    rows = json.loads(done.stdout)["rows"]
+    rows = json.loads(done.out)["rows"]
     assert [row["controller"] for row in rows] == ["soft-id-clf-qp", "uic"]
     for row in rows:
         assert set(row) >= CONTRACT
@@ -69,10 +63,10 @@ def test_the_command_times_the_states_it_finds(states, tmp_path):
 
 def test_bad_input_is_one_line(tmp_path):
     for arguments in (("--robots", "nobody"), ("--controllers", "nobody"), ("--states", "0")):
-        done = run(*arguments, "--out", tmp_path)
-        assert done.returncode == 2
-        assert done.stderr.startswith("error: ")
-        assert done.stderr.count("\n") == 1
+        code, _, err = command("step-time", *arguments, "--out", tmp_path)
+        assert code == 2
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
 
 
 def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
