@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +11,14 @@ import pytest
 
 import softdyn
 from softdyn import InputError
+from softdyn.validation.crosschecks import trajectories
 from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
 from softdyn.validation.crosschecks.result import CrossCheck, Run
 from softdyn.validation.crosschecks.trajectories import _rates, damping_couples_branches
 from softdyn.validation.twin.twin import Twin
-from tests.support import SCRIPTS
+from tests.support.command import command
 from tests.support.random_robots import write_robot
 
-SCRIPT = SCRIPTS / "crosscheck.py"
 SOLID = (
     '<inertial><origin xyz="0.05 -0.02 0.1" rpy="0.3 -0.8 2"/><mass value="0.7"/>'
     '<inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="3e-4" izz="4e-3"/></inertial>'
@@ -152,20 +150,27 @@ def write(folder: Path, body: str, name: str = "robot") -> Path:
     return path
 
 
+@pytest.fixture
+def short(monkeypatch):
+    """Trajectories of 0.1 s, which five inputs drive: faults show at once, to 1e-11."""
+    monkeypatch.setattr(trajectories, "HORIZON", 0.1)
+    monkeypatch.setattr(trajectories, "HORIZON_UNDAMPED", 0.1)
+
+
 def table(result) -> str:
     return "\n".join(f"{c.quantity} {c.max_error} {c.reason}" for c in result.checks)
 
 
 @pytest.mark.parametrize("body", MICRO.values(), ids=MICRO)
-def test_micro_robot(body, tmp_path):
+def test_micro_robot(body, tmp_path, short):
     result = crosscheck(softdyn.load(write(tmp_path, body)), samples=4)
     assert result.passed, table(result)
     assert tuple(check.quantity for check in result.checks) == QUANTITIES
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("seed", range(30))
-def test_random_robot(seed, tmp_path):
+@pytest.mark.parametrize("seed", range(20))
+def test_random_robot(seed, tmp_path, short):
     path = write_robot(seed, tmp_path, bodies=4)
     result = crosscheck(softdyn.load(path), samples=2, seed=seed)
     assert result.passed, table(result)
@@ -266,7 +271,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_is_named_by_the_quantities_that_see_it(old, new, expected, tmp_path):
+def test_a_fault_is_named_by_the_quantities_that_see_it(old, new, expected, tmp_path, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     changed = FAULTY.replace(old, new)
     assert changed != FAULTY
@@ -275,7 +280,7 @@ def test_a_fault_is_named_by_the_quantities_that_see_it(old, new, expected, tmp_
     assert set(result.failures) == expected, table(result)
 
 
-def test_what_is_the_plants_alone_is_left_out(tmp_path):
+def test_what_is_the_plants_alone_is_left_out(tmp_path, short):
     """Friction, limits, contacts, the integrator and its step do not enter the comparison."""
     model = softdyn.load(write(tmp_path, FAULTY))
     assert crosscheck(model, samples=2).passed
@@ -287,14 +292,14 @@ def test_what_is_the_plants_alone_is_left_out(tmp_path):
     np.testing.assert_equal((twin.model.opt.disableflags, twin.qpos), before)
 
 
-def test_a_fault_in_the_compiled_twin_is_seen(tmp_path):
+def test_a_fault_in_the_compiled_twin_is_seen(tmp_path, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     twin = Twin(model)
     twin.model.dof_damping[0] *= 1.01
     assert set(crosscheck(model, twin, samples=2).failures) == {"D"} | FORCES
 
 
-def test_a_fault_in_the_model_is_seen(tmp_path, monkeypatch):
+def test_a_fault_in_the_model_is_seen(tmp_path, monkeypatch, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     monkeypatch.setattr(model, "kinetic_energy", lambda q, v: 0.0)
     assert crosscheck(model, samples=2).failures == ("energy",)
@@ -315,7 +320,7 @@ def test_a_fault_in_the_model_is_seen(tmp_path, monkeypatch):
     ],
     ids=["other joints", "fewer actuators", "more tendons"],
 )  # fmt: skip
-def test_a_misfit_is_a_failed_check_with_its_reason(old, new, reason, failed, tmp_path):
+def test_a_misfit_is_a_failed_check_with_its_reason(old, new, reason, failed, tmp_path, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     twin = Twin(write(tmp_path, FAULTY.replace(old, new), "faulty"))
     result = crosscheck(model, twin, samples=2)
@@ -324,7 +329,7 @@ def test_a_misfit_is_a_failed_check_with_its_reason(old, new, reason, failed, tm
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
-def test_nan_and_blow_up_are_failed_checks(value, tmp_path):
+def test_nan_and_blow_up_are_failed_checks(value, tmp_path, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     twin = Twin(model)
     twin.model.body_mass[2] = value
@@ -335,7 +340,7 @@ def test_nan_and_blow_up_are_failed_checks(value, tmp_path):
     assert [check["quantity"] for check in data["checks"]] == list(QUANTITIES)
 
 
-def test_a_model_that_answers_nan_or_another_shape_fails(tmp_path, monkeypatch):
+def test_a_model_that_answers_nan_or_another_shape_fails(tmp_path, monkeypatch, short):
     model = softdyn.load(write(tmp_path, FAULTY))
     monkeypatch.setattr(model, "forward_dynamics", lambda q, v, u: np.full(2, np.nan))
     result = crosscheck(model, samples=2)
@@ -359,7 +364,7 @@ def test_relative_error_compares_zeros():
     assert relative_error(np.zeros((3, 0)), np.zeros((3, 0)), 1.0) == 0.0
 
 
-def test_results_repeat_and_depend_on_the_seed():
+def test_results_repeat_and_depend_on_the_seed(short):
     model = softdyn.load("finger")
     twin = Twin(model)
     a, b, c = (crosscheck(model, copy.copy(twin), samples=2, seed=s) for s in (1, 1, 2))
@@ -373,23 +378,17 @@ def test_bad_number_of_samples(samples):
         crosscheck(softdyn.load("finger"), samples=samples)
 
 
-def run_script(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
-
-
-def test_script_prints_one_json_object(tmp_path):
-    done = run_script("finger", "--samples", "2", "--seed", "3", "--json", "-", cwd=tmp_path)
-    assert done.returncode == 0
-    assert done.stderr == ""
-    data = json.loads(done.stdout)
+def test_script_prints_one_json_object(tmp_path, short):
+    done = command("crosscheck", "finger", "--samples", 2, "--seed", 3, "--json", "-", cwd=tmp_path)
+    assert (done.code, done.err) == (0, "")
+    data = json.loads(done.out)
     assert (data["robot"], data["nv"], data["nu"], data["passed"]) == ("finger", 4, 2, True)
     assert [check["quantity"] for check in data["checks"]] == list(QUANTITIES)
     assert all(check["max_error"] <= check["tolerance"] for check in data["checks"])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys):
+def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys, short):
     from softdyn.commands import crosscheck as script  # the script, not the package's module
 
     assert script.main(["finger", "--samples", "1", "--json", str(tmp_path / "x.json")]) == 0
@@ -414,9 +413,8 @@ def test_script_table_and_exit_codes(tmp_path, monkeypatch, capsys):
     ],
 )
 def test_script_bad_input(arguments, message, tmp_path):
-    done = run_script(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-    assert message in done.stderr
+    code, out, err = command("crosscheck", *arguments, cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert message in err
