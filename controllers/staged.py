@@ -26,6 +26,11 @@ class Staged:
     period : float
         Control period (s); `reset` sets another.
 
+    Attributes
+    ----------
+    stages : tuple of SoftIdClfQp
+        To arrive, to stay.
+
     Raises
     ------
     InputError
@@ -49,13 +54,12 @@ class Staged:
         if not isinstance(schedule, Schedule):
             raise InputError("gains", "softdyn.controllers.Schedule(…) or tables", repr(schedule))
         self.gains = schedule
-        self._approach, self._stay = (
+        self.stages = approach, stay = tuple(
             SoftIdClfQp(model, stage.gains, horizon=stage.horizon, u_ref=stage.u_ref)
             for stage in (schedule.approach, schedule.stay)
         )
-        self.guard = self._approach.guard
-        self._stay.guard = self.guard
-        self.solvers = self._approach.solvers + self._stay.solvers
+        self.guard = stay.guard = approach.guard
+        self.solvers = approach.solvers + stay.solvers
         self.reset(period)
 
     def reset(self, period: float) -> None:
@@ -64,6 +68,11 @@ class Staged:
         self.guard.reset()
         self._near = 0.0  # s
         self._staying = False
+
+    @property
+    def stage(self) -> SoftIdClfQp:
+        """The law that gave the last command."""
+        return self.stages[self._staying]
 
     @guarded
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -75,7 +84,7 @@ class Staged:
             self._staying = not distance > schedule.leave
         else:
             self._staying = self._near > schedule.dwell
-        return (self._stay if self._staying else self._approach).command(state, reference)
+        return self.stages[self._staying].command(state, reference)
 
 
 def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:

@@ -41,7 +41,7 @@ class Certified:
     Parameters
     ----------
     law : Any
-        A law with ε in its `gains`.
+        A law with ε in its `gains`, or one of `stages`: V is then that of the present `stage`.
 
     Raises
     ------
@@ -50,10 +50,11 @@ class Certified:
     """
 
     def __init__(self, law: Any) -> None:
-        if not isinstance(getattr(law, "gains", None), Gains):
+        gains: list[Any] = [getattr(each, "gains", None) for each in getattr(law, "stages", [law])]
+        if not all(isinstance(each, Gains) for each in gains):
             raise InputError("law", "one with softdyn.controllers.Gains", repr(law))
         self.law, self.gains, self.guard, self.name = law, law.gains, law.guard, law.name
-        self._clf = make_clf(law.gains.eps)
+        self._clf = {each.eps: make_clf(each.eps) for each in gains}
 
     def reset(self, period: float) -> None:
         """Begin a run of the law with a control period (s)."""
@@ -69,9 +70,10 @@ class Certified:
             qdd = np.full(len(state.v), np.nan)
         mu = state.J @ qdd + state.Jdot @ state.v - reference.yddot
         eta = np.concatenate((state.y - reference.y, state.ydot - reference.ydot))
-        V, row, bound = self._clf.decrease(eta)
+        clf = self._clf[getattr(self.law, "stage", self.law).gains.eps]
+        V, row, bound = clf.decrease(eta)
         excess = float(row @ mu) - bound
         return CertifiedCommand(
             command.u, command.V, command.delta, command.status,
-            excess - V / self._clf.eps, max(excess, 0.0),
+            excess - V / clf.eps, max(excess, 0.0),
         )  # fmt: skip

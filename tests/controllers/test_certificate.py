@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import Ellipse, InputError
-from softdyn.controllers import CONTROLLERS, Certified, ClfQp, IdClfQp, Impedance, SoftIdClfQp
+from softdyn import Ellipse, InputError, SetPoint
+from softdyn.controllers import (
+    CONTROLLERS,
+    Certified,
+    ClfQp,
+    IdClfQp,
+    Impedance,
+    SoftIdClfQp,
+    Staged,
+)
 from softdyn.controllers.programmes.clf import make_clf
 from softdyn.dynamics.integrators import step_rk4
 from softdyn.validation import Log, simulate
@@ -15,12 +23,12 @@ from tests.support.control_cases import BUNDLED, drawn, robot
 
 
 @pytest.mark.parametrize("which", ["finger", "helix", "spirob"])
-@pytest.mark.parametrize("law", [SoftIdClfQp, IdClfQp, ClfQp, Impedance])
+@pytest.mark.parametrize("law", [SoftIdClfQp, IdClfQp, ClfQp, Impedance, Staged])
 def test_the_rate_is_that_of_V_along_the_motion(law, which):
     """From every state an instant under the held input, towards a moving reference."""
     model, h = robot(which), 2e-7
     controller = Certified(law(model))
-    clf = make_clf(controller.gains.eps)
+    clf = make_clf(getattr(controller.law, "stage", controller).gains.eps)
     for state, reference in drawn(which, 6):
 
         def V(q, v, t, reference=reference, state=state):
@@ -75,6 +83,19 @@ def test_a_log_has_the_columns_only_where_a_law_is_certified(tmp_path):
         again = Log.load(tmp_path / "a.npz")
         np.testing.assert_equal(again.Vdot, one.Vdot)
         np.testing.assert_equal(again.delta_true, one.delta_true)
+
+
+def test_a_law_of_two_stages_is_judged_by_the_eps_of_the_present_one():
+    model = robot("finger")
+    law = Staged(model)
+    law.reset(1.0)  # longer than the schedule's dwell: near the goal the second stage begins
+    state = model.state(model.q0, np.full(model.nv, 0.1))
+    judged = Certified(law)
+    for goal, stage in ((state.y, law.stages[1]), (state.y + 0.1, law.stages[0])):
+        command = judged(state, SetPoint(goal))
+        assert law.stage is stage
+        claimed = command.Vdot + command.V / stage.gains.eps
+        assert command.delta_true == pytest.approx(max(0.0, claimed))
 
 
 def test_a_law_without_eps_has_no_certificate():
