@@ -243,9 +243,11 @@ def _published() -> str:
     """Each published cell: the logs it is the mean of, and the same runs by the emulation."""
     lines = [["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]]
     for cell in _rows("published"):
+        made_by = cell["experiment"]  # one for all, or each column's own
+        each = [made_by] * len(cell["columns"]) if isinstance(made_by, str) else made_by
         emulated = [
-            _cells("reproduction").get(f"{cell['experiment']}/{cell['cell']}/{column}")
-            for column in cell["columns"]
+            _cells("reproduction").get(f"{experiment}/{cell['cell']}/{column}")
+            for experiment, column in zip(each, cell["columns"], strict=True)
         ]
         runs = [one for one in emulated if one is not None]
         logs = cell["logs"] or [None] * len(cell["columns"])
@@ -258,7 +260,8 @@ def _published() -> str:
         lines.append([
             cell["title"], cell["published"], cell["commit"], ", ".join(known),
             ", ".join("-" if one is None else one.text() for one in emulated) + mean,
-            f"`{cell['experiment']}`", verdict(cell["published"], cell["logs"], emulated),
+            ", ".join(f"`{name}`" for name in dict.fromkeys(each)),
+            verdict(cell["published"], cell["logs"], emulated),
         ])  # fmt: skip
     return _noted("\n".join(pipes(lines)))
 
