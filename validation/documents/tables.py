@@ -48,6 +48,7 @@ USED = {
     "uic": ("Kp",),
     "ic-qp": ("Kp", "eps", "w1", "w2", "w3", "w4"),
 }
+ENGINES = ("reference, MuJoCo 3.2.7", "reference, 3.3.7", "emulated, 3.3.7", "emulated, 4.0.0")
 VALUES = {"set_point": paper.THETAS, "tracking": paper.OMEGAS}
 PAPER_ROBOTS = ("finger", "helix", "spirob")
 GRID = ("clf-qp", LAW, "id-clf-qp", "ic", "uic", "ic-qp", "best")
@@ -266,6 +267,18 @@ def _published() -> str:
     return _noted("\n".join(pipes(lines)))
 
 
+def _engines() -> str:
+    """The helix' trajectories by the engine that ran them: the reference itself, and we."""
+    lines = [["controller", "ω", "its log", *ENGINES]]
+    for row in _rows("engines"):
+        lines.append([
+            _title(row["controller"]), f"{row['omega']:g}π", f"{row['log']:.2f}",
+            *("-" if row[name] is None else " to ".join(f"{x:.2f}" for x in row[name])
+              for name in ENGINES),
+        ])  # fmt: skip
+    return "\n".join(pipes(lines))
+
+
 def verdict(
     published: str, logs: list[float | None] | None, runs: list[Distribution | None]
 ) -> str:
@@ -315,6 +328,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "seeds": _seeds,
     "hard": _hard,
     "published": _published,
+    "engines": _engines,
     "one-step": _one_step,
     "gains": _gains,
     "best": lambda: _beyond("best"),

@@ -7,7 +7,8 @@ not our engine. With mujoco==3.2.7, cvxpy, scs==3.2.11 and pandas installed:
 
 CHECKOUT is https://github.com/CyPhiLab/tendon_clf at the commit to be recorded. Each cell becomes
 FOLDER/CELL.npz with what `reproduce.py --records` reads: q and v right before each step, ctrl, and
-the target in the reference's own world. FOLDER/CELL.json has the engine, the run's figure (cm or
+the target in the reference's own world. A name that ends with _nudgeN starts with velocities of
+1e-9 (rad/s, m/s), normal, of seed N. FOLDER/CELL.json has the engine, the run's figure (cm or
 cm²), that of the checkout's own log, and how far their inputs are apart.
 """
 
@@ -33,10 +34,18 @@ LAWS = {
 NAMES = ("q", "v", "ctrl", "target")
 
 
-def record(utils: Any, robot: str, law: str, target: str) -> tuple[dict[str, Any], Any]:
+def record(
+    utils: Any, robot: str, law: str, target: str, nudge: int | None = None
+) -> tuple[dict[str, Any], Any]:
     """Arrays by their names, a row a step, and the run as the reference logs it."""
     kept: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
-    step = utils.Robot.step_simulation
+    start, step = utils.Robot.initialize_simulation_state, utils.Robot.step_simulation
+
+    def nudged(self: Any) -> None:
+        start(self)
+        if nudge is not None:
+            draw = np.random.default_rng(nudge).standard_normal(self.data.qvel.size)
+            self.data.qvel[:] += 1e-9 * draw
 
     def recorded(self: Any) -> None:
         data = self.data
@@ -46,7 +55,7 @@ def record(utils: Any, robot: str, law: str, target: str) -> tuple[dict[str, Any
             kept[name].append(np.array(value))
         step(self)
 
-    utils.Robot.step_simulation = recorded
+    utils.Robot.initialize_simulation_state, utils.Robot.step_simulation = nudged, recorded
     case = {"omega": target} if target.startswith("omg") else {"target_pos": target}
     kind = "tracking" if target.startswith("omg") else "set"
     try:
@@ -55,7 +64,7 @@ def record(utils: Any, robot: str, law: str, target: str) -> tuple[dict[str, Any
                 headless=True, control_scheme=law, model_name=robot, experiment=kind, **case
             )
     finally:
-        utils.Robot.step_simulation = step
+        utils.Robot.initialize_simulation_state, utils.Robot.step_simulation = start, step
     return {name: np.array(rows) for name, rows in kept.items()}, run
 
 
@@ -85,12 +94,14 @@ def main(checkout: Path, folder: Path, cells: list[str]) -> None:
         import utils  # type: ignore[import-not-found]  # the reference's
 
         for cell in cells:
-            robot, law, case = cell.split("_")
+            robot, law, case, *nudge = cell.split("_")
             value = float(case[5:])
             target = f"omg{value * 10:g}" if case[:5] == "omega" else f"pos{value * 2 + 1:g}"
             kind = "tracking" if case[:5] == "omega" else "set"
             name, law = ROBOTS[robot], LAWS[law]
-            arrays, run = record(utils, name, law, target)
+            arrays, run = record(
+                utils, name, law, target, *(int(each.removeprefix("nudge")) for each in nudge)
+            )
             np.savez_compressed(folder / f"{cell}.npz", **arrays)
             errors, inputs = read_log(
                 checkout / "results" / name / law / f"{kind}_{law}_{target}.csv"

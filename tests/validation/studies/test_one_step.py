@@ -2,8 +2,12 @@
 
 import json
 import math
+import re
+import shlex
+import subprocess
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +18,7 @@ from softdyn.commands import cli, reproduce
 from softdyn.validation.studies import one_step, paper
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.reproduction import changed
+from tests.support import ROOT
 
 # finger, Soft ID-CLF-QP, θ = 0: the first steps of the reference implementation's run at 37d7d0f
 Q = np.array(
@@ -173,3 +178,16 @@ def test_command_prints_the_table(tmp_path, monkeypatch, capsys):
     assert reproduce.main(["late", "--records", "runs", "--robots", "finger", "helix"]) == 0
     assert "late" in capsys.readouterr().out
     assert reproduce.main(["--records", "runs", "--robots", "helix"]) == 2
+
+
+def test_the_lines_that_another_engine_needs_otherwise_are_there(tmp_path):
+    """What docs/reproduction.md tells to change for the engine of the records still changes."""
+    text = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
+    told = re.findall(r"^(sed -i .*) (validation/twin/\w+\.py)$", text, re.M)
+    assert len(told) == 3
+    for command, name in told:
+        copy = tmp_path / Path(name).name
+        before = (ROOT / name).read_text(encoding="utf-8")
+        copy.write_text(before, encoding="utf-8")
+        subprocess.run([*shlex.split(command), str(copy)], check=True)
+        assert copy.read_text(encoding="utf-8") != before
