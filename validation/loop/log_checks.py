@@ -158,7 +158,7 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "controller": _is_text,
     "kind": _or_none(_is_text),
     "theta": _or_none(_is_number),
-    "omega": _or_none(_is_number),
+    "omega": _or_none(_is_positive),
     "duration": _is_positive,
     "period": _is_positive,
     "timestep": _is_positive,

@@ -128,6 +128,7 @@ def with_first(array, value):
     "change",
     [
         {"robot": None}, {"robot": 1}, {"controller": ["ic"]}, {"theta": "0.5"}, {"theta": True},
+        {"omega": -1},
         {"duration": math.nan}, {"duration": "long"}, {"duration": 9.0}, {"period": 0.0},
         {"timestep": None}, {"length": -1.0}, {"joint_names": "x"}, {"joint_names": [1]},
         {"joint_names": {}}, {"contacts": 0}, {"complete": "yes"}, {"failed": True},
