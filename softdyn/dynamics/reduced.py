@@ -91,7 +91,8 @@ class ReducedModel(Projection):
             raise InputError("model", expected, full.name)
         S = self.S = basis.matrix
         self.nq = self.nv = S.shape[1]
-        rank = int(np.linalg.matrix_rank(S / np.abs(S).max(initial=1e-300)))
+        # NumPy 2.0 knows no rank of a matrix without columns
+        rank = int(np.linalg.matrix_rank(S / np.abs(S).max())) if S.any() else 0
         if rank < self.nv or self.nv == 0:
             raise InputError("basis", "a matrix of full column rank", f"rank {rank} of {S.shape}")
         # another robot to a law's guard: its States have other shapes

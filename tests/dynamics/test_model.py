@@ -134,7 +134,7 @@ def test_power_balance(model):
     u = np.random.default_rng(2).uniform(model.u_min, model.u_max)
     s = model.state(q, v)
     qdd = model.forward_dynamics(q, v, u)
-    h = min(1e-4, 1e-3 / (1 + np.abs(qdd).max()))
+    h = min(1e-4, 1e-2 / (1 + np.abs(qdd).max()))  # shorter, the energies differ by rounding
 
     def energy(t: float) -> float:
         at = model.integrate(q, t * v + t * t / 2 * qdd)
