@@ -34,7 +34,8 @@ from softdyn.validation.fuzzing.verdict import (
     Verdict,
 )
 
-PATIENCE = 0.7  # s of the processor's time, after which a command is interrupted
+# s of the processor's time, and by the clock (for a pipe that nobody reads), until an interrupt
+PATIENCE, WAITING = 0.7, 10.0
 OUTPUTS = ("json", "log", "html", "mjcf", "urdf", "out", "plot", "markdown")
 ENDS = (0, 1, 2, 130)  # exit codes that mean something
 WORDS = (
@@ -158,7 +159,9 @@ def _run(line: Line, words: list[str]) -> tuple[int | str, str]:
         )
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGVTALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+        signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
         signal.setitimer(signal.ITIMER_VIRTUAL, PATIENCE)
+        signal.setitimer(signal.ITIMER_REAL, WAITING)
         code: int | str = module.main(words) if line.runs else _read(module.parser, words)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else f"exit with {end.code!r}"
@@ -168,6 +171,7 @@ def _run(line: Line, words: list[str]) -> tuple[int | str, str]:
         code = f"{type(error).__name__}: {error}"
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, handler)
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
