@@ -15,14 +15,15 @@ EPILOG = """\
 DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
 of q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Steps of time may differ.
 
-KIND is stiffness, damping, rest, armature, mass, gear, tendon_stiffness or tendon_damping. --free
-takes each member that the file gives; --shared one factor on the file's values of them all. The
-file's values are the first guess. With every joint measured, samples near a stop are left out;
-with less, the run must begin at rest under its first input, and ends at its first stop.
+KIND is stiffness, damping, rest, armature, mass, gear, tendon_stiffness, tendon_damping or offset
+(the unknown zero of a length.TENDON). --free takes each member that the file gives; --shared one
+factor on the file's values of them all. The file's values are the first guess. With every joint
+measured, samples near a stop are left out; with less, the run must begin at rest under its first
+input, and ends at its first stop.
 
 Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
-parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 1 mm), and what was drawn
-is identified.
+parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic
+joint, 1 mm of tip and cables), and what was drawn is identified.
 
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
@@ -38,7 +39,7 @@ parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of t
 parser.add_argument(
     "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
 )
-parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad and 1 mm", 1.0)
+parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
 parser.option("--reach", cli.positive, "PART", "of the inputs' ranges that the twin sees", 0.6)
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)

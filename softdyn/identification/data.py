@@ -91,12 +91,12 @@ def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
 
 
 def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Joints to hold at their measurement, and the stretches where no other joint is at a stop.
+    """Joints to hold at their stops, and the stretches where these and no others are there.
 
     A stop acts on all joints through the inertia, so that a sample is only good where no free joint
-    is at one. A held joint tells nothing of itself: those that are at their stops most are held, as
-    few as leave stretches of `SHORTEST` samples or more in `ENOUGH` of the data, or else so many
-    that the samples of free joints are the most.
+    is at one, and all held ones are. A held joint tells nothing of itself: those that are at their
+    stops most are held, as few as leave stretches of `SHORTEST` samples or more in `ENOUGH` of the
+    data, or else so many that the samples of free joints are the most.
 
     Parameters
     ----------
@@ -115,7 +115,8 @@ def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
     for count in range(stops.shape[1]):
         held = np.zeros(stops.shape[1], bool)
         held[order[:count]] = True
-        good = np.concatenate(([False], ~stops[:, ~held].any(1), [False])).astype(int)
+        fits = ~stops[:, ~held].any(1) & stops[:, held].all(1)
+        good = np.concatenate(([False], fits, [False])).astype(int)
         begins, ends = np.flatnonzero(np.diff(good) == 1), np.flatnonzero(np.diff(good) == -1)
         runs = [(int(b), int(e)) for b, e in zip(begins, ends, strict=True) if e - b >= shortest]
         total = sum(end - begin for begin, end in runs)

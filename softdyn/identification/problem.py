@@ -15,7 +15,7 @@ from softdyn.identification.blocks import Block
 from softdyn.identification.data import AXES, SHORTEST, Measurements, at_stops, stretches
 from softdyn.identification.linear import smoothed
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
-from softdyn.identification.trajectory import Held, Start, follow
+from softdyn.identification.trajectory import Start, follow
 from softdyn.statics.equilibria import settle
 
 
@@ -47,7 +47,7 @@ class Problem:
     stops : ndarray of bool, (N, n)
         Of `at_stops`.
     held : ndarray of bool, (n,)
-        Joints that follow their measurement.
+        Joints that stand still at their stops in all runs.
     """
 
     base: SoftModel
@@ -65,13 +65,9 @@ class Problem:
         count, found = len(theta), []
         for (begin, end), first in zip(self.runs, firsts, strict=True):
             t, u = self.data.t[begin:end], self.data.u[begin:end]
-            held = None
-            if self.smooth is None:
-                start = self.at_rest(model)
-            else:
-                held = Held(self.held, *self.smooth[:2, begin:end])
-                start = self._moving(held, first)
-            path, by = follow(model, self.unknowns, t, u, start, held, self.step, self.base)
+            moving = self.smooth is not None
+            start = self._moving(begin, end, first) if moving else self.at_rest(model)
+            path, by = follow(model, self.unknowns, t, u, start, self.held, self.step, self.base)
             out, slope = measured(model, self.data.names, path, by)
             for k, (unknown, value) in enumerate(zip(self.unknowns, theta, strict=True)):
                 shift = unknown.shift(model, self.data.names)
@@ -110,10 +106,11 @@ class Problem:
         free = ~self.held
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
-    def _moving(self, held: Held, first: np.ndarray) -> Start:
-        """From the unknown state of the free joints; the held ones' is measured."""
-        free = np.flatnonzero(~held.mask)
-        q, v = held.q[0].copy(), held.v[0].copy()
+    def _moving(self, begin: int, end: int, first: np.ndarray) -> Start:
+        """From the unknown state of the free joints; the held ones are where their stops are."""
+        assert self.smooth is not None
+        free = np.flatnonzero(~self.held)
+        q, v = self.smooth[0, begin:end].mean(0), np.zeros(self.base.nv)
         q[free], v[free] = np.split(first, 2)
         by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
         by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))

@@ -101,7 +101,8 @@ class Identified:
         lines += [f"not told by these data: {text}" for text in self.vague]
         low, high = np.nanmin(self.noise), np.nanmax(self.noise)
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
-        lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
+        if np.isfinite(self.held_out):
+            lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
         if self.white < 0.01:
             lines.append("the residuals are not white: the model lacks something")
         return "\n".join(lines)

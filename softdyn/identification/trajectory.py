@@ -25,23 +25,6 @@ class TrajectoryError(SoftdynError, ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """Joints that follow their measurement, because stops push them.
-
-    Attributes
-    ----------
-    mask : ndarray of bool, (n,)
-        Which.
-    q, v : ndarray, (N, n)
-        Smoothed measurements (rad, m; per second).
-    """
-
-    mask: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Start:
     """The state at the first sample and its derivatives by all unknowns (n, P).
 
@@ -63,7 +46,7 @@ def follow(
     t: np.ndarray,
     u: np.ndarray,
     start: Start,
-    held: Held | None = None,
+    held: np.ndarray | None = None,
     step: float = np.inf,
     file: SoftModel | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +68,8 @@ def follow(
     u : ndarray, (N, m)
         Inputs, each held from its sample to the next one.
     start : Start
-    held : Held, optional
+    held : ndarray of bool, (n,), optional
+        Joints that stand still where they start, because stops push them.
     step : float
         Longest step (s).
     file : SoftModel, optional
@@ -101,24 +85,18 @@ def follow(
     dq, dv = start.by_q.copy(), start.by_v.copy()
     path, sensitivities = np.empty((len(t), n)), np.empty((len(t), n, count))
     a = np.zeros(n)
-    on = np.zeros(n, bool) if held is None else held.mask
-    free = np.flatnonzero(~on)
+    free = np.arange(n) if held is None else np.flatnonzero(~held)
     inverse = None
     for k in range(len(t)):
-        if held is not None:
-            q[on], v[on], dq[on], dv[on] = held.q[k, on], held.v[k, on], 0.0, 0.0
         path[k], sensitivities[k] = q, dq
         if k + 1 == len(t):
             break
         interval = t[k + 1] - t[k]
         pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
-        forced = np.zeros(n)
-        if held is not None:
-            forced[on] = (held.v[k + 1, on] - held.v[k, on]) / interval
         for _ in range(pieces):
             q, v, dq, dv, a, inverse = _step(
                 (model, file or model), unknowns, q, v, dq, dv, a, u[k], interval / pieces,
-                free, forced, inverse,
+                free, inverse,
             )  # fmt: skip
     return path, sensitivities
 
@@ -126,7 +104,7 @@ def follow(
 def _step(
     models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
-    h: float, free: np.ndarray, forced: np.ndarray, inverse: np.ndarray | None,
+    h: float, free: np.ndarray, inverse: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """One step: the state at its end, its derivatives, the last stage's acceleration and Newton
     matrix, which serves the next stage's iterations until it is renewed at their solution.
@@ -139,27 +117,30 @@ def _step(
 
     block = np.ix_(free, free)
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
-    a = np.where(np.isin(np.arange(len(a)), free), a, forced)
     for weights in STAGES:
         hg = h * weights[-1]
         q0, v0, dq0, dv0 = q.copy(), v.copy(), dq.copy(), dv.copy()
         for weight, (V, A, dV, dA) in zip(weights[:-1], slopes, strict=True):
             q0, v0 = q0 + h * weight * V, v0 + h * weight * A
             dq0, dv0 = dq0 + h * weight * dV, dv0 + h * weight * dA
-        for iteration in range(ITERATIONS):
+        last = np.inf
+        for _ in range(ITERATIONS):
             V = v0 + hg * a
             Q = q0 + hg * V
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             r = (state.M @ a + state.h - state.B @ u)[free]
-            if inverse is None or iteration % 6 == 5:
+            small = TOLERANCE * (1 + np.abs(a).max())
+            change = inverse @ r if inverse is not None else np.full(len(free), np.nan)
+            size = np.abs(change).max(initial=0)
+            if not size <= max(small, last / 2):  # an old matrix that leads away, or nowhere fast
                 _, _, inverse = linearised()
-            change = inverse @ r
+                change = inverse @ r
+                size = np.abs(change).max(initial=0)
             a = a.copy()
             a[free] -= change
-            if not np.isfinite(change).all():
-                break
-            if np.abs(change).max(initial=0) <= TOLERANCE * (1 + np.abs(a).max()):
+            last = size
+            if size <= small or not np.isfinite(size):
                 break
         else:
             raise TrajectoryError(f"no solution of a step of {h:.3g} s: give a shorter one")

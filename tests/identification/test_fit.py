@@ -15,7 +15,7 @@ from softdyn.identification.data import stretches
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured
-from softdyn.identification.trajectory import Held, Start, follow
+from softdyn.identification.trajectory import Start, follow
 from softdyn.validation.identification.trials import Excitation, trial, twin_data
 
 COMPLIANCE = ("stiffness", "damping")
@@ -100,8 +100,7 @@ def test_the_trajectory_s_derivatives(finger, stopped):
     u = rng.uniform(finger.u_min, finger.u_max, (samples, finger.nu))
     held = None
     if stopped:
-        still = np.zeros((samples, finger.nv))
-        held = Held(np.array([False, True, False, True]), still + 0.05, still)
+        held = np.array([False, True, False, True])
     theta = np.array([one.nominal for one in several])
     theta = theta * rng.uniform(0.8, 1.2, len(theta))
     z = np.concatenate((theta, rng.uniform(-0.2, 0.2, 2 * finger.nv)))
@@ -199,7 +198,7 @@ def test_stretches_without_a_stop():
     stops[10:195, 1] = True
     held, runs = stretches(stops)
     assert held.tolist() == [False, True, False]
-    assert runs == [(0, 60), (70, 200)]
+    assert runs == [(10, 60), (70, 195)]  # where the held one is at its stop
     stops[:, 1] = False
     stops[75:80, 2] = True  # 70 to 75 is too short for a first state of its own
     assert stretches(stops)[1] == [(0, 60), (80, 200)]
