@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 from xml.sax.saxutils import quoteattr
 
 Vector = Sequence[float]
@@ -24,6 +26,11 @@ def num(x: float) -> str:
 def vec(values: Vector) -> str:
     """Return numbers separated by blanks."""
     return " ".join(num(v) for v in values)
+
+
+def total(values: Iterable[float]) -> float:
+    """Return a sum from left to right: from Python 3.12 on `sum` keeps digits that files lack."""
+    return reduce(add, values, 0.0)
 
 
 def rpy(quat: Vector) -> list[float]:
@@ -49,7 +56,7 @@ def tensor(principal: Vector, quat: Vector) -> list[list[float]]:
     Entries below 1e-12 of the largest moment are rounding of the quaternion, and become 0.
     """
     # written out: the committed files hold its last digits, which SciPy's Rotation rounds otherwise
-    norm = math.sqrt(sum(c * c for c in quat))
+    norm = math.sqrt(total(c * c for c in quat))
     w, x, y, z = (c / norm for c in quat)
     r = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -60,7 +67,7 @@ def tensor(principal: Vector, quat: Vector) -> list[list[float]]:
     full = [[0.0] * 3 for _ in range(3)]
     for i in range(3):
         for j in range(i, 3):
-            entry = sum(r[i][k] * principal[k] * r[j][k] for k in range(3))
+            entry = total(r[i][k] * principal[k] * r[j][k] for k in range(3))
             # 15 digits: 3e-06 stays 3e-06 whatever the last bit of the quaternion's norm is
             full[i][j] = full[j][i] = float(f"{entry:.15g}") if abs(entry) > noise else 0.0
     return full
