@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
 import signal
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
+from softdyn.checks import near
 from softdyn.controllers.clf_qp import ClfQp
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.id_clf_qp import IdClfQp
@@ -47,9 +47,7 @@ def find_controller(name: str) -> Callable[..., Any]:
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         known = [*CONTROLLERS, *BEYOND]
-        near = difflib.get_close_matches(name.lower(), known, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError("controller", f"{', '.join(known)} or FILE.py:CLASS", f"{name!r}{hint}")
+        raise InputError("controller", f"{', '.join(known)} or FILE.py:CLASS", near(name, known))
     cls = getattr(_load(file), kind, None)
     if not callable(cls):
         raise InputError("controller", f"a class in {file}", repr(kind))
