@@ -43,7 +43,7 @@ parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1
 parser.option("--reach", cli.positive, "PART", "of the inputs' ranges that the twin sees", 0.6)
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
-parser.option("--timestep", cli.positive, "S", "of the twin", 1e-4)
+parser.option("--timestep", cli.positive, "S", "longest of the twin", 1e-4)
 parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
 parser.add_argument("--html", metavar="FILE", help="write a page: fit, residuals, intervals")
 cli.add_json(parser)

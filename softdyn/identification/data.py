@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from softdyn.checks import array, in_degrees
 from softdyn.dynamics.model import SoftModel
@@ -18,6 +19,7 @@ AXES = ("x", "y", "z")
 SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
 ENOUGH = 0.2  # of the data in stretches without a stop: no joint more needs to be held
 NEAR = 0.02  # of a joint's range: what is that close to a stop may be pressed against it
+PRESSED = 4  # samples before and after that a held joint must be there too: arrivals bounce
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +113,12 @@ def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
     """
     shortest = min(SHORTEST, len(stops))
     order = np.argsort(-stops.mean(0), kind="stable")
+    pressed = minimum_filter1d(stops, 2 * PRESSED + 1, axis=0, mode="nearest")
     best: tuple[int, np.ndarray, list[tuple[int, int]]] = (0, np.ones(stops.shape[1], bool), [])
     for count in range(stops.shape[1]):
         held = np.zeros(stops.shape[1], bool)
         held[order[:count]] = True
-        fits = ~stops[:, ~held].any(1) & stops[:, held].all(1)
+        fits = ~stops[:, ~held].any(1) & pressed[:, held].all(1)
         good = np.concatenate(([False], fits, [False])).astype(int)
         begins, ends = np.flatnonzero(np.diff(good) == 1), np.flatnonzero(np.diff(good) == -1)
         runs = [(int(b), int(e)) for b, e in zip(begins, ends, strict=True) if e - b >= shortest]

@@ -90,6 +90,7 @@ def identify(
     deviations = _deviations(reduced(problem.blocks(found.simulated, noise * widened)))
     changed = with_values(model, problem.unknowns, theta)
     kept = {id(one): k for k, one in enumerate(problem.unknowns)}
+    moved = _moved(found) / _deviations(reduced(problem.blocks(found.simulated, noise)))
     estimates = tuple(
         Estimate(one, float(theta[kept[id(one)]]), float(deviations[kept[id(one)]]), True)
         if id(one) in kept
@@ -102,6 +103,7 @@ def identify(
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
         _held_out(problem, theta, data, split, noise), found.vague,
+        float(np.abs(moved).max()),
     )  # fmt: skip
 
 
@@ -213,6 +215,18 @@ def _deviations(found: Reduced) -> np.ndarray:
     return np.linalg.norm(np.linalg.pinv(found.R), axis=1)
 
 
+def _moved(found: _Fit) -> np.ndarray:
+    """How far (P,) half the step of the simulation would move θ, to first order."""
+    problem, coarse = found.problem, found.simulated
+    half = replace(problem, step=min(problem.step, float(np.diff(problem.data.t).max())) / 2)
+    outputs = half.outputs(found.theta, [run.first for run in coarse])
+    fine = [run._replace(out=out) for run, out in zip(coarse, outputs, strict=True)]
+    both = (problem.blocks(runs, found.noise) for runs in (coarse, fine))
+    blocks = [a._replace(residual=b.residual - a.residual) for a, b in zip(*both, strict=True)]
+    linear = reduced(blocks)
+    return -np.linalg.pinv(linear.R) @ linear.d
+
+
 def _vague(problem: Problem, found: Reduced) -> tuple[set[int], list[str]]:
     """Parameters that these outputs do not tell, and as text what it is that they do not.
 
@@ -242,7 +256,7 @@ def _held_out(
     if problem.smooth is None:
         whole = replace(problem, data=data, runs=((0, len(data.t)),))
         end = first_stop(whole, theta)
-        out = whole.simulated(theta, whole.firsts())[0].out
+        out = whole.outputs(theta, whole.firsts())[0]
         left = (out - data.outputs)[split:end]
         return float(np.sqrt(np.mean((left / noise) ** 2))) if end > split else float("nan")
     changed = with_values(problem.base, problem.unknowns, theta)

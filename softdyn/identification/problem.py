@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ class Simulated(NamedTuple):
     out: np.ndarray
     by_theta: np.ndarray
     by_first: np.ndarray
+    first: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,30 +62,68 @@ class Problem:
 
     def simulated(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[Simulated]:
         """Outputs of each run and their derivatives by θ and by the run's first state."""
-        model = with_values(self.base, self.unknowns, theta)
-        count, found = len(theta), []
-        for (begin, end), first in zip(self.runs, firsts, strict=True):
-            t, u = self.data.t[begin:end], self.data.u[begin:end]
-            moving = self.smooth is not None
-            start = self._moving(begin, end, first) if moving else self.at_rest(model)
-            path, by = follow(model, self.unknowns, t, u, start, self.held, self.step, self.base)
-            out, slope = measured(model, self.data.names, path, by)
-            for k, (unknown, value) in enumerate(zip(self.unknowns, theta, strict=True)):
-                shift = unknown.shift(model, self.data.names)
-                out, slope[:, :, k] = out + value * shift, slope[:, :, k] + shift
-            found.append(Simulated(out, slope[:, :, :count], slope[:, :, count:]))
+        model, count, found = with_values(self.base, self.unknowns, theta), len(theta), []
+        for run, first in zip(self.runs, firsts, strict=True):
+            out, slope = self._outputs(model, theta, run, self._start(model, run, first))
+            for k, unknown in enumerate(self.unknowns):
+                slope[:, :, k] += unknown.shift(model, self.data.names)
+            found.append(Simulated(out, slope[:, :, :count], slope[:, :, count:], first))
         return found
 
+    def outputs(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Outputs (N, outputs) of each run alone, in half the time."""
+        model, found = with_values(self.base, self.unknowns, theta), []
+        none = np.zeros((model.nv, 0))
+        for run, first in zip(self.runs, firsts, strict=True):
+            start = replace(self._start(model, run, first), by_q=none, by_v=none)
+            found.append(self._outputs(model, theta, run, start)[0])
+        return found
+
+    def _outputs(
+        self, model: SoftModel, theta: np.ndarray, run: tuple[int, int], start: Start
+    ) -> tuple[np.ndarray, np.ndarray]:
+        t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
+        unknowns = self.unknowns if start.by_q.size else ()
+        path, by = follow(model, unknowns, t, u, start, self.held, self.step, self.base)
+        out, slope = measured(model, self.data.names, path, by)
+        for unknown, value in zip(self.unknowns, theta, strict=True):
+            out += value * unknown.shift(model, self.data.names)
+        return out, slope
+
     def blocks(self, simulated: Sequence[Simulated], noise: np.ndarray) -> list[Block]:
-        """Residuals over their noise, of the outputs that count."""
+        """Residuals over their noise, of the outputs that count, and of the first rates.
+
+        A rate that joint damping ends within one sample time is not in the outputs, and a fit that
+        is free to choose it goes where the motion is no longer near the measured one. So the first
+        rates are known to be near the smoothed ones, within the joint's range in `SHORTEST`
+        samples: tens of times wider than what the outputs say of any other rate.
+        """
         use, found = self.counted(), []
-        for (begin, end), run in zip(self.runs, simulated, strict=True):
+        for (begin, end), run, near in zip(self.runs, simulated, self.firsts(), strict=True):
             residual = ((run.out - self.data.outputs[begin:end]) / noise)[:, use]
-            slopes = [(part / noise[:, None])[:, use] for part in run[1:]]
+            by_theta, by_first = (
+                (part / noise[:, None])[:, use].reshape(residual.size, -1) for part in run[1:3]
+            )
+            wide = 1 / self._wide()
+            rates = slice(len(near) - len(wide), None)
+            left = (run.first - near)[rates] * wide
             found.append(
-                Block(residual.ravel(), *(part.reshape(residual.size, -1) for part in slopes))
+                Block(
+                    np.append(residual, left),
+                    np.vstack((by_theta, np.zeros((len(wide), by_theta.shape[1])))),
+                    np.vstack((by_first, np.eye(len(near))[rates] * wide[:, None])),
+                )
             )
         return found
+
+    def _wide(self) -> np.ndarray:
+        """How far (rates,) a first rate may be from the smoothed one, as a standard deviation."""
+        if self.smooth is None:
+            return np.zeros(0)
+        free = ~self.held
+        time = SHORTEST * np.median(np.diff(self.data.t))
+        range_ = np.ptp(self.smooth[0][:, free], axis=0)
+        return np.maximum(range_, 1e-3 * range_.max()) / time
 
     def residuals(self, simulated: Sequence[Simulated]) -> np.ndarray:
         """Measured less simulated (N, outputs); NaN where it does not count."""
@@ -106,11 +145,12 @@ class Problem:
         free = ~self.held
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
-    def _moving(self, begin: int, end: int, first: np.ndarray) -> Start:
+    def _start(self, model: SoftModel, run: tuple[int, int], first: np.ndarray) -> Start:
         """From the unknown state of the free joints; the held ones are where their stops are."""
-        assert self.smooth is not None
+        if self.smooth is None:
+            return self.at_rest(model)
         free = np.flatnonzero(~self.held)
-        q, v = self.smooth[0, begin:end].mean(0), np.zeros(self.base.nv)
+        q, v = self.smooth[0, slice(*run)].mean(0), np.zeros(self.base.nv)
         q[free], v[free] = np.split(first, 2)
         by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
         by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))
@@ -173,8 +213,9 @@ def problem_of(
 def first_stop(problem: Problem, z: np.ndarray) -> int:
     """The sample at which the run that began at rest comes to a stop, or the run's end."""
     model = with_values(problem.base, problem.unknowns, z)
-    end = problem.runs[0][1]
-    t, u, start = problem.data.t[:end], problem.data.u[:end], problem.at_rest(model)
-    path, _ = follow(model, problem.unknowns, t, u, start, None, problem.step, problem.base)
+    end, none = problem.runs[0][1], np.zeros((model.nv, 0))
+    t, u = problem.data.t[:end], problem.data.u[:end]
+    start = replace(problem.at_rest(model), by_q=none, by_v=none)
+    path, _ = follow(model, (), t, u, start, None, problem.step, problem.base)
     near = np.flatnonzero(at_stops(model, path).any(1))
     return int(near[0]) if near.size else end

@@ -11,6 +11,8 @@ from scipy.stats import norm
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.parameters import Parameter, member_values
 
+COARSE = 0.3  # of a standard deviation: what the simulation's step may move
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -51,6 +53,8 @@ class Identified:
         Rms of the residuals over `noise` in the part of the data that the fit did not see.
     vague : tuple of str
         The directions that the data do not tell, as text.
+    moved : float
+        By how much of its deviation half the simulation's step would move an estimate, at most.
     """
 
     model: SoftModel
@@ -62,6 +66,7 @@ class Identified:
     white: float
     held_out: float
     vague: tuple[str, ...]
+    moved: float
 
     def values(self) -> dict[str, dict[str, float]]:
         """What was identified of the robot, by kind and member, as `rewritten` takes it."""
@@ -83,6 +88,7 @@ class Identified:
             ],
             "noise": dict(zip(self.names, self.noise.tolist(), strict=True)),
             "white": self.white, "held_out": self.held_out, "not_told": list(self.vague),
+            "moved": self.moved,
         }  # fmt: skip
 
     def __str__(self) -> str:
@@ -103,6 +109,11 @@ class Identified:
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
         if np.isfinite(self.held_out):
             lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
+        if self.moved > COARSE:
+            lines.append(
+                f"half the step of the simulation would move an estimate by {self.moved:.2g} of its"
+                " standard deviation: give a shorter --step"
+            )
         if self.white < 0.01:
             lines.append("the residuals are not white: the model lacks something")
         return "\n".join(lines)
