@@ -23,7 +23,8 @@ input, and ends at its first stop.
 
 Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
 parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic
-joint, 1 mm of tip and cables), and what was drawn is identified.
+joint, 1 mm of tip and cables), and what was drawn is identified. --excitations compares inputs
+instead: reaches and times between knots, with the least deviation that any fit of them can have.
 
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
@@ -41,8 +42,11 @@ parser.add_argument(
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
 parser.option("--reach", cli.positive, "PART", "of the inputs' ranges that the twin sees", 0.6)
+parser.option("--knots", cli.positive, "S", "between the twin's random inputs", 0.2)
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
+parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
+parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest of the twin", 1e-4)
 parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
 parser.add_argument("--html", metavar="FILE", help="write a page: fit, residuals, intervals")
@@ -87,28 +91,42 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> int:
-    """Identify what was drawn, seed by seed."""
+    """Identify what was drawn, seed by seed, or say which inputs would tell it best."""
     import math
 
-    from tqdm import tqdm
-
+    from softdyn.validation.identification import excitations
     from softdyn.validation.identification import trials as study
+    from softdyn.validation.processes import in_order
 
     outputs = [f"q.{name}" for name in model.joint_names]
     if arguments.measure == "tip":
         outputs = [f"tip.{axis}" for axis in "xyz"]
     excitation = study.Excitation(
         arguments.twin,
+        knots=arguments.knots,
         reach=arguments.reach,
         at_rest=arguments.at_rest,
         timestep=arguments.timestep,
     )
+    labels, jobs = [one.label for one in unknowns], arguments.jobs or -1
+    if arguments.excitations:
+        found = excitations.compared(
+            model, unknowns, outputs, excitation, arguments.noise, jobs=jobs
+        )
+        report = {
+            "robot": model.name, "labels": labels,
+            "excitations": [{"reach": one.excitation.reach, "knots": one.excitation.knots,
+                             "relative": one.relative.tolist(), "refused": one.refused}
+                            for one in found],
+        }  # fmt: skip
+        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
+        return cli.PASSED if found[0].told.all() else cli.FAILED
     step = arguments.step or math.inf
-    trials = [
-        study.trial(model, unknowns, outputs, excitation, arguments.noise, seed, step)
-        for seed in tqdm(range(arguments.seeds), unit="twin", disable=None)
+    calls = [
+        (model, unknowns, outputs, excitation, arguments.noise, seed, step)
+        for seed in range(arguments.seeds)
     ]
-    labels = [one.label for one in unknowns]
+    trials = in_order(study.trial, calls, 1 if len(calls) == 1 else jobs)
     report = {
         "robot": model.name, "labels": labels,
         "trials": [{"seed": one.seed, "relative": one.relative.tolist(),

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.identification.blocks import Block, Reduced, least_squares, reduced
+from softdyn.identification.blocks import Block, least_squares, reduced
 from softdyn.identification.data import SHORTEST, Measurements
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Parameter, with_values
@@ -87,10 +87,9 @@ def identify(
     samples = np.isfinite(residuals).sum(0)
     correlation = autocorrelation(residuals)
     widened = np.sqrt(widening(correlation, samples))
-    deviations = _deviations(reduced(problem.blocks(found.simulated, noise * widened)))
+    deviations = _deviations(reduced(problem.blocks(found.simulated, noise * widened)).R)
     changed = with_values(model, problem.unknowns, theta)
     kept = {id(one): k for k, one in enumerate(problem.unknowns)}
-    moved = _moved(found) / _deviations(reduced(problem.blocks(found.simulated, noise)))
     estimates = tuple(
         Estimate(one, float(theta[kept[id(one)]]), float(deviations[kept[id(one)]]), True)
         if id(one) in kept
@@ -103,7 +102,7 @@ def identify(
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
         _held_out(problem, theta, data, split, noise), found.vague,
-        float(np.abs(moved).max()),
+        _moved(found),
     )  # fmt: skip
 
 
@@ -119,6 +118,8 @@ def least_deviations(
 ) -> np.ndarray:
     """Cramér and Rao's bound (P,): what no unbiased fit of the same stretches can undercut.
 
+    Infinite for what `identify` would name as not told by these data, were the noise as given.
+
     Parameters
     ----------
     model, data, unknowns, hold_out, step
@@ -132,8 +133,14 @@ def least_deviations(
     problem = problem_of(model, data.part(0, split), tuple(unknowns), step)
     if problem.smooth is None:
         problem = replace(problem, runs=((0, first_stop(problem, theta)),))
-    simulated = problem.simulated(theta, problem.firsts())
-    return _deviations(reduced(problem.blocks(simulated, noise)))
+    R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
+    told, drop = list(range(len(unknowns))), {-1}
+    while told and drop:
+        drop, _ = _vague([unknowns[k] for k in told], R[:, told])
+        told = [k for at, k in enumerate(told) if at not in drop]
+    found = np.full(len(unknowns), np.inf)
+    found[told] = _deviations(R[:, told])
+    return found
 
 
 def _guess(problem: Problem) -> np.ndarray:
@@ -169,7 +176,7 @@ def _fitted(problem: Problem, theta: np.ndarray) -> _Fit:
         power = np.nansum(left**2, axis=0) / np.maximum(samples - spent, 1)
         before = noise
         noise = np.where(samples > 0, np.maximum(np.sqrt(power), 1e-12 * spread), noise)
-        drop, texts = _vague(problem, reduced(problem.blocks(simulated, noise)))
+        drop, texts = _vague(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
         vague += texts
         if drop:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
@@ -210,13 +217,13 @@ def _key(theta: np.ndarray, own: Sequence[np.ndarray]) -> bytes:
     return np.concatenate((theta, *own)).tobytes()
 
 
-def _deviations(found: Reduced) -> np.ndarray:
+def _deviations(R: np.ndarray) -> np.ndarray:
     """Standard deviations (P,) of θ, where residuals have variance 1."""
-    return np.linalg.norm(np.linalg.pinv(found.R), axis=1)
+    return np.linalg.norm(np.linalg.pinv(R), axis=1)
 
 
-def _moved(found: _Fit) -> np.ndarray:
-    """How far (P,) half the step of the simulation would move θ, to first order."""
+def _moved(found: _Fit) -> float:
+    """By how much of its deviation half the simulation's step would move θ, to first order."""
     problem, coarse = found.problem, found.simulated
     half = replace(problem, step=min(problem.step, float(np.diff(problem.data.t).max())) / 2)
     outputs = half.outputs(found.theta, [run.first for run in coarse])
@@ -224,25 +231,25 @@ def _moved(found: _Fit) -> np.ndarray:
     both = (problem.blocks(runs, found.noise) for runs in (coarse, fine))
     blocks = [a._replace(residual=b.residual - a.residual) for a, b in zip(*both, strict=True)]
     linear = reduced(blocks)
-    return -np.linalg.pinv(linear.R) @ linear.d
+    return float(np.abs(np.linalg.pinv(linear.R) @ linear.d / _deviations(linear.R)).max())
 
 
-def _vague(problem: Problem, found: Reduced) -> tuple[set[int], list[str]]:
+def _vague(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
     """Parameters that these outputs do not tell, and as text what it is that they do not.
 
     All that are untold even if all else were known; else one of the worst direction.
     """
-    scaled = found.R * np.array([abs(p.nominal) or 1.0 for p in problem.unknowns])
+    scaled = R * np.array([abs(p.nominal) or 1.0 for p in unknowns])
     alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * VAGUE < 1)
     if alone.size:
-        return set(alone.tolist()), [problem.unknowns[k].label for k in alone]
+        return set(map(int, alone)), [unknowns[int(k)].label for k in alone]
     _, singular, directions = np.linalg.svd(scaled)
     if singular[-1] * VAGUE >= 1:
         return set(), []
     share = np.abs(directions[-1]) / np.abs(directions[-1]).max()
     # the single parameter that is worst, so that a common scale loses one member, not all
     worst = int(np.argmax(share))
-    terms = [problem.unknowns[k].label for k in np.argsort(-share) if share[k] > 0.3]
+    terms = [unknowns[int(k)].label for k in np.argsort(-share) if share[k] > 0.3]
     text = " together with ".join(terms[:6]) + (" and others" if len(terms) > 6 else "")
     return {worst}, [f"{text} (relative deviation {1 / max(singular[-1], 1e-300):.2g})"]
 

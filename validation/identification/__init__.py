@@ -1,1 +1,5 @@
-"""Identification judged by MuJoCo: `trials`, data of twins whose parameters are known."""
+"""Identification judged by MuJoCo.
+
+- `trials`: data of twins whose parameters are known, identified;
+- `excitations`: which of several tells the parameters best.
+"""
