@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.identification.parameters import Parameter
+    from softdyn.validation.identification.trials import Excitation, Trial
 
 EPILOG = """\
 DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
@@ -57,7 +58,6 @@ def command(arguments: cli.Arguments) -> int:
     """Read, fit, write."""
     import math
 
-    import softdyn
     from softdyn import InputError, identification
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -67,14 +67,7 @@ def command(arguments: cli.Arguments) -> int:
     )
     if (arguments.data is None) == (arguments.twin is None):
         raise InputError("DATA", "a file, or --twin", "both" if arguments.data else "neither")
-    model = softdyn.load(arguments.robot)
-    free = arguments.free or ([] if arguments.shared else ["stiffness", "damping"])
-    unknowns = [
-        one
-        for kinds, shared in ((free, False), (arguments.shared, True))
-        for kind in kinds
-        for one in identification.parameters(model, kind, shared=shared)
-    ]
+    model, unknowns = asked(arguments)
     if arguments.twin is not None:
         return of_twin(arguments, model, unknowns)
     data = identification.read_csv(arguments.data, model)
@@ -90,52 +83,77 @@ def command(arguments: cli.Arguments) -> int:
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 
+def asked(arguments: cli.Arguments) -> tuple[SoftModel, list[Parameter]]:
+    """The robot and the unknowns that the arguments name."""
+    import softdyn
+    from softdyn import identification
+
+    model = softdyn.load(arguments.robot)
+    free = arguments.free or ([] if arguments.shared else ["stiffness", "damping"])
+    return model, [
+        one
+        for kinds, shared in ((free, False), (arguments.shared, True))
+        for kind in kinds
+        for one in identification.parameters(model, kind, shared=shared)
+    ]
+
+
 def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> int:
     """Identify what was drawn, seed by seed, or say which inputs would tell it best."""
-    import math
-
     from softdyn.validation.identification import excitations
     from softdyn.validation.identification import trials as study
+
+    report: dict[str, Any] = {"robot": model.name, "labels": [one.label for one in unknowns]}
+    if arguments.excitations:
+        found = excitations.compared(
+            model, unknowns, *seen(arguments, model), jobs=arguments.jobs or -1
+        )
+        report["excitations"] = [
+            {"reach": one.excitation.reach, "knots": one.excitation.knots,
+             "relative": one.relative.tolist(), "refused": one.refused}
+            for one in found
+        ]  # fmt: skip
+        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
+        return cli.PASSED if found[0].told.all() else cli.FAILED
+    trials = trials_of(arguments, model, unknowns)
+    report["summary"] = study.summary(trials)
+    report["trials"] = [
+        {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
+         "width": one.width.tolist(), **one.found.report()}
+        for one in trials
+    ]  # fmt: skip
+    cli.write_report(report, arguments.json, study.table(trials))
+    known = all(one.identified for trial in trials for one in trial.found.estimates)
+    return cli.PASSED if known else cli.FAILED
+
+
+def trials_of(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> list[Trial]:
+    """The twins that were asked for, identified, one process a core."""
+    import math
+
+    from softdyn.validation.identification.trials import trial
     from softdyn.validation.processes import in_order
+
+    what = model, unknowns, *seen(arguments, model)
+    calls = [(*what, seed, arguments.step or math.inf) for seed in range(arguments.seeds)]
+    return in_order(trial, calls, 1 if len(calls) == 1 else arguments.jobs or -1)
+
+
+def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitation, float]:
+    """Outputs, excitation and noise of the twin."""
+    from softdyn.validation.identification.trials import Excitation
 
     outputs = [f"q.{name}" for name in model.joint_names]
     if arguments.measure == "tip":
         outputs = [f"tip.{axis}" for axis in "xyz"]
-    excitation = study.Excitation(
+    excitation = Excitation(
         arguments.twin,
         knots=arguments.knots,
         reach=arguments.reach,
         at_rest=arguments.at_rest,
         timestep=arguments.timestep,
     )
-    labels, jobs = [one.label for one in unknowns], arguments.jobs or -1
-    if arguments.excitations:
-        found = excitations.compared(
-            model, unknowns, outputs, excitation, arguments.noise, jobs=jobs
-        )
-        report = {
-            "robot": model.name, "labels": labels,
-            "excitations": [{"reach": one.excitation.reach, "knots": one.excitation.knots,
-                             "relative": one.relative.tolist(), "refused": one.refused}
-                            for one in found],
-        }  # fmt: skip
-        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
-        return cli.PASSED if found[0].told.all() else cli.FAILED
-    step = arguments.step or math.inf
-    calls = [
-        (model, unknowns, outputs, excitation, arguments.noise, seed, step)
-        for seed in range(arguments.seeds)
-    ]
-    trials = in_order(study.trial, calls, 1 if len(calls) == 1 else jobs)
-    report = {
-        "robot": model.name, "labels": labels,
-        "trials": [{"seed": one.seed, "relative": one.relative.tolist(),
-                    "scores": one.scores.tolist(), "width": one.width.tolist(),
-                    **one.found.report()} for one in trials],
-    }  # fmt: skip
-    cli.write_report(report, arguments.json, study.table(trials))
-    known = all(one.identified for trial in trials for one in trial.found.estimates)
-    return cli.PASSED if known else cli.FAILED
+    return outputs, excitation, arguments.noise
 
 
 main = cli.program(parser, command, __name__)

@@ -143,7 +143,7 @@ def _step(
             small = TOLERANCE * (1 + np.abs(a).max())
             change = inverse @ r if inverse is not None else np.full(len(free), np.nan)
             size = np.abs(change).max(initial=0)
-            if not size <= max(small, last / 2):  # an old matrix that leads away, or nowhere fast
+            if not size <= max(small, last / 5):  # an old matrix that leads away, or nowhere fast
                 _, _, inverse = linearised()
                 change = inverse @ r
                 size = np.abs(change).max(initial=0)

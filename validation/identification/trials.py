@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,6 +20,7 @@ from softdyn.identification.fit import least_deviations
 from softdyn.identification.parameters import Parameter, member_values, with_values
 from softdyn.identification.problem import measured
 from softdyn.statics.equilibria import settle
+from softdyn.validation.tables import aligned
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -207,25 +209,44 @@ def trial(
     return Trial(seed, found, relative, scores, width)
 
 
-def table(trials: Sequence[Trial]) -> str:
+SHOWN = (
+    ("kind", "kind", ""),
+    ("told", "told", ""),
+    ("median error", "median", ".3%"),
+    ("worst error", "worst", ".3%"),
+    ("truth in 95 %", "inside", ".1%"),
+    ("widest", "widest", ".2f"),
+)  # as `columns` takes them: title, key, format
+
+
+def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """Kind by kind: identified, errors, and the share of 95 % intervals that hold the truth.
 
-    `widest` is the widest interval over that of Cramér and Rao's bound.
+    `widest` is the widest interval over that of Cramér and Rao's bound; None without noise.
     """
-    estimates = trials[0].found.estimates
-    rows = ["kind              identified  median error  worst error  truth in 95 %  widest"]
+    estimates, rows = trials[0].found.estimates, []
     for kind in dict.fromkeys(one.parameter.kind.name for one in estimates):
         of_kind = [k for k, one in enumerate(estimates) if one.parameter.kind.name == kind]
-        errors = np.abs(np.concatenate([one.relative[of_kind] for one in trials]))
-        scores = np.abs(np.concatenate([one.scores[of_kind] for one in trials]))
+        errors, scores, width = (
+            np.abs(np.concatenate([getattr(one, name)[of_kind] for one in trials]))
+            for name in ("relative", "scores", "width")
+        )
         known = np.isfinite(errors)
+        figures: dict[str, float | None] = dict.fromkeys(("median", "worst", "inside", "widest"))
         if known.any():
-            inside = (scores[known] <= 1.96).mean()
-            widest = np.concatenate([one.width[of_kind] for one in trials])[known].max()
-            rows.append(
-                f"{kind:16}  {known.sum():4d} of {len(known):4d}  {np.median(errors[known]):12.2%}"
-                f"  {errors[known].max():11.2%}  {inside:13.1%}  {widest:6.2f}"
-            )
-        else:
-            rows.append(f"{kind:16}  {0:4d} of {len(known):4d}")
-    return "\n".join(rows)
+            figures |= {
+                "median": float(np.median(errors[known])),
+                "worst": float(np.nanmax(errors)),
+            }
+        if np.isfinite(width).any():
+            figures |= {
+                "inside": float((scores[known] <= 1.96).mean()),
+                "widest": float(np.nanmax(width)),
+            }
+        rows.append({"kind": kind, "told": f"{known.sum()} of {len(known)}", **figures})
+    return rows
+
+
+def table(trials: Sequence[Trial]) -> str:
+    """The summary, for people."""
+    return aligned(SHOWN, summary(trials))
