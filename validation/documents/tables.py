@@ -17,6 +17,7 @@ from typing import Any
 from softdyn import InputError
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.files import read_json, write_text
+from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.studies import benchmark, beyond, hold, one_step, paper, robustness
 from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.engine.case import Case
@@ -30,6 +31,7 @@ from softdyn.validation.studies.engine.distribution import (
     read,
 )  # fmt: skip
 from softdyn.validation.studies.names import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
+from softdyn.validation.tables import cells as lines_of
 from softdyn.validation.tables import pipes
 
 MARKED = re.compile(
@@ -229,6 +231,12 @@ def _statics() -> str:
     return _noted("\n".join(pipes(lines)))
 
 
+def _identification() -> str:
+    """What twins tell, as `scripts/twins.py` found it."""
+    shown = [("`softdyn identify …`", "case", ""), *SHOWN]
+    return "\n".join(pipes(lines_of(shown, _rows("identification"))))
+
+
 def _gains() -> str:
     names = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
     lines = [["robot", "controller", *names]]
@@ -331,6 +339,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "engines": _engines,
     "one-step": _one_step,
     "gains": _gains,
+    "identification": _identification,
     "best": lambda: _beyond("best"),
     "mpc": lambda: _beyond("mpc"),
     "robustness": _robustness,

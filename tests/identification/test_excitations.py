@@ -1,0 +1,57 @@
+"""Which excitation is best: where the answer is known beforehand."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, identification
+from softdyn.commands import identify
+from softdyn.validation.identification import excitations
+from softdyn.validation.identification.excitations import Candidate, compared, comparison
+from softdyn.validation.identification.trials import Excitation, trial
+
+
+@pytest.fixture(scope="module")
+def finger() -> softdyn.SoftModel:
+    return softdyn.load("finger")
+
+
+def test_the_bound_is_what_a_fit_of_the_best_has(finger, capsys, monkeypatch):
+    """The deviation that is foretold is the one that a fit of such data then states."""
+    monkeypatch.setattr(excitations, "REACHES", (0.3, 0.6))
+    monkeypatch.setattr(excitations, "KNOTS", (0.1, 0.3))
+    arguments = ["finger", "--twin", "0.7", "--excitations", "--jobs", "1", "--json", "-"]
+    assert identify.main(arguments) == 0
+    report = json.loads(capsys.readouterr().out)
+    best, *_ = report["excitations"]
+    worst = [max(one["relative"]) for one in report["excitations"]]
+    assert len(worst) == 4
+    assert worst == sorted(worst)
+    unknowns = [one for kind in ("stiffness", "damping")
+                for one in identification.parameters(finger, kind)]  # fmt: skip
+    joints = [f"q.{name}" for name in finger.joint_names]
+    excitation = Excitation(0.7, reach=best["reach"], knots=best["knots"], spread=0.0)
+    found = trial(finger, unknowns, joints, excitation, 1.0, 0).found
+    stated = [one.deviation / one.parameter.nominal for one in found.estimates]
+    assert stated == pytest.approx(best["relative"], rel=0.3)
+
+
+def test_without_noise_there_is_nothing_to_compare(finger):
+    with pytest.raises(InputError, match="noise: expected more than 0"):
+        compared(finger, identification.parameters(finger, "stiffness"), ["tip.x"],
+                 Excitation(1.0), 0.0)  # fmt: skip
+
+
+def test_what_tells_most_comes_first(finger):
+    unknowns = identification.parameters(finger, "stiffness")
+    some = Candidate(Excitation(), np.array([0.01, np.inf, np.inf, np.inf]))
+    none = Candidate(Excitation(), np.full(4, np.inf), "always at its stops")
+    text = comparison(unknowns, [some, none])
+    assert "1 of 4" in text
+    assert "1.00%" in text
+    assert "not told by it: stiffness joint2, stiffness joint3, stiffness joint4" in text
+    assert "none of them tells anything: always at its stops" in comparison(unknowns, [none])
