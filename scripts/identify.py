@@ -42,7 +42,10 @@ parser.add_argument(
     "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
-parser.option("--reach", cli.positive, "PART", "of the inputs' ranges that the twin sees", 0.6)
+parser.add_argument(
+    "--reach", type=cli.finite, nargs="+", metavar="PART", default=[0.6],
+    help="of the inputs' ranges that the twin sees, one for all or one for each; default: 0.6",
+)  # fmt: skip
 parser.option("--knots", cli.positive, "S", "between the twin's random inputs", 0.2)
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
@@ -149,7 +152,7 @@ def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitat
     excitation = Excitation(
         arguments.twin,
         knots=arguments.knots,
-        reach=arguments.reach,
+        reach=tuple(arguments.reach),
         at_rest=arguments.at_rest,
         timestep=arguments.timestep,
     )

@@ -46,8 +46,8 @@ class Excitation:
         Parameters are drawn within this share of the file's.
     knots : float
         Inputs run straight between random values, this far apart (s).
-    reach : float
-        The share of each input's range that they use.
+    reach : float or tuple of float
+        The share of each input's range that they use; one for all, or one for each.
     at_rest : bool
         Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
         falls.
@@ -62,15 +62,20 @@ class Excitation:
     rate: float = 200.0
     spread: float = 0.3
     knots: float = 0.2
-    reach: float = 0.6
+    reach: float | tuple[float, ...] = 0.6
     at_rest: bool = False
     timestep: float = 1e-4
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
+        reach = np.asarray(self.reach)
+        if reach.shape not in ((), (1,), (model.nu,)):
+            raise InputError("reach", f"one number, or {model.nu}", f"{reach.size} of them")
+        if not ((reach >= 0) & (reach <= 1)).all():
+            raise InputError("reach", "shares from 0 to 1", reach.tolist())
         low, high = model.u_min, model.u_max
-        low = np.where(low < 0, low * self.reach, low)
-        high = low + np.where(low < 0, self.reach * (high - model.u_min), self.reach * (high - low))
+        low = np.where(low < 0, low * reach, low)
+        high = low + np.where(low < 0, reach * (high - model.u_min), reach * (high - low))
         times = np.arange(0, self.seconds + 2 * self.knots, self.knots)
         values = rng.uniform(low, high, (len(times), model.nu))
         values[0] = np.clip(0, low, high)
@@ -212,9 +217,9 @@ def trial(
 SHOWN = (
     ("kind", "kind", ""),
     ("told", "told", ""),
-    ("median error", "median", ".3%"),
-    ("worst error", "worst", ".3%"),
-    ("truth in 95 %", "inside", ".1%"),
+    ("median error (%)", "median_percent", ".2g"),
+    ("worst (%)", "worst_percent", ".2g"),
+    ("truth in 95 %", "inside", ".0%"),
     ("widest", "widest", ".2f"),
 )  # as `columns` takes them: title, key, format
 
@@ -232,11 +237,11 @@ def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
             for name in ("relative", "scores", "width")
         )
         known = np.isfinite(errors)
-        figures: dict[str, float | None] = dict.fromkeys(("median", "worst", "inside", "widest"))
+        figures: dict[str, float | None] = dict.fromkeys(key for _, key, form in SHOWN if form)
         if known.any():
             figures |= {
-                "median": float(np.median(errors[known])),
-                "worst": float(np.nanmax(errors)),
+                "median_percent": float(100 * np.median(errors[known])),
+                "worst_percent": float(100 * np.nanmax(errors)),
             }
         if np.isfinite(width).any():
             figures |= {
