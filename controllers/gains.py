@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import sys
 from collections.abc import Collection, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.checks import near
 from softdyn.dynamics.model import check_model
 
 
@@ -125,10 +125,8 @@ def from_table(
     names = [field.name for field in fields(Gains)]
     unknown = [name for name in table if name not in names]
     if unknown:
-        known = {name.lower(): name for name in [*names, *options]}
-        near = difflib.get_close_matches(str(unknown[0]).lower(), known, 1)
-        hint = f" ({known[near[0]]}?)" if near else ""
-        raise InputError("gains", f"any of {', '.join(known.values())}", f"{unknown[0]}{hint}")
+        known = [*names, *options]
+        raise InputError("gains", f"any of {', '.join(known)}", near(str(unknown[0]), known))
     published = PUBLISHED.get(model.bundled or "", {}).get(controller)
     if published is not None:
         return replace(published, **table)

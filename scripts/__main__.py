@@ -27,7 +27,7 @@ COMMANDS = {
         "textbook",
     ),
     "time the control step": ("step_time", "compare_steps", "worst_step"),
-    "work on softdyn itself": ("fuzz", "make_robots", "pictures", "tables"),
+    "work on softdyn itself": ("fuzz", "make_robots", "pictures", "tables", "twins"),
 }
 NAMES = [name for names in COMMANDS.values() for name in names]
 

@@ -16,10 +16,13 @@ CASES = (
     "finger --twin 1.5 --seeds 100",
     "spirob --twin 20",
     "spirob --twin 5 --seeds 8",
+    "spirob --twin 5 --measure tip --shared stiffness damping mass",
+    "helix --twin 5 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02 --noise 0",
+    "helix --twin 20 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02",
 )
 EPILOG = """\
 CASE is a command line of `softdyn identify`, quoted. Its figures take the place of earlier ones of
-the same CASE in validation/studies/measured/identification.json; `python -m scripts.tables` then
+the same CASE in validation/studies/measured/identification.json; `softdyn tables` then
 writes the table. All cases take hours.
 
 exit codes: 0 done; 2 bad input.

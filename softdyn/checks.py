@@ -18,10 +18,9 @@ FLOAT = np.dtype(float)
 
 def near(name: str, known: Iterable[str]) -> str:
     """``'name'``, with the known name that was meant, if one is like it."""
-    known = [*known]
-    ways = (difflib.get_close_matches(each, known, 1, 0.6) for each in (name, name.lower()))
-    found = next(filter(None, ways), None)
-    return f"{name!r}; did you mean {found[0]!r}?" if found else repr(name)
+    lowered = {one.lower(): one for one in known}
+    found = difflib.get_close_matches(name.lower(), lowered, 1)
+    return f"{name!r}; did you mean {lowered[found[0]]!r}?" if found else repr(name)
 
 
 def in_degrees(angle: float, low: float, high: float) -> bool:

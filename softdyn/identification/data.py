@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from softdyn.checks import array, in_degrees
+from softdyn.checks import array, in_degrees, near
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 
@@ -84,11 +83,11 @@ def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
     """
     margin = NEAR * (model.upper - model.lower)
     with np.errstate(invalid="ignore"):
-        near = (joints < model.lower + margin) | (joints > model.upper - margin)
-    near[:, ~np.isfinite(margin)] = False
-    wide = near.copy()
-    wide[1:] |= near[:-1]
-    wide[:-1] |= near[1:]
+        close = (joints < model.lower + margin) | (joints > model.upper - margin)
+    close[:, ~np.isfinite(margin)] = False
+    wide = close.copy()
+    wide[1:] |= close[:-1]
+    wide[:-1] |= close[1:]
     return wide
 
 
@@ -168,9 +167,8 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     )  # fmt: skip
     for name in header:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            meant = f"{near[0]}?" if near else f"one of {', '.join(known)}"
-            raise InputError(f"{path}: column {name!r}", meant, name)
+            expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z or length.TENDON, of this robot"
+            raise InputError(f"{path}: header", expected, near(name, known))
     for name in ("t", *inputs):
         if header.count(name) != 1:
             raise InputError(str(path), f"one column {name}", f"{header.count(name)} of them")

@@ -223,10 +223,16 @@ def _deviations(R: np.ndarray) -> np.ndarray:
 
 
 def _moved(found: _Fit) -> float:
-    """By how much of its deviation half the simulation's step would move θ, to first order."""
+    """By how much of its deviation half the simulation's step would move θ, to first order.
+
+    NaN where the model cannot be followed with half the step.
+    """
     problem, coarse = found.problem, found.simulated
     half = replace(problem, step=min(problem.step, float(np.diff(problem.data.t).max())) / 2)
-    outputs = half.outputs(found.theta, [run.first for run in coarse])
+    try:
+        outputs = half.outputs(found.theta, [run.first for run in coarse])
+    except TrajectoryError:  # not known, and nothing is wrong with what was found
+        return float("nan")
     fine = [run._replace(out=out) for run, out in zip(coarse, outputs, strict=True)]
     both = (problem.blocks(runs, found.noise) for runs in (coarse, fine))
     blocks = [a._replace(residual=b.residual - a.residual) for a, b in zip(*both, strict=True)]

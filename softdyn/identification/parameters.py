@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from softdyn.checks import near
 from softdyn.description.robot import Robot
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.mimic import build
@@ -194,8 +194,7 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
         An unknown kind, or one of which the file gives no value.
     """
     if kind not in KINDS:
-        near = difflib.get_close_matches(kind, KINDS, 1)
-        raise InputError("kind", f"{near[0]}?" if near else f"one of {', '.join(KINDS)}", kind)
+        raise InputError("kind", f"one of {', '.join(KINDS)}", near(kind, KINDS))
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
     about_zero = known in (KINDS["rest"], KINDS["offset"])

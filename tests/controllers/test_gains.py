@@ -105,7 +105,11 @@ def test_resolve() -> None:
 
 @pytest.mark.parametrize(
     ("key", "said"),
-    [("kp", r"kp \(Kp\?\)"), ("horizons", r"horizons \(horizon\?\)"), ("zzz", "zzz")],
+    [
+        ("kp", r"'kp'; did you mean 'Kp'\?"),
+        ("horizons", r"'horizons'; did you mean 'horizon'\?"),
+        ("zzz", "'zzz'"),
+    ],
 )
 def test_a_name_that_is_no_gain_is_told_the_nearest(key: str, said: str) -> None:
     with pytest.raises(InputError, match=rf"any of Kp, .*, horizon, got {said}$"):

@@ -31,8 +31,8 @@ def test_names_of_the_finger(finger):
     [
         ("", "one column t, got 0 of them"),
         ("t,u.u1\n0,0\n", "one column u.u2, got 0"),
-        (HEADER.replace("joint4", "joint5"), r"q.joint\d\?, got q.joint5"),
-        (HEADER + ",tip.w", r"tip.\w\?, got tip.w"),
+        (HEADER.replace("joint4", "joint5"), r"'q.joint5'; did you mean 'q.joint\d'\?"),
+        (HEADER + ",tip.w", r"'tip.w'; did you mean 'tip.\w'\?"),
         (HEADER + ",t", "one column t, got 2"),
         ("t,u.u1,u.u2\n0,0,0\n", "rows, and a column of q.JOINT"),
         (HEADER + "\n0,0,0,0,0,0\n", ":2: expected 7 cells, got 6"),

@@ -246,7 +246,7 @@ def test_what_scales_together_is_named(finger):
 
 
 def test_bad_requests(finger):
-    with pytest.raises(InputError, match=r"kind: expected stiffness\?, got stifness"):
+    with pytest.raises(InputError, match="got 'stifness'; did you mean 'stiffness'"):
         identification.parameters(finger, "stifness")
     with pytest.raises(InputError, match="a first guess in the robot's file"):
         identification.parameters(finger, "armature")
