@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.identification.parameters import Parameter
-    from softdyn.validation.identification.trials import Excitation, Trial
+    from softdyn.validation.identification.trials import Excitation
+
+Result = TypeVar("Result")
 
 EPILOG = """\
 DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
@@ -26,6 +29,10 @@ Before there are data, --twin S says what S seconds of them would tell: MuJoCo's
 parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic
 joint, 1 mm of tip and cables), and what was drawn is identified. --excitations compares inputs
 instead: reaches and times between knots, with the least deviation that any fit of them can have.
+
+--second-opinion fits the same unknowns to the same data by MuJoCo's own identification (extra
+`sysid`) and prints both. It needs all joints and only them, in equal steps of time, and no joint
+that stays at a stop.
 
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
@@ -50,6 +57,9 @@ parser.option("--knots", cli.positive, "S", "between the twin's random inputs", 
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
 parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
+parser.add_argument(
+    "--second-opinion", action="store_true", help="MuJoCo's identification beside ours"
+)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest of the twin", 1e-4)
 parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
@@ -74,6 +84,10 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.twin is not None:
         return of_twin(arguments, model, unknowns)
     data = identification.read_csv(arguments.data, model)
+    if arguments.second_opinion:
+        from softdyn.validation.identification import second_opinion as second
+
+        second.check(model, data, unknowns, arguments.hold_out)
     found = identification.identify(
         model, data, unknowns, hold_out=arguments.hold_out, step=arguments.step or math.inf
     )
@@ -82,7 +96,12 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html:
         write_text(arguments.html, page(model.name, data, found))
     report = {"robot": model.name, "data": arguments.data, **found.report()}
-    cli.write_report(report, arguments.json, str(found))
+    text = str(found)
+    if arguments.second_opinion:
+        opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
+        report["second_opinion"] = opinion.report()
+        text += f"\n\n{opinion}"
+    cli.write_report(report, arguments.json, text)
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 
@@ -103,11 +122,15 @@ def asked(arguments: cli.Arguments) -> tuple[SoftModel, list[Parameter]]:
 
 def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> int:
     """Identify what was drawn, seed by seed, or say which inputs would tell it best."""
+    from softdyn import InputError
     from softdyn.validation.identification import excitations
+    from softdyn.validation.identification import second_opinion as second
     from softdyn.validation.identification import trials as study
 
     report: dict[str, Any] = {"robot": model.name, "labels": [one.label for one in unknowns]}
     if arguments.excitations:
+        if arguments.second_opinion:
+            raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
         found = excitations.compared(
             model, unknowns, *seen(arguments, model), jobs=arguments.jobs or -1
         )
@@ -118,28 +141,40 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter
         ]  # fmt: skip
         cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
         return cli.PASSED if found[0].told.all() else cli.FAILED
-    trials = trials_of(arguments, model, unknowns)
-    report["summary"] = study.summary(trials)
-    report["trials"] = [
+    opinions: list[second.Opinion] = []
+    if arguments.second_opinion:
+        pairs = each_twin(second.of_trial, arguments, model, unknowns)
+        trials, opinions = [one for one, _ in pairs], [one for _, one in pairs]
+    else:
+        trials = each_twin(study.trial, arguments, model, unknowns)
+    rows = [
         {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
          "width": one.width.tolist(), **one.found.report()}
         for one in trials
     ]  # fmt: skip
-    cli.write_report(report, arguments.json, study.table(trials))
+    for k, opinion in enumerate(opinions):
+        rows[k]["second_opinion"] = opinion.report()
+    report |= {"summary": study.summary(trials), "trials": rows}
+    text = "\n\n".join(map(str, [study.table(trials), *opinions]))
+    cli.write_report(report, arguments.json, text)
     known = all(one.identified for trial in trials for one in trial.found.estimates)
     return cli.PASSED if known else cli.FAILED
 
 
-def trials_of(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> list[Trial]:
-    """The twins that were asked for, identified, one process a core."""
+def each_twin(
+    function: Callable[..., Result],
+    arguments: cli.Arguments,
+    model: SoftModel,
+    unknowns: list[Parameter],
+) -> list[Result]:
+    """The function of a trial's arguments for each seed, one process a core."""
     import math
 
-    from softdyn.validation.identification.trials import trial
     from softdyn.validation.processes import in_order
 
     what = model, unknowns, *seen(arguments, model)
     calls = [(*what, seed, arguments.step or math.inf) for seed in range(arguments.seeds)]
-    return in_order(trial, calls, 1 if len(calls) == 1 else arguments.jobs or -1)
+    return in_order(function, calls, 1 if len(calls) == 1 else arguments.jobs or -1)
 
 
 def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitation, float]:

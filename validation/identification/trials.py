@@ -109,7 +109,7 @@ def twin_data(
     drawn = rng.uniform(-excitation.spread, excitation.spread, len(nominal))
     theta = np.where(nominal, nominal * (1 + drawn), ABOUT_ZERO * drawn)
     true = with_values(model, unknowns, theta)
-    steps = int(np.ceil(1 / excitation.rate / min(excitation.timestep, STABLE / _fastest(true))))
+    steps = plant_steps(true, 1 / excitation.rate, excitation.timestep)
     twin = Twin(true.robot, timestep=1 / excitation.rate / steps, integrator="rk4")
     factors = member_values(model, unknowns, theta).get("mass", {})
     for joint, factor in factors.items():  # the file's text, which the twin reads, has the old ones
@@ -142,6 +142,11 @@ def deviations(model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
     """Noise (outputs,) of measurements by these names."""
     of_joints = {f"q.{joint.name}": JOINT_NOISE[joint.kind] for joint in model.robot.moving_joints}
     return np.array([of_joints.get(name, TIP_NOISE) for name in outputs])
+
+
+def plant_steps(model: SoftModel, sample: float, longest: float) -> int:
+    """Steps in a sample time (s): none above `longest` (s), Runge and Kutta's method stable."""
+    return int(np.ceil(sample / min(longest, STABLE / _fastest(model))))
 
 
 def _fastest(model: SoftModel) -> float:

@@ -1,0 +1,325 @@
+"""The same unknowns from the same data by MuJoCo's own identification, `mujoco.sysid`.
+
+Nothing of our fit is in it but the stretches without a stop and the weights of the outputs: the
+motion is MuJoCo's rollout of the twin, derivatives are its finite differences, the optimiser and
+the intervals its own. It starts from the file's values and the smoothed first states, which are
+unknown too: as they are measured they would move a stiffness by many deviations.
+"""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.stats import norm
+
+from softdyn import InputError, SoftModel
+from softdyn.identification import Identified, Measurements
+from softdyn.identification.data import SHORTEST
+from softdyn.identification.fit import FEWEST
+from softdyn.identification.parameters import Parameter, member_values
+from softdyn.identification.problem import Problem, problem_of
+from softdyn.identification.result import Estimate
+from softdyn.validation.identification.trials import Excitation, plant_steps, trial, twin_data
+from softdyn.validation.tables import columns
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import SimulationError, Twin
+
+LONGEST = 1e-3  # s, of a step where Runge and Kutta's method is stable with longer ones
+UNFINISHED = 0.1  # of a deviation
+UNEVEN = 0.01  # of a sample time: how far times may be from equal steps
+FACTOR = 100.0  # of the file's values, or rad, m: MuJoCo's optimiser wants bounds
+
+
+def _mass(model: mujoco.MjModel, joint: str, factor: float) -> None:
+    body = int(model.joint(joint).bodyid[0])
+    model.body_mass[body] *= factor
+    model.body_inertia[body] *= factor
+
+
+def _of_joint(field: str) -> Callable[[mujoco.MjModel, str, float], None]:
+    def write(model: mujoco.MjModel, name: str, value: float) -> None:
+        getattr(model.joint(name), field)[0] = value
+
+    return write
+
+
+def _of_tendon(field: str) -> Callable[[mujoco.MjModel, str, float], None]:
+    def write(model: mujoco.MjModel, name: str, value: float) -> None:
+        getattr(model, field)[model.tendon(name).id] = value
+
+    return write
+
+
+def _gear(model: mujoco.MjModel, name: str, value: float) -> None:
+    model.actuator(name).gear[0] = value
+
+
+WRITERS: dict[str, Callable[[mujoco.MjModel, str, float], None]] = {
+    "stiffness": _of_joint("stiffness"),
+    "damping": _of_joint("damping"),
+    "rest": _of_joint("qpos_spring"),
+    "armature": _of_joint("armature"),
+    "mass": _mass,
+    "gear": _gear,
+    "tendon_stiffness": _of_tendon("tendon_stiffness"),
+    "tendon_damping": _of_tendon("tendon_damping"),
+}
+
+
+def written(plant: mujoco.MjModel, values: dict[str, dict[str, float]]) -> mujoco.MjModel:
+    """A copy of the twin's model with these values, by kind (of `WRITERS`) and member."""
+    changed = copy.copy(plant)
+    for kind, members in values.items():
+        for name, value in members.items():
+            WRITERS[kind](changed, name, value)
+    if "mass" in values:
+        mujoco.mj_setConst(changed, mujoco.MjData(changed))
+    return changed
+
+
+@dataclass(frozen=True, eq=False)
+class Opinion:
+    """Ours beside MuJoCo's, for what ours identified; what it did not is at the file's value.
+
+    Attributes
+    ----------
+    ours, theirs : tuple of Estimate
+        Of the same parameters; their deviations are MuJoCo's intervals over 1.96.
+    untold : tuple of str
+        Labels of what ours did not identify.
+    left : float
+        What Gauss and Newton's next step would move theirs by, at most, in their deviations: near
+        zero where MuJoCo's optimiser has come to its end.
+    """
+
+    ours: tuple[Estimate, ...]
+    theirs: tuple[Estimate, ...]
+    untold: tuple[str, ...]
+    left: float
+
+    @property
+    def differences(self) -> np.ndarray:
+        """MuJoCo's values less ours (P,) in our standard deviations."""
+        pairs = zip(self.theirs, self.ours, strict=True)
+        return np.array([(b.value - a.value) / a.deviation for b, a in pairs])
+
+    def report(self) -> list[dict[str, Any]]:
+        """The figures as plain data."""
+        rows = zip(self.ours, self.theirs, self.differences, strict=True)
+        return [
+            {"label": a.parameter.label, "value": a.value, "interval": a.interval,
+             "mujoco": b.value, "mujoco_interval": b.interval, "difference": float(difference)}
+            for a, b, difference in rows
+        ]  # fmt: skip
+
+    def __str__(self) -> str:
+        rows = [["", "ours", "95 %", "MuJoCo's", "95 %", "difference"]]
+        for a, b, difference in zip(self.ours, self.theirs, self.differences, strict=True):
+            cells = [f(one) for one in (a, b) for f in (_value, _interval)]
+            rows.append([a.parameter.label, *cells, f"{difference:+.2f}"])
+        lines = [columns(rows, range(1, 6)), "difference: in our standard deviations"]
+        lines += [f"not identified, held at the file's value: {label}" for label in self.untold]
+        if self.left > UNFINISHED:
+            lines.append(f"MuJoCo's optimiser stopped {self.left:.2g} deviations before its end")
+        return "\n".join(lines)
+
+
+def _value(one: Estimate) -> str:
+    return f"{one.value:.6g}"
+
+
+def _interval(one: Estimate) -> str:
+    low, high = one.interval
+    return f"{low:.6g} … {high:.6g}"
+
+
+def check(
+    model: SoftModel, data: Measurements, unknowns: Sequence[Parameter], hold_out: float = 0.2
+) -> Problem:
+    """What both fits are of: the part of the data that is not held out, its stretches.
+
+    Parameters
+    ----------
+    model, data, unknowns, hold_out
+        As for `identify`.
+
+    Raises
+    ------
+    InputError
+        What MuJoCo's identification cannot do of it, by name; the extra is not installed.
+    """
+    kinds = {one.kind.name for one in unknowns} - set(WRITERS)
+    if kinds:
+        expected = f"no kinds but {', '.join(WRITERS)}"
+        raise InputError("--second-opinion", expected, ", ".join(sorted(kinds)))
+    joints = [f"q.{name}" for name in model.joint_names]
+    if set(data.names) != set(joints):
+        expected = f"all joints measured and nothing else: {', '.join(joints)}"
+        raise InputError("--second-opinion", expected, ", ".join(data.names))
+    even = np.linspace(data.t[0], data.t[-1], len(data.t))
+    off = float(np.abs(data.t - even).max() / np.diff(even).mean())
+    if off > UNEVEN:
+        raise InputError("--second-opinion", "times in equal steps", f"{off:.2g} of a step off")
+    split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
+    problem = problem_of(model, data.part(0, split), tuple(unknowns), np.inf)
+    if problem.held.any():
+        held = [model.joint_names[j] for j in np.flatnonzero(problem.held)]
+        expected = "joints that leave their stops: MuJoCo's model would be one without"
+        raise InputError("--second-opinion", expected, ", ".join(held))
+    _sysid()
+    return problem
+
+
+def second_opinion(
+    model: SoftModel,
+    data: Measurements,
+    unknowns: Sequence[Parameter],
+    found: Identified,
+    hold_out: float = 0.2,
+) -> Opinion:
+    """MuJoCo's identification of what ours identified.
+
+    Parameters
+    ----------
+    model, data, unknowns, hold_out
+        As `identify` had them.
+    found : Identified
+        What it found.
+
+    Raises
+    ------
+    InputError
+        See `check`.
+    SimulationError
+        MuJoCo's rollout of the file's values diverges.
+    """
+    problem = check(model, data, unknowns, hold_out)
+    sysid = _sysid()
+    ours = tuple(one for one in found.estimates if one.identified)
+    told = [one.parameter for one in ours]
+    sample = float(np.ptp(data.t)) / (len(data.t) - 1)
+    steps = max(plant_steps(each, sample, LONGEST) for each in (model, found.model))
+    # no stops, as in our fit: the stretches have none, a motion far from the measured one may
+    twin = Twin(model.robot, timestep=sample / steps, integrator="rk4", limits=False)
+    twin.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
+    twin.model.opt.enableflags = 0  # the energy costs time
+    size = np.array([abs(one.nominal) or 1.0 for one in told])  # so that differences suit each
+    low = np.maximum([one.kind.lower for one in told] / size, -FACTOR)
+    start = np.array([one.nominal for one in told]) / size
+    unknown = sysid.ParameterDict()
+    unknown.add(sysid.Parameter("theta", start, low, np.full(len(told), FACTOR)))
+
+    def build(parameters: Any) -> mujoco.MjModel:
+        values = member_values(model, told, parameters["theta"].value * size)
+        return written(twin.model, values)
+
+    runs = []
+    for k in range(len(problem.runs)):
+        unknown.add(_first(sysid, problem, k))
+        runs.append(_residual(sysid, problem, k, twin, model, steps, found.noise, build))
+
+    def residual(x: np.ndarray, parameters: Any) -> tuple[list[np.ndarray], list, list]:
+        # column by column: a rollout keeps every step's state, and there are many columns
+        several = x.reshape(len(x), -1)
+        left = [np.column_stack([run(one, parameters) for one in several.T]) for run in runs]
+        return [each.reshape(-1, *x.shape[1:]) for each in left], [], []
+
+    if not np.isfinite(np.concatenate(residual(unknown.as_vector(), unknown)[0])).all():
+        raise SimulationError(0.0, "a rollout of the file's values that diverges")
+    best, result = sysid.optimize(
+        unknown, residual, verbose=False, output=io.StringIO(), x_scale="jac", xtol=1e-5, eps=1e-6
+    )
+    at_best = residual(result.x, best.copy())[0]
+    _, half = sysid.calculate_intervals(at_best, result.jac)
+    deviations = half[: len(told)] * size / norm.ppf(0.975)
+    next_ = np.linalg.lstsq(result.jac, np.concatenate(at_best))[0][: len(told)] * size
+    theirs = tuple(
+        replace(one, value=float(value), deviation=float(deviation))
+        for one, value, deviation in zip(ours, best["theta"].value * size, deviations, strict=True)
+    )
+    untold = tuple(one.parameter.label for one in found.estimates if not one.identified)
+    return Opinion(ours, theirs, untold, float(np.abs(next_ / deviations).max()))
+
+
+def of_trial(
+    model: SoftModel, unknowns: Sequence[Parameter], outputs: Sequence[str],
+    excitation: Excitation, noise: float, seed: int, step: float = np.inf,
+) -> tuple[Any, Opinion]:  # fmt: skip
+    """A `trial` and the second opinion on its data; arguments and errors are both's."""
+    data, _ = twin_data(model, unknowns, outputs, excitation, noise, seed)
+    check(model, data, unknowns)
+    judged = trial(model, unknowns, outputs, excitation, noise, seed, step)
+    return judged, second_opinion(model, data, unknowns, judged.found)
+
+
+def _first(sysid: Any, problem: Problem, k: int) -> Any:
+    """The first state (2 n,) of a run, near the smoothed one: a rate that is damped at once is
+    in no output, and far away the motion is another (`Problem.blocks` has more on it)."""
+    near = problem.firsts()[k]
+    assert problem.smooth is not None  # all joints are measured
+    range_ = np.ptp(problem.smooth[0], axis=0)
+    range_ = np.maximum(range_, 1e-3 * range_.max())
+    time = SHORTEST * np.median(np.diff(problem.data.t))
+    wide = 3 * np.concatenate((range_, range_ / time))
+    return sysid.Parameter(f"first {k}", near, near - wide, near + wide)
+
+
+def _residual(
+    sysid: Any, problem: Problem, k: int, twin: Twin, model: SoftModel, steps: int,
+    noise: np.ndarray, build: Callable[[Any], mujoco.MjModel],
+) -> Callable[[np.ndarray, Any], np.ndarray]:  # fmt: skip
+    """Of one run: measured less MuJoCo's rollout, over the noise, all outputs in a row."""
+    begin, end = problem.runs[k]
+    data, dofs = problem.data.part(begin, end), StateMap(model, twin).dofs
+    order = [model.joint_names.index(name.removeprefix("q.")) for name in data.names]
+    u = np.repeat(data.u, steps, axis=0)[: (len(data.t) - 1) * steps + 1]
+    times = np.arange(len(u)) * twin.model.opt.timestep
+    measured = sysid.TimeSeries(data.t, data.outputs)
+
+    def rollout(*, param_dicts: Sequence[Any], initial_states: Any, **rest: Any) -> Any:
+        states = []
+        for one in param_dicts:
+            position, rate = np.zeros((2, twin.model.nv))
+            position[dofs], rate[dofs] = np.split(one[f"first {k}"].value, 2)
+            states.append(sysid.create_initial_state(twin.model, position, rate))
+        return sysid.sysid_rollout(initial_states=states, **rest)
+
+    def compare(
+        parameters: Any, predicted: Any, measured: Any, model: Any, all_: bool, state: np.ndarray
+    ) -> tuple[np.ndarray, Any, Any]:
+        path = np.vstack((np.split(parameters[f"first {k}"].value, 2)[0],
+                          state[steps - 1 :: steps, 1 + dofs]))[:, order]  # fmt: skip
+        out = sysid.TimeSeries(measured.times, path)
+        return (measured.data - path) / noise, out, measured
+
+    run = sysid.SystemTrajectory(
+        twin.model,
+        sysid.TimeSeries(times, u),
+        measured,
+        sysid.create_initial_state(twin.model, twin.rest),
+        None,
+    )
+
+    def residual(x: np.ndarray, parameters: Any) -> np.ndarray:
+        found: np.ndarray = sysid.model_residual(
+            x, parameters, build, run, compare, rollout, n_threads=1, resample_true=False
+        )[0]
+        return found
+
+    return residual
+
+
+def _sysid() -> Any:
+    """`mujoco.sysid`, which without the extra can be imported but has nothing in it."""
+    # by its name: MuJoCo types this part of itself alone, and mypy would take it for the whole
+    sysid = importlib.import_module("mujoco.sysid")
+    if not hasattr(sysid, "optimize"):
+        raise InputError("--second-opinion", "the extra softdyn[sysid]", "not installed")
+    return sysid
