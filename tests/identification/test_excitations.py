@@ -46,6 +46,24 @@ def test_without_noise_there_is_nothing_to_compare(finger):
                  Excitation(1.0), 0.0)  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--twin 1e9", "seconds: expected at most 5000, got 1000000000.0"),
+        ("--twin 1 --knots 1e-9", "knots: expected a finite number >= 0.005"),
+        ("--twin 1 --timestep 1e-300", "timestep: expected a finite number >= 1e-07"),
+        ("--twin 1 --noise -1", "noise: expected a finite number >= 0"),
+        ("--twin 1 --reach 2", "reach: expected shares from 0 to 1, got [2.0]"),
+        ("--twin 1 --reach 1 1 1", "reach: expected one number, or 2, got 3 of them"),
+    ],
+)
+def test_a_twin_that_cannot_be_is_one_line(options, said, capsys):
+    assert identify.main(["finger", *options.split()]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
 def test_what_tells_most_comes_first(finger):
     unknowns = identification.parameters(finger, "stiffness")
     some = Candidate(Excitation(), np.array([0.01, np.inf, np.inf, np.inf]))

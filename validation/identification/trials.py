@@ -14,8 +14,10 @@ import mujoco
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.checks import number
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.identification import Identified, Measurements, identify
+from softdyn.identification.data import MAX_ROWS
 from softdyn.identification.fit import least_deviations
 from softdyn.identification.parameters import Parameter, member_values, with_values
 from softdyn.identification.problem import measured
@@ -31,6 +33,7 @@ ABOUT_ZERO = 0.05  # drawn of what the file has at zero (rad, m): rest positions
 
 # step times eigenvalue: at 2.79 the method diverges, and the inertia changes with the motion
 STABLE = 1.5
+FINEST = 1e-7  # s: a step of the plant that is shorter would not end
 LONGEST_REST, STILL = 600, 1e-6  # tenths of a second; rad/s or m/s
 
 
@@ -65,6 +68,13 @@ class Excitation:
     reach: float | tuple[float, ...] = 0.6
     at_rest: bool = False
     timestep: float = 1e-4
+
+    def __post_init__(self) -> None:
+        number("seconds", self.seconds, above=0.0)
+        if self.seconds * self.rate > MAX_ROWS:
+            raise InputError("seconds", f"at most {MAX_ROWS / self.rate:g}", self.seconds)
+        number("knots", self.knots, lower=1 / self.rate)
+        number("timestep", self.timestep, lower=FINEST)
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
@@ -104,6 +114,7 @@ def twin_data(
         1 is `JOINT_NOISE` and `TIP_NOISE`; 0 none.
     seed : int
     """
+    number("noise", noise, lower=0.0)
     rng = np.random.default_rng(seed)
     nominal = np.array([parameter.nominal for parameter in unknowns])
     drawn = rng.uniform(-excitation.spread, excitation.spread, len(nominal))
