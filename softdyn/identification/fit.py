@@ -144,10 +144,44 @@ def least_deviations(
 
 
 def _guess(problem: Problem) -> np.ndarray:
-    """Parameters to start from: the file's, or the linear fit's."""
+    """Parameters to start from: the linear fit's, or those of longer and longer first parts."""
     if problem.smooth is None:
-        return np.array([parameter.nominal for parameter in problem.unknowns])
+        return _by_and_by(problem)
     return first_guess(problem.base, problem.unknowns, problem.data, problem.smooth, problem.stops)
+
+
+def _by_and_by(problem: Problem) -> np.ndarray:
+    """θ from the file's values, fitted to an eighth of the run, a quarter, a half.
+
+    After seconds the motion under the file's values is out of step with the measured one, and the
+    sum of squares has a least value in many places. A part is only believed where its θ explains
+    the next part better: the first seconds may tell nothing.
+    """
+    theta = np.array([parameter.nominal for parameter in problem.unknowns])
+    whole = problem.runs[0][1]
+    noise = _first_noise(problem)
+    for short in (whole // 8, whole // 4, whole // 2):
+        if short < SHORTEST:
+            continue
+        part, ahead = (replace(problem, runs=((0, end),)) for end in (short, 2 * short))
+        there, _, _ = _solve(part, theta, part.firsts(), noise)
+        try:
+            theta = min((theta, there), key=lambda at: _misfit(ahead, at, noise))
+        except TrajectoryError:
+            continue
+    return theta
+
+
+def _first_noise(problem: Problem) -> np.ndarray:
+    """Weights (outputs,) before anything is known of the noise."""
+    spread = np.ptp(problem.data.outputs, axis=0)
+    return 1e-3 * np.maximum(spread, 1e-3 * spread.max())
+
+
+def _misfit(problem: Problem, theta: np.ndarray, noise: np.ndarray) -> float:
+    """Sum of squares of a run that began at rest."""
+    out = problem.outputs(theta, problem.firsts())[0]
+    return float((((out - problem.data.outputs[: len(out)]) / noise) ** 2).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +197,8 @@ class _Fit:
 
 def _fitted(problem: Problem, theta: np.ndarray) -> _Fit:
     """Unknowns and noise in turn; what cannot be identified goes."""
-    spread = np.ptp(problem.data.outputs, axis=0)
-    spread = np.maximum(spread, 1e-3 * spread.max())
-    noise = 1e-3 * spread
+    noise = _first_noise(problem)
+    least = 1e-9 * noise
     firsts = problem.firsts()
     vague: list[str] = []
     for _ in range(ROUNDS + len(theta)):
@@ -175,7 +208,7 @@ def _fitted(problem: Problem, theta: np.ndarray) -> _Fit:
         spent = (len(theta) + sum(map(len, firsts))) / left.shape[1]
         power = np.nansum(left**2, axis=0) / np.maximum(samples - spent, 1)
         before = noise
-        noise = np.where(samples > 0, np.maximum(np.sqrt(power), 1e-12 * spread), noise)
+        noise = np.where(samples > 0, np.maximum(np.sqrt(power), least), noise)
         drop, texts = _vague(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
         vague += texts
         if drop:
