@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy.linalg
 
 import softdyn
 from softdyn import InputError, identification
@@ -18,6 +19,7 @@ from softdyn.identification.parameters import Moment, Parameter, columns_of, wit
 from softdyn.identification.problem import measured, problem_of
 from softdyn.identification.trajectory import Start, follow
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
+from tests.support import cart
 
 COMPLIANCE = ("stiffness", "damping")
 
@@ -182,6 +184,32 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     seen, _ = twin_data(finger, several, some, excitation, 0.0, 0)
     at_stop = np.abs(seen.outputs[:, :3]).max(1) > 0.96 * np.pi / 2
     assert abs(np.isfinite(one.found.residuals).all(1).sum() - np.argmax(at_stop)) <= 3
+
+
+def test_far_from_the_file_s_values(tmp_path):
+    """A cart in closed form, four times softer: under the file's spring it is 4 swings ahead.
+
+    A fit that begins with all 4 s ends where it explains nothing.
+    """
+    k, d, dt = 15.0, 0.1, 0.02
+    t, rng = np.arange(0, 4, dt), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-3, 3, 20), 10)
+    u[0] = 0.0
+    first = np.array([[0, 1, 0], [-k / cart.MASS, -d / cart.MASS, 1 / cart.MASS], [0, 0, 0]])
+    step, state, path = scipy.linalg.expm(dt * first), np.zeros(3), []
+    for state[2] in u:
+        path.append(state[0])
+        state = step @ state
+    tip = cart.LENGTH + np.array(path) + 0.001 * rng.standard_normal(len(t))
+    text = cart.CART.format(stiffness=60.0, damping=d, lower=-9, upper=9)
+    model = cart.load(tmp_path, text)
+    data = Measurements(t, u[:, None], ("tip.x",), tip[:, None])
+    several = [one for kind in (*COMPLIANCE, "mass")
+               for one in identification.parameters(model, kind, shared=True)]  # fmt: skip
+    found = identification.identify(model, data, several)
+    for one, truth in zip(found.estimates, (0.25, 1.0, 1.0), strict=True):
+        assert one.value == pytest.approx(truth, rel=0.02)
+        assert abs(one.value - truth) < 4 * one.deviation
 
 
 def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(helix):
