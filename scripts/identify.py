@@ -80,6 +80,10 @@ def command(arguments: cli.Arguments) -> int:
     )
     if (arguments.data is None) == (arguments.twin is None):
         raise InputError("DATA", "a file, or --twin", "both" if arguments.data else "neither")
+    if arguments.twin is not None and (arguments.out or arguments.html):
+        raise InputError("--out, --html", "DATA", "--twin, which is no robot's measurement")
+    if arguments.data is not None and arguments.excitations:
+        raise InputError("--excitations", "--twin S", "DATA, whose inputs are as they are")
     model, unknowns = asked(arguments)
     if arguments.twin is not None:
         return of_twin(arguments, model, unknowns)

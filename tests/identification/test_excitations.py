@@ -49,6 +49,8 @@ def test_without_noise_there_is_nothing_to_compare(finger):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
+        ("--twin 1 --html page.html", "--out, --html: expected DATA, got --twin"),
+        ("run.csv --excitations", "--excitations: expected --twin S, got DATA"),
         ("--twin 1e9", "seconds: expected at most 5000, got 1000000000.0"),
         ("--twin 1 --knots 1e-9", "knots: expected a finite number >= 0.005"),
         ("--twin 1 --timestep 1e-300", "timestep: expected a finite number >= 1e-07"),
