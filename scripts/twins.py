@@ -15,7 +15,6 @@ CASES = (
     "finger --twin 20 --measure tip --shared stiffness damping mass",
     "finger --twin 1.5 --seeds 100",
     "spirob --twin 20",
-    "spirob --twin 5 --seeds 8",
     "spirob --twin 5 --measure tip --shared stiffness damping mass",
     "helix --twin 5 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02 --noise 0",
     "helix --twin 20 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02",
