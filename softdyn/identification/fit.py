@@ -81,7 +81,8 @@ def identify(
             break
         if end < SHORTEST:
             raise InputError("data", f"{SHORTEST} samples before a joint is at its stop", f"{end}")
-        found = _fitted(replace(whole, runs=((0, end),)), _guess(whole))
+        cut = replace(whole, runs=((0, end),))
+        found = _fitted(cut, _guess(cut))
     problem, theta, noise = found.problem, found.theta, found.noise
     residuals = problem.residuals(found.simulated)
     samples = np.isfinite(residuals).sum(0)

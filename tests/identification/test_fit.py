@@ -170,7 +170,7 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     several = [one for kind in ("stiffness", "damping", "mass")
                for one in identification.parameters(finger, kind, shared=True)]  # fmt: skip
     tip = ("tip.x", "tip.y", "tip.z")
-    excitation = Excitation(1.2, reach=1.0)
+    excitation = Excitation(1.2, rate=100.0, reach=1.0)
     one = trial(finger, several, tip, excitation, 1.0, 0)
     assert np.abs(one.relative).max() < 0.1
     assert np.abs(one.scores).max() < 4
