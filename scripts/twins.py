@@ -18,6 +18,7 @@ CASES = (
     "spirob --twin 5 --measure tip --shared stiffness damping mass",
     "helix --twin 5 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02 --noise 0",
     "helix --twin 20 --at-rest --reach 0.03 0.03 0 0.02 0.02 0 0.012 0.012 0.02",
+    "spirob --twin 5 --seeds 8",
 )
 EPILOG = """\
 CASE is a command line of `softdyn identify`, quoted. Its figures take the place of earlier ones of
