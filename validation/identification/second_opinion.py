@@ -26,7 +26,13 @@ from softdyn.identification.fit import FEWEST
 from softdyn.identification.parameters import Parameter, member_values
 from softdyn.identification.problem import Problem, problem_of
 from softdyn.identification.result import Estimate
-from softdyn.validation.identification.trials import Excitation, plant_steps, trial, twin_data
+from softdyn.validation.identification.trials import (
+    Excitation,
+    plant_steps,
+    scale_mass,
+    trial,
+    twin_data,
+)
 from softdyn.validation.tables import columns
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
@@ -35,12 +41,6 @@ LONGEST = 1e-3  # s, of a step where Runge and Kutta's method is stable with lon
 UNFINISHED = 0.1  # of a deviation
 UNEVEN = 0.01  # of a sample time: how far times may be from equal steps
 FACTOR = 100.0  # of the file's values, or rad, m: MuJoCo's optimiser wants bounds
-
-
-def _mass(model: mujoco.MjModel, joint: str, factor: float) -> None:
-    body = int(model.joint(joint).bodyid[0])
-    model.body_mass[body] *= factor
-    model.body_inertia[body] *= factor
 
 
 def _of_joint(field: str) -> Callable[[mujoco.MjModel, str, float], None]:
@@ -66,7 +66,7 @@ WRITERS: dict[str, Callable[[mujoco.MjModel, str, float], None]] = {
     "damping": _of_joint("damping"),
     "rest": _of_joint("qpos_spring"),
     "armature": _of_joint("armature"),
-    "mass": _mass,
+    "mass": scale_mass,
     "gear": _gear,
     "tendon_stiffness": _of_tendon("tendon_stiffness"),
     "tendon_damping": _of_tendon("tendon_damping"),

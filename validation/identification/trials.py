@@ -124,9 +124,7 @@ def twin_data(
     twin = Twin(true.robot, timestep=1 / excitation.rate / steps, integrator="rk4")
     factors = member_values(model, unknowns, theta).get("mass", {})
     for joint, factor in factors.items():  # the file's text, which the twin reads, has the old ones
-        body = int(twin.model.joint(joint).bodyid[0])
-        twin.model.body_mass[body] *= factor
-        twin.model.body_inertia[body] *= factor
+        scale_mass(twin.model, joint, factor)
     if factors:
         mujoco.mj_setConst(twin.model, twin.data)
         twin.reset()
@@ -153,6 +151,13 @@ def deviations(model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
     """Noise (outputs,) of measurements by these names."""
     of_joints = {f"q.{joint.name}": JOINT_NOISE[joint.kind] for joint in model.robot.moving_joints}
     return np.array([of_joints.get(name, TIP_NOISE) for name in outputs])
+
+
+def scale_mass(model: mujoco.MjModel, joint: str, factor: float) -> None:
+    """Mass and inertia of the body that a joint moves; `mj_setConst` is the caller's."""
+    body = int(model.joint(joint).bodyid[0])
+    model.body_mass[body] *= factor
+    model.body_inertia[body] *= factor
 
 
 def plant_steps(model: SoftModel, sample: float, longest: float) -> int:
