@@ -53,6 +53,10 @@ parser.add_argument(
     "--reach", type=cli.finite, nargs="+", metavar="PART", default=[0.6],
     help="of the inputs' ranges that the twin sees, one for all or one for each; default: 0.6",
 )  # fmt: skip
+parser.add_argument(
+    "--bias", type=cli.finite, nargs="+", metavar="PART", default=[0.0],
+    help="of the inputs' ranges, added to them: takes joints off their stops; default: 0",
+)  # fmt: skip
 parser.option("--knots", cli.positive, "S", "between the twin's random inputs", 0.2)
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
@@ -192,6 +196,7 @@ def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitat
         arguments.twin,
         knots=arguments.knots,
         reach=tuple(arguments.reach),
+        bias=tuple(arguments.bias),
         at_rest=arguments.at_rest,
         timestep=arguments.timestep,
     )

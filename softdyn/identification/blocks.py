@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 from scipy.optimize import lsq_linear
 
-DONE = 1e-9  # the share of the cost that a step would still take off
+DONE = 1e-9  # the share of the cost that a step would still take off at the end
 EVALUATIONS = 40
 DAMPING, LARGEST = 1e-8, 1e8  # Marquardt's, at first and when no step helps
 
@@ -77,6 +77,7 @@ def least_squares(
     theta: np.ndarray,
     own: Sequence[np.ndarray],
     lower: np.ndarray,
+    done: float = DONE,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """θ ≥ `lower` and the runs' own unknowns with the least sum of squares.
 
@@ -91,6 +92,8 @@ def least_squares(
     own : sequence of ndarray
         Run by run.
     lower : ndarray, (P,)
+    done : float
+        Share of the cost: where a step promises less, the search ends.
     """
     own = list(own)
     now, damping = reduced(blocks(theta, own) or []), DAMPING
@@ -102,7 +105,7 @@ def least_squares(
             delta = lsq_linear(left, right, (lower - theta, np.inf)).x
         after = now.R @ delta + now.d
         promised = now.gain + float(now.d @ now.d - after @ after)
-        if promised <= DONE * now.cost or damping > LARGEST:
+        if promised <= done * now.cost or damping > LARGEST:
             break
         there = theta + delta, [a + b for a, b in zip(own, now.own(delta), strict=True)]
         found = blocks(*there)

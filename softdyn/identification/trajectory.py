@@ -149,9 +149,10 @@ def _step(
                 size = np.abs(change).max(initial=0)
             a = a.copy()
             a[free] -= change
-            last = size
-            if size <= small or not np.isfinite(size):
+            left = size * min(1.0, size / last) if np.isfinite(last) else size
+            if left <= small or not np.isfinite(size):  # what the next change would be
                 break
+            last = size
         else:
             raise TrajectoryError(f"no solution of a step of {h:.3g} s: give a shorter one")
         if not np.isfinite(a).all():

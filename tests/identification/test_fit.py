@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,9 +13,9 @@ import softdyn
 from softdyn import InputError, identification
 from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
 from softdyn.dynamics.tree import tree_of
-from softdyn.identification import Measurements
+from softdyn.identification import Measurements, blocks, fit
 from softdyn.identification.data import stretches
-from softdyn.identification.fit import _solve
+from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured, problem_of
@@ -186,30 +188,52 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     assert abs(np.isfinite(one.found.residuals).all(1).sum() - np.argmax(at_stop)) <= 3
 
 
-def test_far_from_the_file_s_values(tmp_path):
-    """A cart in closed form, four times softer: under the file's spring it is 4 swings ahead.
-
-    A fit that begins with all 4 s ends where it explains nothing.
-    """
-    k, d, dt = 15.0, 0.1, 0.02
-    t, rng = np.arange(0, 4, dt), np.random.default_rng(0)
-    u = np.repeat(rng.uniform(-3, 3, 20), 10)
+def swings(folder, seconds, dt, output, noise):
+    """A cart's data in closed form, and its model with a spring four times as stiff."""
+    k, d = 15.0, 0.1
+    t, rng = np.arange(0, seconds, dt), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-3, 3, round(seconds / 0.2)), round(0.2 / dt))
     u[0] = 0.0
     first = np.array([[0, 1, 0], [-k / cart.MASS, -d / cart.MASS, 1 / cart.MASS], [0, 0, 0]])
     step, state, path = scipy.linalg.expm(dt * first), np.zeros(3), []
     for state[2] in u:
         path.append(state[0])
         state = step @ state
-    tip = cart.LENGTH + np.array(path) + 0.001 * rng.standard_normal(len(t))
-    text = cart.CART.format(stiffness=60.0, damping=d, lower=-9, upper=9)
-    model = cart.load(tmp_path, text)
-    data = Measurements(t, u[:, None], ("tip.x",), tip[:, None])
+    values = np.array(path) + noise * rng.standard_normal(len(t))
+    model = cart.load(folder, cart.CART.format(stiffness=4 * k, damping=d, lower=-9, upper=9))
+    return model, Measurements(t, u[:, None], (output,), values[:, None])
+
+
+def test_far_from_the_file_s_values(tmp_path):
+    """The tip of a cart: under the file's spring it is 4 swings ahead in 4 s.
+
+    A fit that begins with all 4 s ends where it explains nothing.
+    """
+    model, data = swings(tmp_path, 4, 0.02, "tip.x", 0.001)
+    data = replace(data, outputs=data.outputs + cart.LENGTH)
     several = [one for kind in (*COMPLIANCE, "mass")
                for one in identification.parameters(model, kind, shared=True)]  # fmt: skip
     found = identification.identify(model, data, several)
     for one, truth in zip(found.estimates, (0.25, 1.0, 1.0), strict=True):
         assert one.value == pytest.approx(truth, rel=0.02)
         assert abs(one.value - truth) < 4 * one.deviation
+
+
+def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
+    """From a spring twice as stiff: the whole goes elsewhere, pieces lead it to the truth."""
+    monkeypatch.setattr(fit, "PIECE", 25)
+    monkeypatch.setattr(blocks, "EVALUATIONS", 10)
+    model, data = swings(tmp_path, 4, 0.02, "q.x", 0.001)
+    problem = problem_of(model, data, unknowns(model, "stiffness"), np.inf)
+    assert problem.runs == ((0, 200),)
+    wrong, noise = np.array([30.0]), np.array([0.001])
+    ends = []
+    for theta, firsts in ((wrong, problem.firsts()), _joined(problem, wrong)[:2]):
+        theta, _, simulated = _solve(problem, theta, firsts, noise)
+        ends.append((theta[0], np.std(problem.residuals(simulated))))
+    assert ends[0][1] > 0.1
+    assert ends[1][1] == pytest.approx(0.001, rel=0.1)
+    assert ends[1][0] == pytest.approx(15.0, rel=1e-3)
 
 
 def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(helix):

@@ -51,6 +51,8 @@ class Excitation:
         Inputs run straight between random values, this far apart (s).
     reach : float or tuple of float
         The share of each input's range that they use; one for all, or one for each.
+    bias : float or tuple of float
+        The share of each input's range that is added to it: it can take joints off their stops.
     at_rest : bool
         Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
         falls.
@@ -66,6 +68,7 @@ class Excitation:
     spread: float = 0.3
     knots: float = 0.2
     reach: float | tuple[float, ...] = 0.6
+    bias: float | tuple[float, ...] = 0.0
     at_rest: bool = False
     timestep: float = 1e-4
 
@@ -78,18 +81,25 @@ class Excitation:
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
-        reach = np.asarray(self.reach)
-        if reach.shape not in ((), (1,), (model.nu,)):
-            raise InputError("reach", f"one number, or {model.nu}", f"{reach.size} of them")
-        if not ((reach >= 0) & (reach <= 1)).all():
-            raise InputError("reach", "shares from 0 to 1", reach.tolist())
+        reach, bias = (_shares(name, getattr(self, name), model) for name in ("reach", "bias"))
         low, high = model.u_min, model.u_max
         low = np.where(low < 0, low * reach, low)
         high = low + np.where(low < 0, reach * (high - model.u_min), reach * (high - low))
         times = np.arange(0, self.seconds + 2 * self.knots, self.knots)
         values = rng.uniform(low, high, (len(times), model.nu))
         values[0] = np.clip(0, low, high)
+        values = np.clip(values + bias * (model.u_max - model.u_min), model.u_min, model.u_max)
         return np.stack([np.interp(t, times, column) for column in values.T], 1)
+
+
+def _shares(name: str, given: float | tuple[float, ...], model: SoftModel) -> np.ndarray:
+    """Shares of the inputs' ranges: () or (1,) of all, (m,) of each."""
+    shares = np.asarray(given)
+    if shares.shape not in ((), (1,), (model.nu,)):
+        raise InputError(name, f"one number, or {model.nu}", f"{shares.size} of them")
+    if not ((shares >= 0) & (shares <= 1)).all():
+        raise InputError(name, "shares from 0 to 1", shares.tolist())
+    return shares
 
 
 def twin_data(
