@@ -75,7 +75,7 @@ def identify(
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
     if len(data.t) < FEWEST:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
-    split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
+    split = fitted(data, hold_out)
     whole = problem_of(model, data.part(0, split), unknowns, step)
     found = _fitted(whole, *_begun(whole))
     for _ in range(CUTS if whole.smooth is None else 0):
@@ -110,6 +110,11 @@ def identify(
     )  # fmt: skip
 
 
+def fitted(data: Measurements, hold_out: float) -> int:
+    """How many samples are fitted where a part from 0 to 1 is held out."""
+    return max(FEWEST, round(len(data.t) * (1 - hold_out)))
+
+
 def least_deviations(
     model: SoftModel,
     data: Measurements,
@@ -133,8 +138,8 @@ def least_deviations(
     noise : ndarray, (outputs,)
         The true standard deviation of each output; white.
     """
-    split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
-    problem = problem_of(model, data.part(0, split), tuple(unknowns), step)
+    part = data.part(0, fitted(data, hold_out))
+    problem = problem_of(model, part, tuple(unknowns), step)
     if problem.smooth is None:
         problem = replace(problem, runs=((0, first_stop(problem, theta)),))
     R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
@@ -155,9 +160,7 @@ def _begun(problem: Problem) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     return _joined(problem, guess)
 
 
-def _joined(
-    problem: Problem, theta: np.ndarray
-) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+def _joined(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Parameters, first states and noise, from pieces of the runs that are joined four by four.
 
     Some motions are so sensitive that in seconds a first guess is out of step with the measured

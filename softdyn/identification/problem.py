@@ -104,7 +104,7 @@ class Problem:
             by_theta, by_first = (
                 (part / noise[:, None])[:, use].reshape(residual.size, -1) for part in run[1:3]
             )
-            wide = 1 / self._wide()
+            wide = 1 / self.wide()[1]
             rates = slice(len(near) - len(wide), None)
             left = (run.first - near)[rates] * wide
             found.append(
@@ -116,14 +116,16 @@ class Problem:
             )
         return found
 
-    def _wide(self) -> np.ndarray:
-        """How far (rates,) a first rate may be from the smoothed one, as a standard deviation."""
+    def wide(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ranges of the free joints, and how far their first rates may be from the smoothed ones.
+
+        Standard deviations, both of as many as there are rates.
+        """
         if self.smooth is None:
-            return np.zeros(0)
-        free = ~self.held
-        time = SHORTEST * np.median(np.diff(self.data.t))
-        range_ = np.ptp(self.smooth[0][:, free], axis=0)
-        return np.maximum(range_, 1e-3 * range_.max()) / time
+            return np.zeros(0), np.zeros(0)
+        range_ = np.ptp(self.smooth[0][:, ~self.held], axis=0)
+        range_ = np.maximum(range_, 1e-3 * range_.max())
+        return range_, range_ / (SHORTEST * np.median(np.diff(self.data.t)))
 
     def residuals(self, simulated: Sequence[Simulated]) -> np.ndarray:
         """Measured less simulated (N, outputs); NaN where it does not count."""

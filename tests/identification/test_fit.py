@@ -222,7 +222,7 @@ def test_far_from_the_file_s_values(tmp_path):
 def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
     """From a spring twice as stiff: the whole goes elsewhere, pieces lead it to the truth."""
     monkeypatch.setattr(fit, "PIECE", 25)
-    monkeypatch.setattr(blocks, "EVALUATIONS", 10)
+    monkeypatch.setattr(blocks, "EVALUATIONS", 5)
     model, data = swings(tmp_path, 4, 0.02, "q.x", 0.001)
     problem = problem_of(model, data, unknowns(model, "stiffness"), np.inf)
     assert problem.runs == ((0, 200),)

@@ -21,16 +21,16 @@ from scipy.stats import norm
 
 from softdyn import InputError, SoftModel
 from softdyn.identification import Identified, Measurements
-from softdyn.identification.data import SHORTEST
-from softdyn.identification.fit import FEWEST
+from softdyn.identification.fit import fitted
 from softdyn.identification.parameters import Parameter, member_values
 from softdyn.identification.problem import Problem, problem_of
 from softdyn.identification.result import Estimate
 from softdyn.validation.identification.trials import (
     Excitation,
+    Trial,
+    judged,
     plant_steps,
     scale_mass,
-    trial,
     twin_data,
 )
 from softdyn.validation.tables import columns
@@ -167,8 +167,8 @@ def check(
     off = float(np.abs(data.t - even).max() / np.diff(even).mean())
     if off > UNEVEN:
         raise InputError("--second-opinion", "times in equal steps", f"{off:.2g} of a step off")
-    split = max(FEWEST, round(len(data.t) * (1 - hold_out)))
-    problem = problem_of(model, data.part(0, split), tuple(unknowns), np.inf)
+    part = data.part(0, fitted(data, hold_out))
+    problem = problem_of(model, part, tuple(unknowns), np.inf)
     if problem.held.any():
         held = [model.joint_names[j] for j in np.flatnonzero(problem.held)]
         expected = "joints that leave their stops: MuJoCo's model would be one without"
@@ -251,23 +251,18 @@ def second_opinion(
 def of_trial(
     model: SoftModel, unknowns: Sequence[Parameter], outputs: Sequence[str],
     excitation: Excitation, noise: float, seed: int, step: float = np.inf,
-) -> tuple[Any, Opinion]:  # fmt: skip
+) -> tuple[Trial, Opinion]:  # fmt: skip
     """A `trial` and the second opinion on its data; arguments and errors are both's."""
-    data, _ = twin_data(model, unknowns, outputs, excitation, noise, seed)
+    data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
     check(model, data, unknowns)
-    judged = trial(model, unknowns, outputs, excitation, noise, seed, step)
-    return judged, second_opinion(model, data, unknowns, judged.found)
+    one = judged(model, unknowns, data, theta, noise, seed, step)
+    return one, second_opinion(model, data, unknowns, one.found)
 
 
 def _first(sysid: Any, problem: Problem, k: int) -> Any:
     """The first state (2 n,) of a run, near the smoothed one: a rate that is damped at once is
     in no output, and far away the motion is another (`Problem.blocks` has more on it)."""
-    near = problem.firsts()[k]
-    assert problem.smooth is not None  # all joints are measured
-    range_ = np.ptp(problem.smooth[0], axis=0)
-    range_ = np.maximum(range_, 1e-3 * range_.max())
-    time = SHORTEST * np.median(np.diff(problem.data.t))
-    wide = 3 * np.concatenate((range_, range_ / time))
+    near, wide = problem.firsts()[k], 3 * np.concatenate(problem.wide())
     return sysid.Parameter(f"first {k}", near, near - wide, near + wide)
 
 

@@ -229,6 +229,19 @@ def trial(
 ) -> Trial:
     """Draw, record, identify, compare."""
     data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
+    return judged(model, unknowns, data, theta, noise, seed, step)
+
+
+def judged(
+    model: SoftModel,
+    unknowns: Sequence[Parameter],
+    data: Measurements,
+    theta: np.ndarray,
+    noise: float,
+    seed: int,
+    step: float = np.inf,
+) -> Trial:
+    """What is found in the data of `twin_data` beside the θ (P,) that was drawn."""
     found = identify(model, data, unknowns, step=step)
     known = np.array([one.identified for one in found.estimates])
     value = np.array([one.value for one in found.estimates])
@@ -239,7 +252,7 @@ def trial(
     width = np.full(len(theta), np.nan)
     if noise > 0:
         told = [one for one, yes in zip(unknowns, known, strict=True) if yes]
-        size = noise * deviations(model, outputs)
+        size = noise * deviations(model, data.names)
         width[known] = least_deviations(model, data, told, theta[known], size, step=step)
         width = deviation / width
     return Trial(seed, found, relative, scores, width)
