@@ -57,6 +57,7 @@ def test_without_noise_there_is_nothing_to_compare(finger):
         ("--twin 1 --noise -1", "noise: expected a finite number >= 0"),
         ("--twin 1 --reach 2", "reach: expected shares from 0 to 1, got [2.0]"),
         ("--twin 1 --reach 1 1 1", "reach: expected one number, or 2, got 3 of them"),
+        ("--twin 1 --bias -0.1", "bias: expected shares from 0 to 1, got [-0.1]"),
     ],
 )
 def test_a_twin_that_cannot_be_is_one_line(options, said, capsys):
@@ -64,6 +65,22 @@ def test_a_twin_that_cannot_be_is_one_line(options, said, capsys):
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_inputs_use_their_shares_about_their_biases(finger):
+    """Range by range: as wide as the reach, as far off as the bias, never out of bounds."""
+    t, span = np.arange(0, 20, 0.005), finger.u_max - finger.u_min
+
+    def ends(**shares):
+        u = Excitation(20.0, **shares).inputs(finger, t, np.random.default_rng(0))
+        return np.array([u.min(0), u.max(0)]) / span
+
+    middle, share = ends(reach=(0.2, 0.4)).mean(0), np.ptp(ends(reach=(0.2, 0.4)), axis=0)
+    assert share == pytest.approx([0.2, 0.4], rel=0.1)
+    assert middle == pytest.approx([0, 0], abs=0.02)
+    off = ends(reach=(0.2, 0.4), bias=(0.1, 0.0)) - ends(reach=(0.2, 0.4))
+    assert off == pytest.approx(np.array([[0.1, 0.0], [0.1, 0.0]]))
+    assert ends(reach=1.0, bias=0.3).max(0) == pytest.approx(finger.u_max / span)
 
 
 def test_what_tells_most_comes_first(finger):
