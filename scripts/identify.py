@@ -49,15 +49,15 @@ parser.add_argument(
     "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
-parser.add_argument(
-    "--reach", type=cli.finite, nargs="+", metavar="PART", default=[0.6],
-    help="of the inputs' ranges that the twin sees, one for all or one for each; default: 0.6",
-)  # fmt: skip
-parser.add_argument(
-    "--bias", type=cli.finite, nargs="+", metavar="PART", default=[0.0],
-    help="of the inputs' ranges, added to them: takes joints off their stops; default: 0",
-)  # fmt: skip
-parser.option("--knots", cli.positive, "S", "between the twin's random inputs", 0.2)
+for name, metavar, default, what in (
+    ("--reach", "PART", 0.6, "of the inputs' ranges that the twin sees"),
+    ("--bias", "PART", 0.0, "of the ranges, added to the inputs: takes joints off their stops"),
+    ("--knots", "S", 0.2, "between the twin's random inputs"),
+):
+    parser.add_argument(
+        name, type=cli.finite, nargs="+", metavar=metavar, default=[default],
+        help=f"{what}, one for all or one for each; default: {default:g}",
+    )  # fmt: skip
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
 parser.option("--seeds", cli.count, "N", "twins", 1)
 parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
@@ -194,7 +194,7 @@ def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitat
         outputs = [f"tip.{axis}" for axis in "xyz"]
     excitation = Excitation(
         arguments.twin,
-        knots=arguments.knots,
+        knots=tuple(arguments.knots),
         reach=tuple(arguments.reach),
         bias=tuple(arguments.bias),
         at_rest=arguments.at_rest,

@@ -52,12 +52,12 @@ def test_without_noise_there_is_nothing_to_compare(finger):
         ("--twin 1 --html page.html", "--out, --html: expected DATA, got --twin"),
         ("run.csv --excitations", "--excitations: expected --twin S, got DATA"),
         ("--twin 1e9", "seconds: expected at most 5000, got 1000000000.0"),
-        ("--twin 1 --knots 1e-9", "knots: expected a finite number >= 0.005"),
+        ("--twin 1 --knots 1e-9", "knots: expected numbers from 0.005 to 5000, got [1e-09]"),
         ("--twin 1 --timestep 1e-300", "timestep: expected a finite number >= 1e-07"),
         ("--twin 1 --noise -1", "noise: expected a finite number >= 0"),
-        ("--twin 1 --reach 2", "reach: expected shares from 0 to 1, got [2.0]"),
+        ("--twin 1 --reach 2", "reach: expected numbers from 0 to 1, got [2.0]"),
         ("--twin 1 --reach 1 1 1", "reach: expected one number, or 2, got 3 of them"),
-        ("--twin 1 --bias -0.1", "bias: expected shares from 0 to 1, got [-0.1]"),
+        ("--twin 1 --bias -0.1", "bias: expected numbers from 0 to 1, got [-0.1]"),
     ],
 )
 def test_a_twin_that_cannot_be_is_one_line(options, said, capsys):
@@ -80,6 +80,12 @@ def test_inputs_use_their_shares_about_their_biases(finger):
     assert middle == pytest.approx([0, 0], abs=0.02)
     off = ends(reach=(0.2, 0.4), bias=(0.1, 0.0)) - ends(reach=(0.2, 0.4))
     assert off == pytest.approx(np.array([[0.1, 0.0], [0.1, 0.0]]))
+    fast, slow = np.diff(
+        Excitation(20.0, knots=(0.1, 0.5)).inputs(finger, t, np.random.default_rng(0)), 2, axis=0
+    ).T
+    corners = [np.flatnonzero(np.abs(one) > 1e-9) for one in (fast, slow)]
+    assert len(corners[0]) == pytest.approx(200, abs=2)
+    assert len(corners[1]) == pytest.approx(40, abs=2)
     assert ends(reach=1.0, bias=0.3).max(0) == pytest.approx(finger.u_max / span)
 
 

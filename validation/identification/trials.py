@@ -47,12 +47,10 @@ class Excitation:
         Length (s) and samples a second.
     spread : float
         Parameters are drawn within this share of the file's.
-    knots : float
-        Inputs run straight between random values, this far apart (s).
-    reach : float or tuple of float
-        The share of each input's range that they use; one for all, or one for each.
-    bias : float or tuple of float
-        The share of each input's range that is added to it: it can take joints off their stops.
+    knots, reach, bias : float or tuple of float
+        One for all inputs, or one for each. Inputs run straight between random values, `knots` (s)
+        apart, that use the share `reach` of the input's range; the share `bias` of the range is
+        added, which can take joints off their stops.
     at_rest : bool
         Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
         falls.
@@ -66,7 +64,7 @@ class Excitation:
     seconds: float = 20.0
     rate: float = 200.0
     spread: float = 0.3
-    knots: float = 0.2
+    knots: float | tuple[float, ...] = 0.2
     reach: float | tuple[float, ...] = 0.6
     bias: float | tuple[float, ...] = 0.0
     at_rest: bool = False
@@ -76,30 +74,34 @@ class Excitation:
         number("seconds", self.seconds, above=0.0)
         if self.seconds * self.rate > MAX_ROWS:
             raise InputError("seconds", f"at most {MAX_ROWS / self.rate:g}", self.seconds)
-        number("knots", self.knots, lower=1 / self.rate)
         number("timestep", self.timestep, lower=FINEST)
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
-        reach, bias = (_shares(name, getattr(self, name), model) for name in ("reach", "bias"))
+        knots = _of_inputs("knots", self.knots, model, 1 / self.rate, MAX_ROWS / self.rate)
+        reach = _of_inputs("reach", self.reach, model, 0.0, 1.0)
+        bias = _of_inputs("bias", self.bias, model, 0.0, 1.0)
         low, high = model.u_min, model.u_max
         low = np.where(low < 0, low * reach, low)
         high = low + np.where(low < 0, reach * (high - model.u_min), reach * (high - low))
-        times = np.arange(0, self.seconds + 2 * self.knots, self.knots)
-        values = rng.uniform(low, high, (len(times), model.nu))
+        count = int(np.ceil(self.seconds / knots.min())) + 2
+        values = rng.uniform(low, high, (count, model.nu))
         values[0] = np.clip(0, low, high)
         values = np.clip(values + bias * (model.u_max - model.u_min), model.u_min, model.u_max)
-        return np.stack([np.interp(t, times, column) for column in values.T], 1)
+        times = np.arange(count)[:, None] * knots
+        return np.stack([np.interp(t, *both) for both in zip(times.T, values.T, strict=True)], 1)
 
 
-def _shares(name: str, given: float | tuple[float, ...], model: SoftModel) -> np.ndarray:
-    """Shares of the inputs' ranges: () or (1,) of all, (m,) of each."""
-    shares = np.asarray(given)
-    if shares.shape not in ((), (1,), (model.nu,)):
-        raise InputError(name, f"one number, or {model.nu}", f"{shares.size} of them")
-    if not ((shares >= 0) & (shares <= 1)).all():
-        raise InputError(name, "shares from 0 to 1", shares.tolist())
-    return shares
+def _of_inputs(
+    name: str, given: float | tuple[float, ...], model: SoftModel, least: float, most: float
+) -> np.ndarray:
+    """One number of each input (m,), from one of all or one of each."""
+    numbers = np.asarray(given)
+    if numbers.shape not in ((), (1,), (model.nu,)):
+        raise InputError(name, f"one number, or {model.nu}", f"{numbers.size} of them")
+    if not ((numbers >= least) & (numbers <= most)).all():
+        raise InputError(name, f"numbers from {least:g} to {most:g}", numbers.tolist())
+    return np.broadcast_to(numbers, model.nu)
 
 
 def twin_data(
