@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 from unittest.mock import patch
 
+from softdyn import compiled
 from softdyn.commands import __main__ as softdyn
 from softdyn.commands import cli
 
@@ -24,8 +25,9 @@ class Done(NamedTuple):
 
 @contextmanager
 def left_as_it_was() -> Iterator[None]:
-    """What a command sets for the rest of its process."""
+    """What a command sets for the rest of its process, or says once in it: of a cold cache."""
     with (
+        patch.object(compiled, "say_once"),
         patch.object(cli, "one_thread"),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
     ):
