@@ -102,7 +102,8 @@ def least_squares(
         delta = np.zeros(0)
         if theta.size:
             left, right = np.vstack((now.R, scale)), -np.append(now.d, np.zeros(len(scale)))
-            delta = lsq_linear(left, right, (lower - theta, np.inf)).x
+            with np.errstate(invalid="ignore"):  # at a bound SciPy weighs a way that is not there
+                delta = lsq_linear(left, right, (lower - theta, np.inf)).x
         after = now.R @ delta + now.d
         promised = now.gain + float(now.d @ now.d - after @ after)
         if promised <= done * now.cost or damping > LARGEST:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -196,7 +197,7 @@ def _pieces(runs: Sequence[tuple[int, int]], length: int) -> tuple[tuple[int, in
 
 
 def _by_and_by(problem: Problem) -> np.ndarray:
-    """θ from the file's values, fitted to an eighth of the run, a quarter, a half.
+    """θ from the file's values, fitted to a first piece of the run, then twice as much, to a half.
 
     After seconds the motion under the file's values is out of step with the measured one, and the
     sum of squares has a least value in many places. A part is only believed where its θ explains
@@ -205,11 +206,9 @@ def _by_and_by(problem: Problem) -> np.ndarray:
     theta = np.array([parameter.nominal for parameter in problem.unknowns])
     whole = problem.runs[0][1]
     noise = _first_noise(problem)
-    for short in (whole // 8, whole // 4, whole // 2):
-        if short < SHORTEST:
-            continue
+    for short in (whole >> k for k in range(int(math.log2(whole / SHORTEST)), 0, -1)):
         part, ahead = (replace(problem, runs=((0, end),)) for end in (short, 2 * short))
-        there, _, _ = _solve(part, theta, part.firsts(), noise)
+        there, _, _ = _solve(part, theta, part.firsts(), noise, ROUGH)
         try:
             theta = min((theta, there), key=lambda at: _misfit(ahead, at, noise))
         except TrajectoryError:
