@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
@@ -15,8 +16,10 @@ from softdyn.identification.blocks import Block
 from softdyn.identification.data import AXES, SHORTEST, Measurements, at_stops, stretches
 from softdyn.identification.linear import smoothed
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
-from softdyn.identification.trajectory import Start, follow
+from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.statics.equilibria import settle
+
+CLEAR = 10  # a held joint's motion over its noise, above which it follows its measurement
 
 
 class Simulated(NamedTuple):
@@ -48,7 +51,7 @@ class Problem:
     stops : ndarray of bool, (N, n)
         Of `at_stops`.
     held : ndarray of bool, (n,)
-        Joints that stand still at their stops in all runs.
+        Joints that are at their stops in all runs.
     """
 
     base: SoftModel
@@ -84,7 +87,8 @@ class Problem:
     ) -> tuple[np.ndarray, np.ndarray]:
         t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
         unknowns = self.unknowns if start.by_q.size else ()
-        path, by = follow(model, unknowns, t, u, start, self.held, self.step, self.base)
+        driven = self._driven(run)
+        path, by = follow(model, unknowns, t, u, start, driven, self.step, self.base)
         out, slope = measured(model, self.data.names, path, by)
         for unknown, value in zip(self.unknowns, theta, strict=True):
             out += value * unknown.shift(model, self.data.names)
@@ -148,15 +152,34 @@ class Problem:
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
     def _start(self, model: SoftModel, run: tuple[int, int], first: np.ndarray) -> Start:
-        """From the unknown state of the free joints; the held ones are where their stops are."""
+        """From the unknown state of the free joints, with the held ones where they are."""
         if self.smooth is None:
             return self.at_rest(model)
-        free = np.flatnonzero(~self.held)
-        q, v = self.smooth[0, slice(*run)].mean(0), np.zeros(self.base.nv)
+        free, driven = np.flatnonzero(~self.held), self._driven(run)
+        q, v = np.zeros((2, self.base.nv))
         q[free], v[free] = np.split(first, 2)
+        if driven is not None:
+            q[driven.joints], v[driven.joints], _ = driven.at(0, 0.0)
         by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
         by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))
         return Start(q, v, by_q, by_v)
+
+    def _driven(self, run: tuple[int, int]) -> Driven | None:
+        """What the held joints do: what was measured, where that is clear, else nothing.
+
+        A stop yields to what pushes it, and without noise this is in all outputs. With noise,
+        the acceleration of smoothed noise would push the others by more than that.
+        """
+        joints = np.flatnonzero(self.held)
+        if self.smooth is None or not joints.size:
+            return None
+        place, rate = self.smooth[:2, slice(*run)][:, :, joints]
+        columns = [self.data.names.index(f"q.{self.base.joint_names[j]}") for j in joints]
+        noise = (self.data.outputs[slice(*run)][:, columns] - place).std(0)
+        clear = place.std(0) > CLEAR * noise
+        place = np.where(clear, place, place.mean(0))
+        spline = CubicHermiteSpline(self.data.t[slice(*run)], place, np.where(clear, rate, 0.0))
+        return Driven(joints, spline.c)
 
     def at_rest(self, model: SoftModel) -> Start:
         """In equilibrium under the first input."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,13 +48,28 @@ class Start:
     by_v: np.ndarray
 
 
+class Driven(NamedTuple):
+    """Joints (h,) whose motion is known, in cubics (4, N-1, h), the highest power first.
+
+    Each of the N - 1 begins at its sample.
+    """
+
+    joints: np.ndarray
+    cubics: np.ndarray
+
+    def at(self, k: int, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates, rates and accelerations (h,), x seconds after sample k."""
+        a, b, c, d = self.cubics[:, k]
+        return ((a * x + b) * x + c) * x + d, (3 * a * x + 2 * b) * x + c, 6 * a * x + 2 * b
+
+
 def follow(
     model: SoftModel,
     unknowns: Sequence[Parameter],
     t: np.ndarray,
     u: np.ndarray,
     start: Start,
-    held: np.ndarray | None = None,
+    driven: Driven | None = None,
     step: float = np.inf,
     file: SoftModel | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -76,8 +92,8 @@ def follow(
     u : ndarray, (N, m)
         Inputs, each held from its sample to the next one.
     start : Start
-    held : ndarray of bool, (n,), optional
-        Joints that stand still where they start, because stops push them.
+    driven : Driven, optional
+        Joints that are where they were measured, because stops push them.
     step : float
         Longest step (s).
     file : SoftModel, optional
@@ -93,7 +109,8 @@ def follow(
     dq, dv = start.by_q.copy(), start.by_v.copy()
     path, sensitivities = np.empty((len(t), n)), np.empty((len(t), n, count))
     a = np.zeros(n)
-    free = np.arange(n) if held is None else np.flatnonzero(~held)
+    driven = driven or Driven(np.zeros(0, int), np.zeros((4, len(t), 0)))
+    free = np.setdiff1d(np.arange(n), driven.joints)
     inverse = None
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq
@@ -101,10 +118,12 @@ def follow(
             break
         interval = t[k + 1] - t[k]
         pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
-        for _ in range(pieces):
+        h = interval / pieces
+        for piece in range(pieces):
+            known = [driven.at(k, h * (piece + sum(row))) for row in STAGES]
             q, v, dq, dv, a, inverse = _step(
-                (model, file or model), unknowns, q, v, dq, dv, a, u[k], interval / pieces,
-                free, inverse,
+                (model, file or model), unknowns, q, v, dq, dv, a, u[k], h,
+                free, driven.joints, known, inverse,
             )  # fmt: skip
     return path, sensitivities
 
@@ -112,12 +131,15 @@ def follow(
 def _step(
     models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
-    h: float, free: np.ndarray, inverse: np.ndarray | None,
+    h: float, free: np.ndarray, driven: np.ndarray,
+    known: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], inverse: np.ndarray | None,
 ) -> tuple[
     np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]:  # fmt: skip
     """One step: the state at its end, its derivatives, the last stage's acceleration and Newton
     matrix, which serves the next stage's iterations until it is renewed at their solution.
+
+    `known` has for each stage what the driven joints do.
     """
     model, file = models
 
@@ -125,18 +147,25 @@ def _step(
         by_q, by_v = residual_derivatives(model, configuration, V, a, u)
         return by_q, by_v, np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
 
+    def reached() -> tuple[np.ndarray, np.ndarray]:
+        V = v0 + hg * a
+        Q = q0 + hg * V
+        Q[driven], V[driven] = moving[:2]
+        return Q, V
+
     block = np.ix_(free, free)
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # V, A, dV, dA
-    for weights in STAGES:
+    for weights, moving in zip(STAGES, known, strict=True):
         hg = h * weights[-1]
+        a = a.copy()
+        a[driven] = moving[2]
         q0, v0, dq0, dv0 = q.copy(), v.copy(), dq.copy(), dv.copy()
         for weight, (V, A, dV, dA) in zip(weights[:-1], slopes, strict=True):
             q0, v0 = q0 + h * weight * V, v0 + h * weight * A
             dq0, dv0 = dq0 + h * weight * dV, dv0 + h * weight * dA
         last = np.inf
         for _ in range(ITERATIONS):
-            V = v0 + hg * a
-            Q = q0 + hg * V
+            Q, V = reached()
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             r = (state.M @ a + state.h - state.B @ u)[free]
@@ -164,6 +193,7 @@ def _step(
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA
-        slopes.append((v0 + hg * a, a, dV, dA))
-        end = (q0 + hg * slopes[-1][0], slopes[-1][0], dq0 + hg * dV, dV, a, inverse)
+        Q, V = reached()
+        slopes.append((V, a, dV, dA))
+        end = (Q, V, dq0 + hg * dV, dV, a, inverse)
     return end

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import scipy.linalg
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 import softdyn
 from softdyn import InputError, identification
@@ -19,7 +20,7 @@ from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured, problem_of
-from softdyn.identification.trajectory import Start, follow
+from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
 
@@ -101,27 +102,29 @@ def test_the_bodies_carry_all_of_the_inertial_force(spirob):
 def test_the_trajectory_s_derivatives(finger, stopped):
     """By all parameters and the first state, against central differences of the trajectory.
 
-    Joints that are held at given places depend on none of them.
+    Joints whose motion is given depend on none of them.
     """
     rng = np.random.default_rng(6)
     several = unknowns(finger, "stiffness", "damping", "mass", "gear")
     samples = 12 if stopped else 40
     t = np.cumsum(rng.uniform(0.003, 0.008, samples))
     u = rng.uniform(finger.u_min, finger.u_max, (samples, finger.nu))
-    held = None
-    if stopped:
-        held = np.array([False, True, False, True])
     theta = np.array([one.nominal for one in several])
     theta = theta * rng.uniform(0.8, 1.2, len(theta))
     z = np.concatenate((theta, rng.uniform(-0.2, 0.2, 2 * finger.nv)))
     n, count = finger.nv, len(several)
     eyes = np.zeros((2, n, len(z)))
     eyes[0, :, count : count + n] = eyes[1, :, count + n :] = np.eye(n)
+    driven = None
+    if stopped:
+        given = [np.stack((f(9 * t), f(5 * t)), 1) for f in (np.sin, np.cos)]
+        driven = Driven(np.array([1, 3]), CubicHermiteSpline(t, *given).c)
+        eyes[:, driven.joints] = 0
 
     def path(at):
         start = Start(at[count : count + n], at[count + n :], *eyes)
         changed = with_values(finger, several, at[:count])
-        return follow(changed, several, t, u, start, held, file=finger)
+        return follow(changed, several, t, u, start, driven, file=finger)
 
     _, slope = path(z)
     for k in rng.choice(len(z), 8, replace=False):
@@ -129,6 +132,21 @@ def test_the_trajectory_s_derivatives(finger, stopped):
         step[k] = 1e-5 * max(abs(z[k]), 0.1)
         difference = (path(z + step)[0] - path(z - step)[0]) / (2 * step[k])
         assert np.allclose(slope[:, :, k], difference, atol=1e-6 * np.abs(difference).max() + 1e-9)
+
+
+def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
+    t = np.arange(0, 0.4, 0.002)
+    u = np.tile(finger.u_max, (len(t), 1))
+    path, _ = follow(finger, (), t, u, Start(np.zeros(4), np.zeros(4), *np.zeros((2, 4, 0))))
+    motion, late = CubicSpline(t, path), slice(100, None)  # the fall's first jerk is no cubic
+    start = Start(path[100], motion(t[100], 1), *np.zeros((2, 4, 0)))
+    joints, rest = np.array([0, 2]), path[late]
+    for cubics, least, most in (
+        (CubicSpline(t[late], rest[:, joints]).c, 0.0, 1e-5),
+        (np.zeros((4, len(rest) - 1, 2)), 0.1, np.inf),
+    ):
+        found, _ = follow(finger, (), t[late], u[late], start, Driven(joints, cubics))
+        assert least <= np.abs(found - rest)[:, [1, 3]].max() / np.ptp(rest) <= most
 
 
 def test_outputs_of_tip_and_cables(spirob):
