@@ -23,6 +23,7 @@ CASES = (
     "spirob --twin 20",
     "spirob --twin 20 --measure tip --shared stiffness damping mass",
     f"helix --twin 5 --noise 0 {HELIX}",
+    f"helix --twin 5 --noise 0 --step 2e-3 {HELIX}",
     f"helix --twin 20 {HELIX}",
     "spirob --twin 5 --seeds 8",
 )

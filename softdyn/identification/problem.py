@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import make_interp_spline
 
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
@@ -159,7 +159,7 @@ class Problem:
         q, v = np.zeros((2, self.base.nv))
         q[free], v[free] = np.split(first, 2)
         if driven is not None:
-            q[driven.joints], v[driven.joints], _ = driven.at(0, 0.0)
+            q[driven.joints], v[driven.joints] = driven.at(self.data.t[[run[0]]])[0, :2]
         by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
         by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))
         return Start(q, v, by_q, by_v)
@@ -173,13 +173,13 @@ class Problem:
         joints = np.flatnonzero(self.held)
         if self.smooth is None or not joints.size:
             return None
-        place, rate = self.smooth[:2, slice(*run)][:, :, joints]
         columns = [self.data.names.index(f"q.{self.base.joint_names[j]}") for j in joints]
-        noise = (self.data.outputs[slice(*run)][:, columns] - place).std(0)
-        clear = place.std(0) > CLEAR * noise
-        place = np.where(clear, place, place.mean(0))
-        spline = CubicHermiteSpline(self.data.t[slice(*run)], place, np.where(clear, rate, 0.0))
-        return Driven(joints, spline.c)
+        places = [self.smooth[0, slice(*one)][:, joints] for one in self.runs]
+        left = [self.data.outputs[slice(*one)][:, columns] for one in self.runs]
+        noise = (np.concatenate(left) - np.concatenate(places)).std(0)
+        place = places[self.runs.index(run)]
+        place = np.where(place.std(0) > CLEAR * noise, place, place.mean(0))
+        return Driven(joints, make_interp_spline(self.data.t[slice(*run)], place, k=5))
 
     def at_rest(self, model: SoftModel) -> Start:
         """In equilibrium under the first input."""
@@ -232,6 +232,9 @@ def problem_of(
     held, runs = stretches(stops)
     if not runs:
         raise InputError("data", f"{SHORTEST} samples in a row away from the stops", "none")
+    for begin, end in runs if held.any() else ():  # a held joint moves less than when it got there
+        part = slice(begin, end)
+        smooth[:, part, held] = smoothed(data.part(begin, end), joints[part][:, held])
     return Problem(model, unknowns, data, step, tuple(runs), smooth, stops, held)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.model import SoftModel
@@ -49,18 +50,14 @@ class Start:
 
 
 class Driven(NamedTuple):
-    """Joints (h,) whose motion is known, in cubics (4, N-1, h), the highest power first.
-
-    Each of the N - 1 begins at its sample.
-    """
+    """Joints (h,) whose motion is known: a spline (h,) over time (s)."""
 
     joints: np.ndarray
-    cubics: np.ndarray
+    motion: BSpline
 
-    def at(self, k: int, x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates, rates and accelerations (h,), x seconds after sample k."""
-        a, b, c, d = self.cubics[:, k]
-        return ((a * x + b) * x + c) * x + d, (3 * a * x + 2 * b) * x + c, 6 * a * x + 2 * b
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Coordinates, rates and accelerations (times, 3, h)."""
+        return np.stack([self.motion(times, order) for order in range(3)], 1)
 
 
 def follow(
@@ -109,8 +106,9 @@ def follow(
     dq, dv = start.by_q.copy(), start.by_v.copy()
     path, sensitivities = np.empty((len(t), n)), np.empty((len(t), n, count))
     a = np.zeros(n)
-    driven = driven or Driven(np.zeros(0, int), np.zeros((4, len(t), 0)))
-    free = np.setdiff1d(np.arange(n), driven.joints)
+    joints = driven.joints if driven else np.zeros(0, int)
+    free, known = np.setdiff1d(np.arange(n), joints), np.zeros((len(STAGES), 3, 0))
+    ends = np.array([sum(row) for row in STAGES])
     inverse = None
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq
@@ -120,10 +118,11 @@ def follow(
         pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
         h = interval / pieces
         for piece in range(pieces):
-            known = [driven.at(k, h * (piece + sum(row))) for row in STAGES]
+            if driven:
+                known = driven.at(t[k] + h * (piece + ends))
             q, v, dq, dv, a, inverse = _step(
                 (model, file or model), unknowns, q, v, dq, dv, a, u[k], h,
-                free, driven.joints, known, inverse,
+                free, joints, known, inverse,
             )  # fmt: skip
     return path, sensitivities
 
@@ -131,15 +130,14 @@ def follow(
 def _step(
     models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
-    h: float, free: np.ndarray, driven: np.ndarray,
-    known: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], inverse: np.ndarray | None,
+    h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray, inverse: np.ndarray | None,
 ) -> tuple[
     np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]:  # fmt: skip
     """One step: the state at its end, its derivatives, the last stage's acceleration and Newton
     matrix, which serves the next stage's iterations until it is renewed at their solution.
 
-    `known` has for each stage what the driven joints do.
+    `known` (stages, 3, driven) is what the driven joints do.
     """
     model, file = models
 

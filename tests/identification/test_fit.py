@@ -8,18 +8,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import scipy.linalg
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import make_interp_spline
 
 import softdyn
 from softdyn import InputError, identification
 from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
 from softdyn.dynamics.tree import tree_of
-from softdyn.identification import Measurements, blocks, fit
+from softdyn.identification import Measurements, blocks, fit, problem
 from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
-from softdyn.identification.problem import measured, problem_of
+from softdyn.identification.problem import CLEAR, measured, problem_of
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
@@ -117,8 +117,8 @@ def test_the_trajectory_s_derivatives(finger, stopped):
     eyes[0, :, count : count + n] = eyes[1, :, count + n :] = np.eye(n)
     driven = None
     if stopped:
-        given = [np.stack((f(9 * t), f(5 * t)), 1) for f in (np.sin, np.cos)]
-        driven = Driven(np.array([1, 3]), CubicHermiteSpline(t, *given).c)
+        given = np.sin(np.stack((9 * t, 5 * t), 1))
+        driven = Driven(np.array([1, 3]), make_interp_spline(t, given))
         eyes[:, driven.joints] = 0
 
     def path(at):
@@ -138,14 +138,12 @@ def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
     t = np.arange(0, 0.4, 0.002)
     u = np.tile(finger.u_max, (len(t), 1))
     path, _ = follow(finger, (), t, u, Start(np.zeros(4), np.zeros(4), *np.zeros((2, 4, 0))))
-    motion, late = CubicSpline(t, path), slice(100, None)  # the fall's first jerk is no cubic
+    motion, late = make_interp_spline(t, path), slice(100, None)  # no spline has the first jerk
     start = Start(path[100], motion(t[100], 1), *np.zeros((2, 4, 0)))
     joints, rest = np.array([0, 2]), path[late]
-    for cubics, least, most in (
-        (CubicSpline(t[late], rest[:, joints]).c, 0.0, 1e-5),
-        (np.zeros((4, len(rest) - 1, 2)), 0.1, np.inf),
-    ):
-        found, _ = follow(finger, (), t[late], u[late], start, Driven(joints, cubics))
+    for values, least, most in ((rest, 0.0, 1e-5), (0 * rest, 0.1, np.inf)):
+        driven = Driven(joints, make_interp_spline(t[late], values[:, joints], k=5))
+        found, _ = follow(finger, (), t[late], u[late], start, driven)
         assert least <= np.abs(found - rest)[:, [1, 3]].max() / np.ptp(rest) <= most
 
 
@@ -270,6 +268,29 @@ def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(helix):
     left = problem.residuals(simulated) / noise
     count = np.isfinite(left).sum()
     assert abs(np.nansum(left**2) / count - 1) < 4 * np.sqrt(2 / count)
+
+
+def test_a_stop_that_yields_is_followed_where_that_can_be_seen(helix, monkeypatch):
+    """Under the true parameters: without noise the held joints' micrometres are in all outputs."""
+    several = unknowns(helix, *COMPLIANCE)
+    joints = [f"q.{n}" for n in helix.joint_names]
+    size = deviations(helix, joints)
+    excitation = Excitation(0.4, reach=0.02, at_rest=True)
+    data, theta = twin_data(helix, several, joints, excitation, 0.0, 0)
+    true = with_values(helix, several, theta)
+    left = []
+    for clear in (CLEAR, np.inf):
+        monkeypatch.setattr(problem, "CLEAR", clear)
+        exact = problem_of(true, data, (), np.inf)
+        _, _, simulated = _solve(exact, np.zeros(0), exact.firsts(), size)
+        left.append(np.nanstd(exact.residuals(simulated) / size))
+    assert left[0] < 0.5 * left[1]
+    monkeypatch.setattr(problem, "CLEAR", CLEAR)
+    noise = size * np.random.default_rng(0).standard_normal(data.outputs.shape)
+    for outputs, moves in ((data.outputs, True), (data.outputs + noise, False)):
+        seen = problem_of(true, replace(data, outputs=outputs), (), np.inf)
+        spread = np.ptp(seen._driven(seen.runs[0]).motion.c, axis=0)
+        assert np.all((spread > 1e-9) == moves)
 
 
 def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
