@@ -42,8 +42,9 @@ def identify(
     Where all joints were measured: a first guess by least squares on smoothed angles; then the
     simulated outputs are fitted to the measured ones in the stretches without a stop, short pieces
     of them first, the first state of each unknown too; a joint that is nearly always at a stop
-    stands still there. Else the robot starts at rest under its first input, longer and longer parts
-    are fitted, and the simulated motion says where a joint comes to its stop: that ends the data.
+    does what was measured of it. Else the robot starts at rest under its first input, longer and
+    longer parts are fitted, and the simulated motion says where a joint comes to its stop: that
+    ends the data.
     The fit is Levenberg and Marquardt's with bounds and analytic derivatives, each output weighted
     by its noise. The covariance is σ² (JᵀJ)⁻¹ of the whitened outputs, times 1 + 2 Σ ρ² … of
     coloured residuals (Newey–West).
