@@ -19,7 +19,7 @@ from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
-from softdyn.identification.problem import CLEAR, measured, problem_of
+from softdyn.identification.problem import measured, problem_of
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
@@ -175,7 +175,7 @@ def test_without_noise_the_error_falls_with_the_step(finger):
     joints = [f"q.{n}" for n in finger.joint_names]
     errors = []
     for step in (np.inf, 2e-3):
-        one = trial(finger, several, joints, Excitation(1.2, reach=1.0), 0.0, 6, step)
+        one = trial(finger, several, joints, Excitation(1.0, reach=1.0), 0.0, 6, step)
         errors.append(np.abs(one.relative).max())
         left_out = np.isnan(one.found.residuals).mean()
         assert 0.2 < left_out < 0.5  # a joint comes to its stop, and that spoils nothing
@@ -252,45 +252,52 @@ def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
     assert ends[1][0] == pytest.approx(15.0, rel=1e-3)
 
 
-def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(helix):
+@pytest.fixture(scope="module")
+def moved(helix):
+    """Joints of the helix under small inputs, without noise, and its model as it truly was."""
+    several = unknowns(helix, *COMPLIANCE)
+    joints = [f"q.{n}" for n in helix.joint_names]
+    excitation = Excitation(0.5, reach=0.02, at_rest=True)
+    data, theta = twin_data(helix, several, joints, excitation, 0.0, 0)
+    return data, with_values(helix, several, theta)
+
+
+def with_noise(data, size):
+    noise = size * np.random.default_rng(0).standard_normal(data.outputs.shape)
+    return replace(data, outputs=data.outputs + noise)
+
+
+def left(model, data, size):
+    """Of the true parameters with first states that are fitted, over the size (outputs,)."""
+    exact = problem_of(model, data, (), np.inf)
+    assert exact.held.sum() == 10
+    _, _, simulated = _solve(exact, np.zeros(0), exact.firsts(), size)
+    return exact.residuals(simulated) / size
+
+
+def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(moved):
     """Under the true parameters only the first states are fitted: what is left is the noise.
 
     The helix' joints lose a rate within 0.1 ms. Ten of them are held at their stops.
     """
-    several = unknowns(helix, *COMPLIANCE)
-    joints = [f"q.{n}" for n in helix.joint_names]
-    excitation = Excitation(0.7, reach=0.02, at_rest=True)
-    data, theta = twin_data(helix, several, joints, excitation, 1.0, 0)
-    problem = problem_of(with_values(helix, several, theta), data, (), np.inf)
-    assert problem.held.sum() == 10
-    noise = deviations(helix, joints)
-    _, _, simulated = _solve(problem, np.zeros(0), problem.firsts(), noise)
-    left = problem.residuals(simulated) / noise
-    count = np.isfinite(left).sum()
-    assert abs(np.nansum(left**2) / count - 1) < 4 * np.sqrt(2 / count)
+    data, true = moved
+    size = deviations(true, data.names)
+    found = left(true, with_noise(data, size), size)
+    count = np.isfinite(found).sum()
+    assert abs(np.nansum(found**2) / count - 1) < 4 * np.sqrt(2 / count)
 
 
-def test_a_stop_that_yields_is_followed_where_that_can_be_seen(helix, monkeypatch):
-    """Under the true parameters: without noise the held joints' micrometres are in all outputs."""
-    several = unknowns(helix, *COMPLIANCE)
-    joints = [f"q.{n}" for n in helix.joint_names]
-    size = deviations(helix, joints)
-    excitation = Excitation(0.4, reach=0.02, at_rest=True)
-    data, theta = twin_data(helix, several, joints, excitation, 0.0, 0)
-    true = with_values(helix, several, theta)
-    left = []
-    for clear in (CLEAR, np.inf):
-        monkeypatch.setattr(problem, "CLEAR", clear)
-        exact = problem_of(true, data, (), np.inf)
-        _, _, simulated = _solve(exact, np.zeros(0), exact.firsts(), size)
-        left.append(np.nanstd(exact.residuals(simulated) / size))
-    assert left[0] < 0.5 * left[1]
-    monkeypatch.setattr(problem, "CLEAR", CLEAR)
-    noise = size * np.random.default_rng(0).standard_normal(data.outputs.shape)
-    for outputs, moves in ((data.outputs, True), (data.outputs + noise, False)):
-        seen = problem_of(true, replace(data, outputs=outputs), (), np.inf)
+def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatch):
+    """Without noise the held joints' micrometres are in all outputs."""
+    data, true = moved
+    size = deviations(true, data.names)
+    for one, moves in ((data, True), (with_noise(data, size), False)):
+        seen = problem_of(true, one, (), np.inf)
         spread = np.ptp(seen._driven(seen.runs[0]).motion.c, axis=0)
         assert np.all((spread > 1e-9) == moves)
+    followed = np.nanstd(left(true, data, size))
+    monkeypatch.setattr(problem, "CLEAR", np.inf)
+    assert followed < 0.5 * np.nanstd(left(true, data, size))
 
 
 def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
