@@ -77,7 +77,7 @@ def _outputs(data: Measurements, found: Identified) -> Figure:
         right.plot(data.t[:samples], found.residuals[:, k], ".", ms=2)
         right.axhline(0, color="0.7", lw=0.8)
         right.set_ylabel("residual")
-    axes[0, 0].legend(loc="upper right")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     for axis in axes[-1]:
         axis.set_xlabel("Time (s)")
     return figure
