@@ -19,11 +19,11 @@ EPILOG = """\
 DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
 of q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Steps of time may differ.
 
-KIND is stiffness, damping, rest, armature, mass, gear, tendon_stiffness, tendon_damping or offset
-(the unknown zero of a length.TENDON). --free takes each member that the file gives; --shared one
-factor on the file's values of them all. The file's values are the first guess. With every joint
-measured, samples near a stop are left out; with less, the run must begin at rest under its first
-input, and ends at its first stop.
+KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
+tendon_damping or offset (the unknown zero of a length.TENDON). --free takes each member that the
+file gives; --shared one factor on the file's values of them all. The file's values are the first
+guess. With every joint measured, samples near a stop are left out; with less, the run must begin at
+rest under its first input, and ends at its first stop.
 
 Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
 parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic

@@ -9,6 +9,7 @@
 - `data`: measurements, from arrays or a CSV file, and what a stop spoils in them;
 - `parameters`: what may be unknown, its column in the equations of motion, a model with other
   values;
+- `friction`: of dry joints, which the model has not;
 - `trajectory`: the model's motion under the measured input, with its sensitivities;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
 - `problem`: the stretches without a stop, simulated; `blocks`: least squares with unknowns of each;

@@ -10,6 +10,7 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
+from softdyn.identification.friction import friction_of
 from softdyn.identification.parameters import Moment, Parameter, columns_of
 
 MOST = 2000  # samples that the first guess uses
@@ -81,7 +82,7 @@ def first_guess(
     if not linear:
         return theta
     angles, rates, accelerations = smooth
-    columns, loads, rows = [], [], []
+    rub, columns, loads, rows = friction_of(model), [], [], []
     for k in np.unique(np.linspace(1, len(data.t) - 2, MOST).astype(int)):
         use = np.flatnonzero(~stops[k])
         state = model.state(model.configuration(angles[k]), rates[k])
@@ -89,7 +90,7 @@ def first_guess(
         u = (data.u[k - 1] + data.u[k]) / 2
         moment = Moment(state, accelerations[k], u, model)
         Y = columns_of(unknowns, moment, len(unknowns))[:, linear]
-        r = state.M @ accelerations[k] + state.h - state.B @ u
+        r = state.M @ accelerations[k] + state.h - state.B @ u + rub.size * rub.signs(rates[k])
         columns.append(Y[use])
         loads.append((Y @ theta[linear] - r)[use])  # r is linear: r = r₀ + Y (θ - θ₀)
         rows.append(use)

@@ -16,6 +16,7 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
+from softdyn.identification.friction import friction_of
 
 
 class Moment(NamedTuple):
@@ -90,6 +91,10 @@ def _coordinates(moment: Moment) -> np.ndarray:
     return moment.state.model.coordinates(moment.state.q)
 
 
+def _rubbing(moment: Moment) -> np.ndarray:
+    return np.diag(friction_of(moment.state.model).signs(moment.state.v))
+
+
 def _stretch(moment: Moment) -> np.ndarray:
     return _coordinates(moment) - moment.state.model.rest
 
@@ -121,6 +126,8 @@ KINDS = {
              lambda moment: np.diag(_stretch(moment)), _in("joints", "stiffness")),
         Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
              lambda moment: np.diag(moment.state.v), _in("joints", "damping")),
+        Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
+             _rubbing, _in("joints", "friction")),
         Kind("rest", "rad, m", _joints, lambda model: model.rest,
              lambda moment: -np.diag(moment.state.model.stiffness), _in("joints", "rest"), -np.inf),
         Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,

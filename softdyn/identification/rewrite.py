@@ -64,7 +64,7 @@ def _places(root: Node, kind: str, name: str) -> Iterator[tuple[Node, str]]:
                 if kind == "rest" and node.find(SPRING[kind]) is None:
                     etree.SubElement(node, SPRING[kind])
                 yield from ((child, "") for child in node.iterfind(SPRING[kind]))
-    if kind in ("stiffness", "damping"):
+    if kind in ("stiffness", "damping", "friction"):
         for joint in root.iterfind("joint"):
             for dynamics in joint.iterfind("dynamics") if joint.get("name") == name else ():
                 for attribute in {kind, f"spring_{kind}"} & {str(key) for key in dynamics.attrib}:

@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
+from softdyn.identification.friction import Friction, friction_of
 from softdyn.identification.parameters import Moment, Parameter, columns_of
 
 # Five stages of equal diagonal, order 4, L-stable and stiffly accurate (Hairer and Wanner, Solving
@@ -109,7 +110,7 @@ def follow(
     joints = driven.joints if driven else np.zeros(0, int)
     free, known = np.setdiff1d(np.arange(n), joints), np.zeros((len(STAGES), 3, 0))
     ends = np.array([sum(row) for row in STAGES])
-    inverse = None
+    inverse, rub = None, friction_of(model)
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq
         if k + 1 == len(t):
@@ -121,14 +122,14 @@ def follow(
             if driven:
                 known = driven.at(t[k] + h * (piece + ends))
             q, v, dq, dv, a, inverse = _step(
-                (model, file or model), unknowns, q, v, dq, dv, a, u[k], h,
+                (model, file or model), rub, unknowns, q, v, dq, dv, a, u[k], h,
                 free, joints, known, inverse,
             )  # fmt: skip
     return path, sensitivities
 
 
 def _step(
-    models: tuple[SoftModel, SoftModel], unknowns: Sequence[Parameter],
+    models: tuple[SoftModel, SoftModel], rub: Friction, unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
     h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray, inverse: np.ndarray | None,
 ) -> tuple[
@@ -143,6 +144,7 @@ def _step(
 
     def linearised() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         by_q, by_v = residual_derivatives(model, configuration, V, a, u)
+        by_v = by_v + rub.slope(V)
         return by_q, by_v, np.linalg.inv((state.M + hg * by_v + hg * hg * by_q)[block])
 
     def reached() -> tuple[np.ndarray, np.ndarray]:
@@ -161,12 +163,17 @@ def _step(
         for weight, (V, A, dV, dA) in zip(weights[:-1], slopes, strict=True):
             q0, v0 = q0 + h * weight * V, v0 + h * weight * A
             dq0, dv0 = dq0 + h * weight * dV, dv0 + h * weight * dA
-        last = np.inf
+        last, least, change = np.inf, np.inf, np.zeros(len(free))
         for _ in range(ITERATIONS):
             Q, V = reached()
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
-            r = (state.M @ a + state.h - state.B @ u)[free]
+            r = (state.M @ a + state.h - state.B @ u + rub.size * rub.signs(V))[free]
+            if (r @ r) > least:  # past the bend of a friction: half as far
+                change /= 2
+                a[free] += change
+                continue
+            least = r @ r
             small = TOLERANCE * (1 + np.abs(a).max())
             change = inverse @ r if inverse is not None else np.full(len(free), np.nan)
             size = np.abs(change).max(initial=0)
@@ -185,13 +192,15 @@ def _step(
         if not np.isfinite(a).all():
             raise TrajectoryError("the model's motion is not finite under these parameters")
         dA = np.zeros_like(dq)
-        if dA.size:
+        Q, V = reached()
+        if dA.size:  # where the last iteration ended, not where it began
+            configuration = model.configuration(Q)
+            state = model.state(configuration, V)
             by_q, by_v, inverse = linearised()
             columns = columns_of(unknowns, Moment(state, a, u, file), dq.shape[1])
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA
-        Q, V = reached()
         slopes.append((V, a, dV, dA))
         end = (Q, V, dq0 + hg * dV, dV, a, inverse)
     return end

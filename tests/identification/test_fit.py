@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,9 @@ from scipy.interpolate import make_interp_spline
 import softdyn
 from softdyn import InputError, identification
 from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
+from softdyn.dynamics.mimic import build
 from softdyn.dynamics.tree import tree_of
-from softdyn.identification import Measurements, blocks, fit, problem
+from softdyn.identification import Measurements, blocks, fit, problem, trajectory
 from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
@@ -47,8 +49,10 @@ def helix() -> softdyn.SoftModel:
 
 
 def residual(model, q, v, a, u):
-    state = model.state(q, v)
-    return state.M @ a + state.h - state.B @ u
+    state, of_file = model.state(q, v), {one.name: one for one in model.robot.moving_joints}
+    sizes = np.array([of_file[name].friction for name in model.joint_names])
+    dry = sizes * np.tanh(v / (0.01 * (model.upper - model.lower)))
+    return state.M @ a + state.h - state.B @ u + dry
 
 
 @pytest.mark.parametrize("robot", ["finger", "spirob"])
@@ -70,7 +74,7 @@ def test_the_residual_s_derivatives(robot, request):
 def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     text = (softdyn.load("finger").robot.path).read_text()
     text = text.replace('<tendon name="', '<tendon stiffness="2" damping="0.1" name="')
-    text = text.replace("<softdyn version", "<softdyn version", 1)
+    text = text.replace("<dynamics ", '<dynamics friction="1e-3" ')
     text = text.replace("</softdyn>", '<joint name="joint1" armature="1e-3"/></softdyn>')
     path = tmp_path / "finger.urdf"
     path.write_text(text)
@@ -98,14 +102,25 @@ def test_the_bodies_carry_all_of_the_inertial_force(spirob):
     assert np.allclose(mass_columns(spirob, q, v, a).sum(1), whole, rtol=1e-10)
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-def test_the_trajectory_s_derivatives(finger, stopped):
+def rubbing(model, friction):
+    """With dry friction (N m, N) in every joint."""
+    robot = identification.KINDS["friction"].amended(
+        model.robot, dict.fromkeys(model.joint_names, friction)
+    )
+    return build(robot)
+
+
+@pytest.mark.parametrize(("stopped", "rubs"), [(False, False), (True, False), (False, True)])
+def test_the_trajectory_s_derivatives(finger, stopped, rubs, monkeypatch):
     """By all parameters and the first state, against central differences of the trajectory.
 
     Joints whose motion is given depend on none of them.
     """
     rng = np.random.default_rng(6)
-    several = unknowns(finger, "stiffness", "damping", "mass", "gear")
+    monkeypatch.setattr(trajectory, "TOLERANCE", 1e-12)  # a difference is no better than that
+    finger = rubbing(finger, 1e-3 if rubs else 0.0)
+    kinds = ("friction",) if rubs else ("stiffness", "damping", "mass", "gear")
+    several = unknowns(finger, *kinds)
     samples = 12 if stopped else 40
     t = np.cumsum(rng.uniform(0.003, 0.008, samples))
     u = rng.uniform(finger.u_min, finger.u_max, (samples, finger.nu))
@@ -145,6 +160,36 @@ def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
         driven = Driven(joints, make_interp_spline(t[late], values[:, joints], k=5))
         found, _ = follow(finger, (), t[late], u[late], start, driven)
         assert least <= np.abs(found - rest)[:, [1, 3]].max() / np.ptp(rest) <= most
+
+
+def test_dry_friction_takes_the_same_off_each_swing(tmp_path):
+    """Coulomb's: 2 F / k of the amplitude in half a swing, at any amplitude."""
+    k, friction = 8.0, 0.08
+    text = cart.CART.replace('"-9" upper="9"', '"-1" upper="1"')
+    one = cart.load(tmp_path, text.format(stiffness=k, damping=0, lower=-9, upper=9))
+    model = rubbing(one, friction)
+    t = np.linspace(0, 4 * np.pi * np.sqrt(cart.MASS / k), 401)  # two swings
+    start = Start(np.array([0.5]), np.zeros(1), *np.zeros((2, 1, 0)))
+    path, _ = follow(model, (), t, np.zeros((401, 1)), start)
+    swings = np.abs(path[::100, 0])
+    assert -np.diff(swings) == pytest.approx(2 * friction / k, rel=0.03)
+
+
+def test_dry_friction_of_a_twin_is_found_and_written(finger, tmp_path):
+    rubs = rubbing(finger, 0.001)
+    several = [one for kind in ("stiffness", "damping", "friction")
+               for one in identification.parameters(rubs, kind, shared=True)]  # fmt: skip
+    joints = [f"q.{n}" for n in finger.joint_names]
+    one = trial(rubs, several, joints, Excitation(1.0, reach=1.0), 1.0, 0)
+    assert np.abs(one.scores).max() < 4
+    assert np.abs(one.relative).max() < 0.1
+    path = tmp_path / "robot.urdf"
+    text = finger.robot.path.read_text()
+    path.write_text(re.sub(r"(<dynamics damping=[^/]*)/>", r'\1 friction="0.001"/>', text))
+    found = one.found.values()
+    path.write_text(identification.rewritten(softdyn.load(path).robot, found))
+    written = {joint.name: joint.friction for joint in softdyn.load(path).robot.moving_joints}
+    assert written == pytest.approx(found["friction"])
 
 
 def test_outputs_of_tip_and_cables(spirob):

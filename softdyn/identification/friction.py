@@ -1,0 +1,42 @@
+"""Dry friction of the joints, which the model itself does not have: Coulomb's, rounded about rest.
+
+The controllers' model is smooth. Measurements are of a robot that rubs, so what is fitted to them
+may rub too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel
+
+SLOW = 0.01  # of a joint's range a second: the rate at which friction is 76 % of what it comes to
+
+
+class Friction(NamedTuple):
+    """Sizes (n,) in N m or N, and the rates (n,) below which they fall to zero."""
+
+    size: np.ndarray
+    slow: np.ndarray
+
+    def signs(self, v: np.ndarray) -> np.ndarray:
+        """Of the rates (n,), rounded: from -1 to 1."""
+        return np.tanh(v / self.slow)
+
+    def slope(self, v: np.ndarray) -> np.ndarray:
+        """∂force/∂v (n, n) of the force `size` · `signs`."""
+        return np.diag(self.size * (1 - self.signs(v) ** 2) / self.slow)
+
+
+def friction_of(model: SoftModel) -> Friction:
+    """What the file has of it; a joint without limits has a turn, or a metre, for its range."""
+    sizes = {joint.name: joint.friction for joint in model.robot.moving_joints}
+    turns = {joint.name: joint.kind != "prismatic" for joint in model.robot.moving_joints}
+    range_ = model.upper - model.lower
+    free = [2 * np.pi if turns[name] else 1.0 for name in model.joint_names]
+    return Friction(
+        np.array([sizes[name] for name in model.joint_names]),
+        SLOW * np.where(np.isfinite(range_) & (range_ > 0), range_, free),
+    )
