@@ -152,14 +152,12 @@ class Problem:
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
     def _start(self, model: SoftModel, run: tuple[int, int], first: np.ndarray) -> Start:
-        """From the unknown state of the free joints, with the held ones where they are."""
+        """From the unknown state of the free joints; `follow` knows where the held ones are."""
         if self.smooth is None:
             return self.at_rest(model)
-        free, driven = np.flatnonzero(~self.held), self._driven(run)
+        free = np.flatnonzero(~self.held)
         q, v = np.zeros((2, self.base.nv))
         q[free], v[free] = np.split(first, 2)
-        if driven is not None:
-            q[driven.joints], v[driven.joints] = driven.at(self.data.t[[run[0]]])[0, :2]
         by_q, by_v = np.zeros((2, len(q), len(self.unknowns) + len(first)))
         by_q[free, -2 * len(free) : -len(free)] = by_v[free, -len(free) :] = np.eye(len(free))
         return Start(q, v, by_q, by_v)

@@ -91,7 +91,7 @@ def follow(
         Inputs, each held from its sample to the next one.
     start : Start
     driven : Driven, optional
-        Joints that are where they were measured, because stops push them.
+        Joints that are where they were measured, because stops push them; `start` has the others.
     step : float
         Longest step (s).
     file : SoftModel, optional
@@ -110,6 +110,8 @@ def follow(
     joints = driven.joints if driven else np.zeros(0, int)
     free, known = np.setdiff1d(np.arange(n), joints), np.zeros((len(STAGES), 3, 0))
     ends = np.array([sum(row) for row in STAGES])
+    if driven:
+        q[joints], v[joints] = driven.at(t[:1])[0, :2]
     inverse, rub = None, friction_of(model)
     for k in range(len(t)):
         path[k], sensitivities[k] = q, dq

@@ -22,7 +22,6 @@ from scipy.stats import norm
 from softdyn import InputError, SoftModel
 from softdyn.identification import Identified, Measurements
 from softdyn.identification.fit import fitted
-from softdyn.identification.friction import friction_of
 from softdyn.identification.parameters import Parameter, member_values
 from softdyn.identification.problem import Problem, problem_of
 from softdyn.identification.result import Estimate
@@ -208,9 +207,8 @@ def second_opinion(
     sample = float(np.ptp(data.t)) / (len(data.t) - 1)
     steps = max(plant_steps(each, sample, LONGEST) for each in (model, found.model))
     # no stops, as in our fit: the stretches have none, a motion far from the measured one may
-    rubs = bool(friction_of(model).size.any())
     timestep = sample / steps
-    twin = Twin(model.robot, timestep=timestep, integrator="rk4", limits=False, friction=rubs)
+    twin = Twin(model.robot, timestep=timestep, integrator="rk4", limits=False, friction=True)
     twin.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     twin.model.opt.enableflags = 0  # the energy costs time
     size = np.array([abs(one.nominal) or 1.0 for one in told])  # so that differences suit each

@@ -19,7 +19,6 @@ from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.identification import Identified, Measurements, identify
 from softdyn.identification.data import MAX_ROWS
 from softdyn.identification.fit import least_deviations
-from softdyn.identification.friction import friction_of
 from softdyn.identification.parameters import Parameter, member_values, with_values
 from softdyn.identification.problem import measured
 from softdyn.statics.equilibria import settle
@@ -134,9 +133,8 @@ def twin_data(
     theta = np.where(nominal, nominal * (1 + drawn), ABOUT_ZERO * drawn)
     true = with_values(model, unknowns, theta)
     steps = plant_steps(true, 1 / excitation.rate, excitation.timestep)
-    rubs = bool(friction_of(true).size.any())
     timestep = 1 / excitation.rate / steps
-    twin = Twin(true.robot, timestep=timestep, integrator="rk4", friction=rubs)
+    twin = Twin(true.robot, timestep=timestep, integrator="rk4", friction=True)
     factors = member_values(model, unknowns, theta).get("mass", {})
     for joint, factor in factors.items():  # the file's text, which the twin reads, has the old ones
         scale_mass(twin.model, joint, factor)
