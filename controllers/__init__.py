@@ -29,7 +29,7 @@ from softdyn.controllers.impedance import UnderactuatedImpedance as Underactuate
 from softdyn.controllers.impedance_qp import ImpedanceQp as ImpedanceQp
 from softdyn.controllers.mpc import Mpc as Mpc
 from softdyn.controllers.mpc import MpcParameters as MpcParameters
-from softdyn.controllers.programmes.certificate import Certified as Certified
+from softdyn.controllers.qps.certificate import Certified as Certified
 from softdyn.controllers.registry import BEYOND as BEYOND
 from softdyn.controllers.registry import CONTROLLERS as CONTROLLERS
 from softdyn.controllers.registry import find_controller as find_controller

@@ -2,7 +2,7 @@
 
 A barrier is a function b(q) that must stay non-negative, of relative degree two. With a double
 pole at -α (Nguyen and Sreenath 2016) and, over a hold τ, evaluated at its end by backward Euler as
-the dynamics are (`softdyn.controllers.programmes.horizon`),
+the dynamics are (`softdyn.controllers.qps.horizon`),
 
     b̈ + 2 α (ḃ + τ b̈) + α² (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
 
@@ -27,7 +27,7 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, number
 from softdyn.controllers.controller import SILENT
-from softdyn.controllers.programmes.qp import DenseQp, Problem, Solution
+from softdyn.controllers.qps.qp import DenseQp, Problem, Solution
 
 RATE = 10.0  # α (1/s)
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met

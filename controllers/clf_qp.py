@@ -9,10 +9,10 @@ from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.least_norm import bounded_least_norm
-from softdyn.controllers.programmes.linear_algebra import cholesky, dot, inner, lq, put, row_space
-from softdyn.controllers.programmes.qp import ACCEPTED, DenseQp
-from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.qps.least_norm import bounded_least_norm
+from softdyn.controllers.qps.linear_algebra import cholesky, dot, inner, lq, put, row_space
+from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
+from softdyn.controllers.qps.task import Task
 
 
 class ClfQp(TaskLaw):

@@ -8,7 +8,7 @@ from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.linear_algebra import (
+from softdyn.controllers.qps.linear_algebra import (
     add_squares,
     cholesky,
     dot,
@@ -17,8 +17,8 @@ from softdyn.controllers.programmes.linear_algebra import (
     row_space,
     substitute_back,
 )
-from softdyn.controllers.programmes.task import Task
-from softdyn.controllers.programmes.task_qp import Condensed, TaskQp
+from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.task_qp import Condensed, TaskQp
 
 
 class IdClfQp(TaskLaw):

@@ -9,7 +9,7 @@ from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.linear_algebra import (
+from softdyn.controllers.qps.linear_algebra import (
     RANK_TOLERANCE,
     add,
     cholesky,
@@ -22,8 +22,8 @@ from softdyn.controllers.programmes.linear_algebra import (
     row_space,
     substitute,
 )
-from softdyn.controllers.programmes.qp import DenseQp
-from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.qps.qp import DenseQp
+from softdyn.controllers.qps.task import Task
 
 
 @compiled

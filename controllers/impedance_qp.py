@@ -5,8 +5,8 @@ from __future__ import annotations
 from softdyn import SoftModel
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
-from softdyn.controllers.programmes.task_qp import TaskQp
+from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.qps.task_qp import TaskQp
 
 
 class ImpedanceQp(TaskLaw):

@@ -7,8 +7,8 @@ from typing import Protocol
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import Command, InputGuard, guarded, warm_up
 from softdyn.controllers.gains import Gains
-from softdyn.controllers.programmes.qp import DenseQp
-from softdyn.controllers.programmes.task import Task
+from softdyn.controllers.qps.qp import DenseQp
+from softdyn.controllers.qps.task import Task
 
 
 class Programme(Protocol):

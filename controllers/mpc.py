@@ -19,8 +19,8 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
 from softdyn.controllers.gains import check_fields, no_actuator
-from softdyn.controllers.programmes.prediction import one_period, programme, ramps
-from softdyn.controllers.programmes.qp import DenseQp, Problem
+from softdyn.controllers.qps.prediction import one_period, programme, ramps
+from softdyn.controllers.qps.qp import DenseQp, Problem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
 

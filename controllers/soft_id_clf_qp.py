@@ -11,9 +11,9 @@ from softdyn.checks import array, number
 from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
-from softdyn.controllers.programmes.horizon import Horizon
-from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
-from softdyn.controllers.programmes.task_qp import TaskQp
+from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.qps.task_qp import TaskQp
 
 
 class SoftIdClfQp(TaskLaw):

@@ -18,16 +18,8 @@ COMMANDS = {
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "close one loop and look at it": ("run", "play", "replay", "obstacle"),
     "choose a controller and its gains": ("sweep", "tune", "robustness"),
-    "repeat the paper and go beyond it": (
-        "benchmark",
-        "reproduce",
-        "hold",
-        "beyond",
-        "certify",
-        "textbook",
-    ),
-    "time the control step": ("step_time", "compare_steps", "worst_step"),
-    "work on softdyn itself": ("fuzz", "make_robots", "pictures", "tables", "twins"),
+    "repeat the paper and go beyond it": ("benchmark", "reproduce", "hold", "beyond", "certify"),
+    "time the control step": ("step_time", "worst_step"),
 }
 NAMES = [name for names in COMMANDS.values() for name in names]
 

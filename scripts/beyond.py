@@ -19,7 +19,8 @@ cli.add_trial_options(parser, "results/beyond")
 
 def command(arguments: cli.Arguments) -> int:
     """Run, report."""
-    from softdyn.validation.studies import beyond, paper
+    from softdyn.validation import paper
+    from softdyn.validation.studies import beyond
 
     for robot in arguments.robots:
         paper.setup(robot)

@@ -34,7 +34,7 @@ def command(arguments: cli.Arguments) -> int:
 
     import softdyn
     from softdyn.validation.files import write_text
-    from softdyn.validation.report import certificates
+    from softdyn.validation.paper import certificates
     from softdyn.validation.tables import aligned, cells, pipes
 
     cli.make_folder(arguments.out)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from softdyn.validation.comparison.result import Comparison
+    from softdyn.validation.mjcf.comparison.result import Comparison
 
 EPILOG = """\
 A and B are URDFs or MJCFs in any combination, or names as everywhere. Joints are matched by name,
@@ -87,7 +87,7 @@ def command(arguments: cli.Arguments) -> int:
 
 def show(result: Comparison, arguments: cli.Arguments) -> None:
     """The page of both robots, as a file or in the browser until somebody ends it."""
-    from softdyn.validation.comparison.comparison import neutral_pair
+    from softdyn.validation.mjcf.comparison.comparison import neutral_pair
     from softdyn.validation.report.pair_page import pair_page
 
     page = pair_page(*neutral_pair(arguments.a, arguments.b), result)
@@ -107,9 +107,9 @@ def engines(arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """Each file in its own engine, one against the other, and Pinocchio's reading of an MJCF."""
     from softdyn import InputError, SoftdynError
     from softdyn.description.library import find
-    from softdyn.validation.comparison.mjcf_file import is_mjcf
-    from softdyn.validation.pairs.engines import engine_errors, side_by_side
-    from softdyn.validation.pairs.readers import pinocchio_reads
+    from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
+    from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf
+    from softdyn.validation.mjcf.readers import pinocchio_reads
 
     options = {"samples": arguments.samples, "seed": arguments.seed}
     report: dict[str, Any] = {}
@@ -155,7 +155,7 @@ def read_map(path: str) -> dict[str, str]:
 def catalogue(arguments: cli.Arguments) -> int:
     """One row a public pair."""
     from softdyn.validation.files import write_text
-    from softdyn.validation.pairs import public_pairs
+    from softdyn.validation.mjcf import public_pairs
 
     survey = public_pairs.survey(arguments.catalogue, arguments.samples, arguments.seed)
     if arguments.markdown is not None:

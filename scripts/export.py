@@ -29,7 +29,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Write, then read what was written and compare."""
-    from softdyn.validation.exchange import export
+    from softdyn.validation.mjcf import export
 
     cli.check_outputs(
         arguments.json,

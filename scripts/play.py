@@ -68,9 +68,9 @@ def measure(session: Any, arguments: cli.Arguments) -> int:
 def make_session(arguments: cli.Arguments) -> Any:
     """The session that the command line asks for."""
     from softdyn.controllers.registry import find_controller
+    from softdyn.validation import paper
     from softdyn.validation.live.messages import OPEN_LOOP
     from softdyn.validation.live.session import Session, menu_of
-    from softdyn.validation.studies import paper
 
     model = cli.load_robot(arguments)
     own = {name: find_controller(name) for name in arguments.controllers if name != OPEN_LOOP}

@@ -49,7 +49,8 @@ def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then the table."""
     from softdyn.controllers import find_controller
     from softdyn.validation.files import write_text
-    from softdyn.validation.studies import benchmark, reproduction
+    from softdyn.validation.paper import reproduction
+    from softdyn.validation.studies import benchmark
     from softdyn.validation.studies.engine import executors
     from softdyn.validation.tables import columns
 
@@ -102,7 +103,7 @@ def one_step_table(arguments: cli.Arguments) -> int:
 
     from softdyn import InputError
     from softdyn.validation.files import write_text
-    from softdyn.validation.studies import one_step
+    from softdyn.validation.paper import one_step
 
     cli.check_outputs(arguments.json)
     asked = [

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from softdyn.validation import Log
     from softdyn.validation.live.watching import Shown
     from softdyn.validation.loop.closed_loop import ClosedLoop
-    from softdyn.validation.scene.plant import Scene
+    from softdyn.validation.mjcf.scene import Scene
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
@@ -190,8 +190,8 @@ def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
 
 def around(plant: Any) -> Sequence[Visual]:
     """What a user's scene shows around the robot."""
-    from softdyn.validation.scene.plant import Scene
-    from softdyn.validation.scene.scenery import scenery
+    from softdyn.validation.mjcf.scene import Scene
+    from softdyn.validation.mjcf.scenery import scenery
 
     return scenery(plant) if isinstance(plant, Scene) else ()
 
@@ -200,7 +200,7 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     """The user's own scene, after a report on how it differs from the model."""
     if arguments.plant is None:
         return None
-    from softdyn.validation.scene.plant import Scene
+    from softdyn.validation.mjcf.scene import Scene
 
     plant = Scene(model, arguments.plant)
     if arguments.json != "-":

@@ -90,9 +90,9 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """The targets, each from many starts."""
     from softdyn import statics
+    from softdyn.validation import paper
     from softdyn.validation.crosschecks.rest_report import rests_at
     from softdyn.validation.report import statics_figure
-    from softdyn.validation.studies import paper
 
     on_ellipse = arguments.theta is not None or model.bundled in paper.ROBOTS
     curve, thetas = None, [None]
@@ -101,7 +101,10 @@ def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], 
         goals = {"target": arguments.target}
     elif on_ellipse:
         asked = paper.THETAS if arguments.theta is None else (arguments.theta,)
-        ellipse, curve = paper.setup_of(model).ellipse(), paper.ellipse_points(model, 121)
+        ellipse, curve = (
+            paper.setup_of(model).ellipse(),
+            paper.ellipse_points(model, 121),
+        )
         goals = {theta_name(theta): ellipse.point(theta) for theta in asked}
         thetas = [*asked]
     else:

@@ -16,7 +16,7 @@ import pytest
 import softdyn.compiled
 from softdyn.compiled import compiled
 from softdyn.controllers import CONTROLLERS
-from softdyn.controllers.programmes.linear_algebra import (
+from softdyn.controllers.qps.linear_algebra import (
     add_squares,
     cholesky,
     extend,

@@ -19,7 +19,7 @@ TRACKED = [
     for name in subprocess.run(
         ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.splitlines()
-    if not name.startswith(("tests/", "docs/"))
+    if not name.startswith(("tests/", "docs/", "urdf/"))
 ]
 LIBRARY = [path for path in TRACKED if path.parent.name not in ("scripts", ".ci")]
 

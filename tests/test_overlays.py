@@ -14,8 +14,7 @@ import softdyn
 from softdyn import UrdfError
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.description.urdf import parse
-from softdyn.validation import crosscheck, simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import crosscheck, paper, simulate
 from tests.support import ROOT
 from tests.support.misuses import ARM
 

@@ -111,7 +111,7 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_generator_writes_what_is_committed() -> None:
-    from softdyn.commands import make_robots as module
+    from softdyn.robots import make_robots as module
 
     content = module.files()
     for name, expected in content.items():
@@ -124,7 +124,7 @@ def test_generator_writes_what_is_committed() -> None:
 def test_check_names_the_file_that_differs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from softdyn.commands import make_robots as module
+    from softdyn.robots import make_robots as module
 
     content = module.files()
     monkeypatch.setattr(module, "URDF", tmp_path)

@@ -9,7 +9,7 @@ from typing import Any
 
 from softdyn import SoftModel
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.programmes.horizon import default_horizon
+from softdyn.controllers.qps.horizon import default_horizon
 
 
 class OverHold(SoftIdClfQp):

@@ -17,8 +17,7 @@ import numpy as np
 
 import softdyn
 from softdyn.controllers import ImpedanceQp, SoftIdClfQp
-from softdyn.validation import simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import paper, simulate
 
 model = softdyn.load("finger")  # or a path to your own annotated URDF
 state = model.state(model.q0, np.zeros(model.nv))

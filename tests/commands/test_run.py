@@ -9,8 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from softdyn.validation import Log, simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import Log, paper, simulate
 from tests.support import ROOT, SCRIPTS
 from tests.support.command import command, of_itself
 
@@ -134,7 +133,7 @@ def test_bad_input_from_a_shell(folder):
 
 
 @pytest.mark.parametrize(
-    "name", ["run", "benchmark", "crosscheck", "reproduce", "make_robots", "step_time", "sweep"]
+    "name", ["run", "benchmark", "crosscheck", "reproduce", "step_time", "sweep"]
 )
 def test_help_imports_nothing_heavy(name):
     code = (

@@ -21,10 +21,10 @@ from softdyn.controllers.barriers import (
     Sphere,
     UnsafeStart,
 )  # fmt: skip
-from softdyn.controllers.programmes.horizon import Horizon
-from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.validation import simulate
-from softdyn.validation.oracles.solvers import Programme
+from softdyn.validation.paper.solvers import Programme
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.printed import printed, solve_quadprog
 

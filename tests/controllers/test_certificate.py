@@ -16,7 +16,7 @@ from softdyn.controllers import (
     SoftIdClfQp,
     Staged,
 )
-from softdyn.controllers.programmes.clf import make_clf
+from softdyn.controllers.qps.clf import make_clf
 from softdyn.dynamics.integrators import step_rk4
 from softdyn.validation import Log, simulate
 from tests.support.control_cases import BUNDLED, drawn, robot

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from softdyn.controllers.programmes.clf import F, G, make_clf
+from softdyn.controllers.qps.clf import F, G, make_clf
 
 EPSILONS = (0.001, 0.01, 0.03, 0.05, 1.0, 7.0)
 every_epsilon = pytest.mark.parametrize("eps", EPSILONS)

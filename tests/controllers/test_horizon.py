@@ -12,8 +12,8 @@ import softdyn
 from softdyn import InputError
 from softdyn.compiled import COMPILES
 from softdyn.controllers import SoftIdClfQp
-from softdyn.controllers.programmes import horizon, soft_inverse_dynamics
-from softdyn.controllers.programmes.horizon import Horizon
+from softdyn.controllers.qps import horizon, soft_inverse_dynamics
+from softdyn.controllers.qps.horizon import Horizon
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.oracles import gradient, relative
 from tests.support.printed import printed, solve_quadprog

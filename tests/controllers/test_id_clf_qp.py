@@ -17,18 +17,13 @@ import scipy.linalg
 
 from softdyn import InputError, SetPoint, SoftModel, State
 from softdyn.controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
-from softdyn.controllers.programmes.soft_inverse_dynamics import SoftInverseDynamics
-from softdyn.controllers.programmes.task import Task
-from softdyn.controllers.programmes.task_qp import BACKOFF
+from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.dynamics.integrators import step_implicit
-from softdyn.validation.oracles.programmes import (
-    RANK_TOLERANCE,
-    actuated_rows,
-    ic_qp,
-    id_clf_qp,
-)
-from softdyn.validation.oracles.solvers import Answer, Programme, Term
-from softdyn.validation.studies import paper
+from softdyn.validation import paper
+from softdyn.validation.paper.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
+from softdyn.validation.paper.solvers import Answer, Programme, Term
 from tests.support.control_cases import (
     BUNDLED,
     GAINS,
@@ -221,7 +216,10 @@ def test_collocated_rows_are_the_pseudo_inverse() -> None:
 @pytest.mark.parametrize("theta", paper.THETAS)
 def test_the_rank_threshold_decides_nothing_on_the_paths_of_spirob(theta: float) -> None:
     model, gains = robot("spirob"), gains_of("spirob")
-    controller, goal = SoftIdClfQp(model), paper.set_point("spirob", theta).reference(0.0)
+    controller, goal = (
+        SoftIdClfQp(model),
+        paper.set_point("spirob", theta).reference(0.0),
+    )
     q, v = model.q0, np.zeros(model.nv)
     for _ in range(10):
         state = model.state(q, v)
@@ -257,7 +255,10 @@ def test_an_almost_singular_input_matrix(scale: float) -> None:
 def test_closed_loops_solve_every_programme(name: str) -> None:
     model, setup = robot(name), paper.setup(name)
     for theta in (0.5, 1.0):
-        controller, goal = SoftIdClfQp(model), paper.set_point(name, theta).reference(0.0)
+        controller, goal = (
+            SoftIdClfQp(model),
+            paper.set_point(name, theta).reference(0.0),
+        )
         q, v = model.q0, np.zeros(model.nv)
         for _ in range(round(0.5 / setup.period)):
             u = controller(model.state(q, v), goal).u

@@ -14,11 +14,10 @@ import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError
 from softdyn.controllers import Mpc, MpcParameters, Status, find_controller
 from softdyn.controllers.mpc import KNOTS
-from softdyn.controllers.programmes.prediction import one_period, programme, ramps, respond, stacked
+from softdyn.controllers.qps.prediction import one_period, programme, ramps, respond, stacked
 from softdyn.description import library as catalogue
 from softdyn.dynamics.derivatives import tangent_dynamics
-from softdyn.validation import simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import paper, simulate
 from tests.support import predictive
 from tests.support.control_cases import BUNDLED, MICRO, drawn, robot
 

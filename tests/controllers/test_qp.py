@@ -7,15 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from softdyn.controllers.programmes.qp import (
-    ACCEPTED,
-    DenseQp,
-    Problem,
-    Solution,
-    polish,
-    residuals,
-)
-from softdyn.validation.oracles.solvers import Programme, Term, unknowns
+from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, Problem, Solution, polish, residuals
+from softdyn.validation.paper.solvers import Programme, Term, unknowns
 from tests.support.printed import solve_daqp, solve_quadprog
 
 PATIENCE = 10.0  # s, of a busy machine; a hang takes 25 s and more

@@ -27,8 +27,8 @@ from softdyn.controllers import (
 from softdyn.controllers.schedule import make_schedule, schedule_path, tuned
 from softdyn.controllers.staged import best
 from softdyn.description import library as catalogue
-from softdyn.validation import simulate
-from softdyn.validation.studies import paper, tuning
+from softdyn.validation import paper, simulate
+from softdyn.validation.studies import tuning
 from tests.support import ROOT
 from tests.support.control_cases import GAINS, drawn, recorded, robot
 

@@ -7,7 +7,7 @@ import warnings
 
 import pytest
 
-from softdyn.validation.film.chromium import CHROMIUM, Browser
+from tests.proof.film.chromium import CHROMIUM, Browser
 
 __all__ = ["Browser", "required"]
 

@@ -12,7 +12,7 @@ import softdyn
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.dynamics.integrators import step_implicit
-from softdyn.validation.studies import paper
+from softdyn.validation import paper
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
 GAINS = Gains(Kp=100.0, eps=0.1)  # for robots without published ones
@@ -91,7 +91,10 @@ def recorded(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
     step = 5e-4
     pairs = []
     for theta in paper.THETAS:
-        controller, goal = SoftIdClfQp(model), paper.set_point(name, theta).reference(0.0)
+        controller, goal = (
+            SoftIdClfQp(model),
+            paper.set_point(name, theta).reference(0.0),
+        )
         share = -(-count // len(paper.THETAS))
         last = round(0.4 / setup.period)
         wanted = set(np.unique(np.geomspace(1, last + 1, share).round().astype(int) - 1))

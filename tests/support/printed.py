@@ -10,8 +10,8 @@ import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Gains
-from softdyn.validation.oracles.programmes import soft_id_clf_qp, tip
-from softdyn.validation.oracles.solvers import Answer, Daqp, Programme, Quadprog, unknowns
+from softdyn.validation.paper.paper_qps import soft_id_clf_qp, tip
+from softdyn.validation.paper.solvers import Answer, Daqp, Programme, Quadprog, unknowns
 
 
 def printed(

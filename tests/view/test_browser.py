@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.validation import Log, simulate
+from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
-from softdyn.validation.studies import paper
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer

@@ -24,7 +24,7 @@ from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import Judge
 from softdyn.validation.crosschecks.result import Check, CrossCheck, Ladder, Run
 from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
-from softdyn.validation.scene.plant import Scene
+from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from softdyn.validation.scene.plant import Scene
+from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.settings import INTEGRATORS, disabled
 from softdyn.validation.twin.state_map import StateMap

@@ -23,7 +23,7 @@ from softdyn.validation.live.messages import OPEN_LOOP, Limits, Message
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine.deviations import Link, Plant
-from softdyn.validation.studies.paper import setup_of
+from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 from softdyn.view.scene import Figure

@@ -14,9 +14,9 @@ from softdyn.validation.live.pacing import RATE, Clock
 from softdyn.validation.live.page import live_page
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
-from softdyn.validation.scene.plant import Scene
-from softdyn.validation.scene.scenery import scenery
-from softdyn.validation.studies import paper
+from softdyn.validation.mjcf.scene import Scene
+from softdyn.validation.mjcf.scenery import scenery
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.names import controller_title
 from softdyn.view.scene import Figure
 
@@ -72,7 +72,7 @@ def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
         title += f", in {loop.plant.path.name}"
     page = live_page(
         figure, "watch", title=title, period=loop.grid.period,
-        path=paper.ellipse_points(model) if on_ellipse else None,
+        path=experiments.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
     return Channel(page, figure, replayed=Columns(model).replayed, title=robot, port=port)
 

@@ -14,7 +14,7 @@ from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import in_degrees
 from softdyn.statics.doubts import fast_springs
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.scene.plant import Scene
+from softdyn.validation.mjcf.scene import Scene
 
 ReferenceLike = Experiment | Callable[[float], Reference]
 

@@ -36,8 +36,8 @@ from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import Answer, Counts, Record
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.loop.units import input_unit
+from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.plain import plain
-from softdyn.validation.scene.plant import Scene
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 

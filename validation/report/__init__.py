@@ -6,7 +6,6 @@
 - `figures`: the paper's figures: Lyapunov functions, paths, errors
 - `time_figures`: inputs over time; errors and inputs of a few saved runs
 - `step_figures`: step times and how they grow
-- `certificates`: what V does along the paper's runs, and the zero dynamics
 - `statics_figure`: where a robot's tip can rest
 - `replay`: logs as a page that plays them
 - `identification_page`: a fit to measurements, its residuals and intervals

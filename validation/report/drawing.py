@@ -14,11 +14,11 @@ from softdyn.description.robot import carriers, poses
 from softdyn.description.urdf import parse
 from softdyn.description.visuals import Cylinder, Rgba, Sphere, Visual, visuals
 from softdyn.exceptions import UrdfError
-from softdyn.validation.comparison.from_mjcf import compile_mjcf
-from softdyn.validation.comparison.mjcf_file import read_mjcf
-from softdyn.validation.comparison.neutral import FREEDOMS, WORLD, Neutral
-from softdyn.validation.comparison.terms import rotations
-from softdyn.validation.scene.scenery import geom_visuals
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
+from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
+from softdyn.validation.mjcf.comparison.terms import rotations
+from softdyn.validation.mjcf.scenery import geom_visuals
 from softdyn.view.scene import columns, shape_data
 
 AXES = np.eye(3)

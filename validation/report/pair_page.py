@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from softdyn.description.visuals import Rgba
-from softdyn.validation.comparison.neutral import WORLD, Neutral
-from softdyn.validation.comparison.result import Cause, Comparison, Worst
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
+from softdyn.validation.mjcf.comparison.result import Cause, Comparison, Worst
 from softdyn.validation.report.drawing import Drawing
 from softdyn.view.page import Page, Run, Track
 

@@ -10,7 +10,7 @@ import numpy as np
 from softdyn import SoftModel
 from softdyn.description.visuals import Visual
 from softdyn.validation.loop.log import Log
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.names import controller_title, goal, labels_of
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
@@ -140,7 +140,7 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
 def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
     """The reference's path (K, 3): the ellipse of the paper's experiments, else where it went."""
     if (log.theta, log.omega) != (None, None):
-        points = paper.ellipse_points(model)
+        points = experiments.ellipse_points(model)
         # a run of this name may have been on another ellipse
         if points is not None and _distance(points, log.y_ref[0]) < 0.05 * _distance(points, 0):
             return points

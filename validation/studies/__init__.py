@@ -1,7 +1,7 @@
 """Many closed loops: each study is a list of cases and a table, run by one engine.
 
 - `engine`: `Case` → run → `Store`; see there for the plants, delays and noise a case can have.
-- `paper`: the paper's experiments, control periods and published results.
+- `experiments`: the paper's experiments, control periods and published results.
 - `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
 - `sweep`, `sweep_file`, `sweep_report`: a grid or random samples from a TOML file.
 - `robustness`: other plants, targets, a delay of 5 ms, noise of 1 mm on the tip.
@@ -9,12 +9,7 @@
 - `hold`: the soft law over several horizons.
 - `tuning`: CMA-ES on the gains of `best`.
 - `own`: anyone's robots and classes: their goals, tuning, `benchmark` from Python.
-- `reproduction`: what the paper's reference implementation does otherwise.
-- `one_step`: where that emulation leaves its recorded runs, one step at a time.
 - `obstacle`: the tip meets a ball, with and without barriers.
+- `study_targets`: the paper's targets for its robots, sampled equilibria for any other.
 - `names`: what robots, controllers and experiments are called in tables and figures.
 """
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["paper"])

@@ -20,7 +20,7 @@ from softdyn import InputError
 from softdyn.controllers.registry import make_controller, one_line_errors
 from softdyn.validation.loop.metrics import mean_std
 from softdyn.validation.plain import plain
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case, number_text
 from softdyn.validation.studies.engine.distribution import Distribution, over, read, value
@@ -49,8 +49,8 @@ def grid(
 
     Set points `thetas` and rates `omegas` are the paper's where there are none.
     """
-    runs = [("set_point", theta) for theta in (paper.THETAS if thetas is None else thetas)]
-    runs += [("tracking", omega) for omega in (paper.OMEGAS if omegas is None else omegas)]
+    runs = [("set_point", theta) for theta in (experiments.THETAS if thetas is None else thetas)]
+    runs += [("tracking", omega) for omega in (experiments.OMEGAS if omegas is None else omegas)]
     controllers = tuple(controllers)
     every = (
         Case(robot, controller, kind, float(value) + 0.0)  # -0 is 0
@@ -198,7 +198,7 @@ def row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) ->
     points |= {cell_title(c.kind, c.value): r["final_error_cm"] for c, r in own}
     second = of("tracking", "second_cycle_mse_cm2")
     sp, tt, late = (mean_std(map(_number, x.values())) for x in (points, rates, second))
-    published = paper.published(robot, controller)
+    published = experiments.published(robot, controller)
     results = [result for _, result in runs]
     return {
         "robot": robot,

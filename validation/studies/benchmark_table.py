@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn.validation.files import write_json, write_text
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.distribution import NOTE, number
 from softdyn.validation.studies.names import CONTROLLERS, cell_title
 from softdyn.validation.tables import columns, pipes
@@ -37,7 +37,7 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
         if published is None:
             return "-"
         mean, std = (published[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
-        return paper.spread(mean, std)
+        return experiments.spread(mean, std)
 
     return (
         row["robot"],

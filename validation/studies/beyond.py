@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
 from softdyn.validation.studies.names import SYMBOLS, cell_title
@@ -18,11 +18,13 @@ def cells(
     """Set points at each period up to the published one, trajectories at that one."""
     found = {}
     for robot in robots:
-        published = paper.setup(robot).period
+        published = experiments.setup(robot).period
         at = [
-            ("set_point", paper.THETAS, p) for p in sorted({*periods, published}) if p <= published
+            ("set_point", experiments.THETAS, p)
+            for p in sorted({*periods, published})
+            if p <= published
         ]
-        for kind, values, period in [*at, ("tracking", paper.OMEGAS, published)]:
+        for kind, values, period in [*at, ("tracking", experiments.OMEGAS, published)]:
             for value in values:
                 label = f"{robot}/{controller}/{1e3 * period:g} ms/{cell_title(kind, value)}"
                 found[label] = Case(robot, controller, kind, value, period=period)

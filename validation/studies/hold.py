@@ -7,17 +7,17 @@ from typing import Any
 
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.gains import from_table
-from softdyn.controllers.programmes.horizon import default_horizon
+from softdyn.controllers.qps.horizon import default_horizon
 from softdyn.validation.files import safe
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.names import cell_title
-from softdyn.validation.studies.own.goals import goals
+from softdyn.validation.studies.study_targets import study_targets
 
 SHARES = (0.0, 0.5, 0.8, 1.0, 1.2, 2.0)  # of ε
-CELLS = (*(("set_point", theta) for theta in paper.THETAS), ("tracking", 0.5))
+CELLS = (*(("set_point", theta) for theta in experiments.THETAS), ("tracking", 0.5))
 
 
 def cells(
@@ -41,7 +41,7 @@ def cells(
     """
     found, model = {}, load_model(robot, annotations)
     eps = default_horizon(from_table(model, SoftIdClfQp.name, table or {}))
-    asked = goals(model, CELLS)
+    asked = study_targets(model, CELLS)
     for share in shares:
         for kind, value in asked:
             label = f"{safe(robot)}/{share:g}/{1e3 * share * eps:g} ms/{cell_title(kind, value)}"

@@ -14,8 +14,8 @@ from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, Sphere
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
-from softdyn.validation.studies import paper
-from softdyn.validation.studies.own.goals import points
+from softdyn.validation.studies import experiments
+from softdyn.validation.studies.study_targets import points
 
 BALL = 0.08  # its radius, as a share of the robot's length
 OFFSET = 0.6  # of its radius: how far beside the path it stands
@@ -94,7 +94,7 @@ def meet(
     Encounters
         Passed when no barrier was violated by more than 1 mm or 0.01 rad.
     """
-    setup = paper.setup_of(model)
+    setup = experiments.setup_of(model)
     plain = SoftIdClfQp(model, gains)
     radius, tau = BALL * setup.length, plain.gains.eps
 
@@ -105,7 +105,7 @@ def meet(
         walls = [JointLimits(model)] if limits else []
         return SoftIdClfQp(model, gains, horizon=tau, barriers=[ball, *walls])
 
-    if target is None and model.bundled not in paper.ROBOTS:
+    if target is None and model.bundled not in experiments.ROBOTS:
         target = points(model, 1)[0]
     goal = setup.set_point(theta) if target is None else setup.target(target)
     laws = {"published": plain, "over the hold": SoftIdClfQp(model, gains, horizon=tau)}

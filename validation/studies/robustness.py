@@ -12,7 +12,7 @@ from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.names import cell_title
-from softdyn.validation.studies.own.goals import goals
+from softdyn.validation.studies.study_targets import study_targets
 
 CELLS = (("set_point", 0.25), ("set_point", 1.25), ("tracking", 0.25))  # not the paper's
 FACTORS = (0.8, 0.9, 1.1, 1.2)
@@ -69,7 +69,7 @@ def cells(
     found = {}
     for robot in robots:
         model = load_model(robot, annotations)
-        asked = goals(model, CELLS)
+        asked = study_targets(model, CELLS)
         for change, fields in changes(robot).items():
             if "shrink" in fields and asked != list(CELLS):
                 continue  # its goals are on no ellipse

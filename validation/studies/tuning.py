@@ -18,10 +18,10 @@ from typing import Any
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Schedule, SoftIdClfQp, Stage
-from softdyn.controllers.programmes.horizon import default_horizon
+from softdyn.controllers.qps.horizon import default_horizon
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation.files import read_json
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
 
@@ -87,7 +87,7 @@ def stay_cost(case: Case, result: Mapping[str, Any]) -> float:
     """The paper's figure of the run, in `SETTLED` lengths or `TRACKED` lengths squared."""
     if result["failed"]:
         return WORST
-    length = 100 * paper.setup(case.robot).length
+    length = 100 * experiments.setup(case.robot).length
     if case.kind == "set_point":
         return float(min(WORST, result["final_error_cm"] / length / SETTLED))
     return float(min(WORST, result["mse_cm2"] / length**2 / TRACKED))
@@ -107,7 +107,7 @@ def tables(schedule: Schedule) -> dict[str, Any]:
 def first_schedule(robot: str, table: Tables | None = None) -> dict[str, Any]:
     """Where a search starts: `table`, the robot's tuned schedule, or its published gains twice."""
     model = softdyn.load(robot)
-    length = paper.setup_of(model).length
+    length = experiments.setup_of(model).length
     schedule = make_schedule(table) if table else tuned(model)
     if schedule is None:
         gains = SoftIdClfQp(model).gains

@@ -5,7 +5,6 @@
 `step_scaling`, `chains` the same against n and m, on generated chains
 `throughput`             whole closed loops per second
 `worst_step`, `hostile`  the slowest step under numbers that no sensor should send
-`comparison`, `checkout` another version against this one, in alternating processes
 `recording`              closed-loop states that steps are timed on
 `live_timing`            what pages cost a robot that runs live
 `step_report`            tables, and the machine (figures: `report.step_figures`)

@@ -16,8 +16,8 @@ from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.studies import paper
-from softdyn.validation.studies.own import goals as own
+from softdyn.validation.studies import experiments
+from softdyn.validation.studies.study_targets import study_experiments
 
 DURATION = 3.0  # s of every loop: the transient, and what follows it
 TRANSIENT = 0.5  # s; half of a loop's states are taken from it
@@ -95,7 +95,7 @@ def record(
     model: SoftModel,
     make: Callable[[SoftModel], Any],
     count: int,
-    experiments: Sequence[Experiment] | None = None,
+    runs: Sequence[Experiment] | None = None,
     duration: float = DURATION,
 ) -> Recording:
     """Run short closed loops against the twin and keep `count` of their states.
@@ -110,17 +110,17 @@ def record(
         Builds the controller that drives the loops.
     count : int
         How many states, at least one a loop; loops that end early may leave fewer.
-    experiments : sequence of Experiment, optional
+    runs : sequence of Experiment, optional
         By default the paper's four set points from rest and one trajectory; of a robot that is
         not the paper's, rests that its statics find and a path about one of them.
     duration : float
         Of each loop (s).
     """
-    if experiments is None:
-        experiments = experiments_of(model)
+    if runs is None:
+        runs = experiments_of(model)
     rows: list[tuple[Any, ...]] = []
-    for i, experiment in enumerate(experiments):
-        share = count // len(experiments) + (i < count % len(experiments))
+    for i, experiment in enumerate(runs):
+        share = count // len(runs) + (i < count % len(runs))
         log = simulate(model, make(model), experiment, duration=duration)
         for k in _chosen(log.steps, round(TRANSIENT / log.period), max(share, 1)):
             target = experiment.reference(float(log.t[k]))
@@ -132,10 +132,10 @@ def record(
 
 def experiments_of(model: SoftModel) -> list[Experiment]:
     """What a robot's loops are asked to do; set points come first."""
-    if model.bundled not in paper.ROBOTS:
-        return own.experiments(model, len(paper.THETAS))
-    setup = paper.setup_of(model)
-    return [*map(setup.set_point, paper.THETAS), setup.tracking(OMEGA)]
+    if model.bundled not in experiments.ROBOTS:
+        return study_experiments(model, len(experiments.THETAS))
+    setup = experiments.setup_of(model)
+    return [*map(setup.set_point, experiments.THETAS), setup.tracking(OMEGA)]
 
 
 def recorded(

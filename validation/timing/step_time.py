@@ -22,8 +22,8 @@ from softdyn import Reference, SoftModel, State
 from softdyn.compiled import COMPILES
 from softdyn.dynamics import tree as engine
 from softdyn.dynamics.projection import Projection, tree_below
-from softdyn.validation.oracles.programmes import PROGRAMMES, PrintedLaw
-from softdyn.validation.oracles.solvers import Scs, Unsolved
+from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw
+from softdyn.validation.paper.solvers import Scs, Unsolved
 
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
 STACK_STATES = 12

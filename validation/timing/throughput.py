@@ -11,8 +11,8 @@ import numpy as np
 from softdyn import SoftModel
 from softdyn.controllers import find_controller
 from softdyn.validation.loop.closed_loop import ClosedLoop, simulate
-from softdyn.validation.studies import paper
-from softdyn.validation.studies.own.goals import experiments
+from softdyn.validation.studies import experiments
+from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.timing.step_time import quiet
 
 THETA = 0.5  # the set point that is run, in multiples of π
@@ -48,10 +48,10 @@ def throughput(
     dict
         Times (s) of the whole and of its parts, and how many steps it took.
     """
-    if model.bundled in paper.ROBOTS:
-        experiment = paper.setup_of(model).set_point(THETA)
+    if model.bundled in experiments.ROBOTS:
+        experiment = experiments.setup_of(model).set_point(THETA)
     else:
-        experiment = experiments(model, 1)[0]
+        experiment = study_experiments(model, 1)[0]
     duration = experiment.duration if duration is None else duration
     make = make or find_controller(controller)
     simulate(model, make(model), experiment, duration=min(duration, 0.1))  # warm up

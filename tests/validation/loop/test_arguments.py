@@ -9,8 +9,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Impedance
-from softdyn.validation import simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import paper, simulate
 from tests.support import ROOT
 from tests.support.cart import TARGET, steer
 

@@ -11,9 +11,8 @@ import pytest
 import softdyn
 from softdyn import Ellipse, InputError, Reference, SetPoint
 from softdyn.controllers import Impedance
-from softdyn.validation import Twin, crosscheck, simulate
+from softdyn.validation import Twin, crosscheck, paper, simulate
 from softdyn.validation.loop.closed_loop import ClosedLoop
-from softdyn.validation.studies import paper
 from tests.support.cart import DAMPING, LENGTH, MASS, STIFFNESS, TARGET, load, push, steer
 
 NAN, INF = math.nan, math.inf

@@ -12,9 +12,8 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from softdyn.validation import Log, simulate
+from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.units import input_unit
-from softdyn.validation.studies import paper
 from tests.support.cart import TARGET, steer
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
+from softdyn.validation import paper
 from softdyn.validation.loop import metrics
-from softdyn.validation.studies import paper
 from tests.support.logs import make_log
 
 

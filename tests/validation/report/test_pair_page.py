@@ -9,8 +9,8 @@ from lxml import etree
 
 from softdyn.commands import compare as command
 from softdyn.validation import compare
-from softdyn.validation.comparison.comparison import neutral, neutral_pair
-from softdyn.validation.comparison.terms import States, place
+from softdyn.validation.mjcf.comparison.comparison import neutral, neutral_pair
+from softdyn.validation.mjcf.comparison.terms import States, place
 from softdyn.validation.report.drawing import Drawing
 from softdyn.validation.report.pair_page import ALONE, DIFFERS, PLAIN, VALUES, pair_page
 from tests.support import ROOT, pair_robots

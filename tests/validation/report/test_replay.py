@@ -11,11 +11,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
-from softdyn.validation import Log, simulate
+from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.report.replay import comparison, replay, replays, track
 from softdyn.validation.report.time_figures import compare
-from softdyn.validation.studies import paper
 from tests.support import ROOT
 
 

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
+from softdyn.validation import paper
 from softdyn.validation.processes import WorkerKilled, in_processes
-from softdyn.validation.studies import benchmark, paper
+from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine import sources, store
 from softdyn.validation.studies.engine.case import Case, number_text
 from tests.support import ROOT, SCRIPTS

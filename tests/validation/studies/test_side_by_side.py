@@ -6,8 +6,7 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Impedance
-from softdyn.validation import benchmark, simulate
-from softdyn.validation.studies import paper
+from softdyn.validation import benchmark, paper, simulate
 
 
 class Mine:

@@ -20,8 +20,8 @@ import softdyn
 from softdyn import InputError, SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation import Log, simulate
-from softdyn.validation.studies import paper, sweep, sweep_report
+from softdyn.validation import Log, paper, simulate
+from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import cluster as dask
 from softdyn.validation.studies.engine import executors, fingerprint, sources, worker
 from softdyn.validation.studies.sweep_file import MAX_CASES, draw, read

@@ -17,8 +17,8 @@ from softdyn import Reference, SetPoint
 from softdyn.commands import tune
 from softdyn.controllers import Command, Status
 from softdyn.controllers.schedule import make_schedule, tuned
-from softdyn.validation import Twin
-from softdyn.validation.studies import beyond, paper, robustness, tuning
+from softdyn.validation import Twin, paper
+from softdyn.validation.studies import beyond, robustness, tuning
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.engine.distribution import Distribution

@@ -10,9 +10,9 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
-from softdyn.validation.oracles.programmes import PROGRAMMES, PrintedLaw
-from softdyn.validation.oracles.solvers import Scs
-from softdyn.validation.studies import paper
+from softdyn.validation import paper
+from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw
+from softdyn.validation.paper.solvers import Scs
 from softdyn.validation.timing import step_scaling
 from softdyn.validation.timing.chains import chain_urdf
 from softdyn.validation.timing.recording import Recording, record, recorded
@@ -71,7 +71,10 @@ def test_bad_input_is_one_line(tmp_path):
 
 def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
     assert len(states) == 25
-    assert set(states.loop) == {*(f"set_point {t:g}" for t in paper.THETAS), "tracking 0.5"}
+    assert set(states.loop) == {
+        *(f"set_point {t:g}" for t in paper.THETAS),
+        "tracking 0.5",
+    }
     assert (states.t[states.loop == "tracking 0.5"] <= 0.6).all()
     path = tmp_path / "finger.npz"
     states.save(path)

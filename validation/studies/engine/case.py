@@ -18,14 +18,14 @@ from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.plain import plain
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.deviations import Link, Plant
 
 # kind of a case → what its value makes of a robot's setup
-KINDS: dict[str, Callable[[paper.Setup, Any], Experiment]] = {
-    "set_point": paper.Setup.set_point,
-    "tracking": paper.Setup.tracking,
-    "point": paper.Setup.target,
+KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
+    "set_point": experiments.Setup.set_point,
+    "tracking": experiments.Setup.tracking,
+    "point": experiments.Setup.target,
 }
 
 
@@ -100,7 +100,7 @@ class Case:
 
     def experiment(self, model: SoftModel) -> Experiment:
         """What to run; the paper's ellipse in the robot's own size unless it is the paper's."""
-        setup = replace(paper.setup_of(model), shrink=self.shrink)
+        setup = replace(experiments.setup_of(model), shrink=self.shrink)
         setup = setup if self.period is None else replace(setup, period=self.period)
         experiment = KINDS[self.kind](setup, self.value)
         if self.target is not None:
@@ -153,7 +153,7 @@ def figures(case: Case, log: Log) -> dict[str, Any]:
     if case.sampled and log.complete:
         found["mse_cm2"] = 1e4 * float(np.mean(np.sum(log.error[::5] ** 2, axis=1)))
     try:
-        second = paper.second_cycle_mse_cm2(log)
+        second = experiments.second_cycle_mse_cm2(log)
     except InputError:  # no two whole cycles
         second = None
     last = float(error[log.t >= log.t[-1] - 1].max()) if log.complete else None

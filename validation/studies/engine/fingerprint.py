@@ -18,10 +18,10 @@ from softdyn.validation.twin.borrowed import content
 # what in softdyn decides a run's numbers; statics, view, tables and plots do not
 RUN_BY = (
     "description", "dynamics", "controllers", "validation/twin", "validation/loop",
-    "validation/studies/engine", "validation/studies/paper.py",
+    "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
 # and those of a case that brings functions of its own
-CALLED = ("validation/oracles", "validation/studies/reproduction.py", "validation/studies/hold.py")
+CALLED = ("validation/oracles", "validation/paper/reproduction.py", "validation/studies/hold.py")
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 

@@ -21,7 +21,7 @@ from softdyn import SoftdynError
 from softdyn.controllers.registry import find_controller, make_controller
 from softdyn.exceptions import one_line
 from softdyn.validation.loop.log import Log
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import case as cases_
 from softdyn.validation.studies.engine import fingerprint, sources
 from softdyn.validation.studies.engine.case import Case
@@ -117,7 +117,7 @@ def tasks(
         robot, model = robots[case.robot, case.annotations]
         controller = own.get(case.controller)
         files = [part.files for part in robot.parts]
-        parts = (files, controller and controller.files, paper.setup_of(model))
+        parts = (files, controller and controller.files, experiments.setup_of(model))
         mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
         name, head = names[i] if names else case.name, heads[i] if heads else {}
         cost = case.cost(model)

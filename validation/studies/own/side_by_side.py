@@ -9,12 +9,12 @@ from typing import Any
 
 import softdyn
 from softdyn import InputError, SoftModel
-from softdyn.validation.studies import paper
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.benchmark import row
 from softdyn.validation.studies.benchmark_table import markdown, text
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
-from softdyn.validation.studies.own.goals import goals
+from softdyn.validation.studies.study_targets import study_targets
 
 Make = Callable[[SoftModel], Any]
 
@@ -57,8 +57,8 @@ def benchmark(
     controllers: Mapping[str, Make] | Iterable[str],
     robots: Iterable[str | Path | SoftModel] = ("finger", "helix", "spirob"),
     *,
-    thetas: Iterable[float] = paper.THETAS,
-    omegas: Iterable[float] = paper.OMEGAS,
+    thetas: Iterable[float] = experiments.THETAS,
+    omegas: Iterable[float] = experiments.OMEGAS,
     jobs: int = -1,
 ) -> Benchmark:
     """The paper's experiments of several controllers, and a table that prints.
@@ -92,7 +92,7 @@ def benchmark(
             cases += [
                 Case(robot, name, kind, value, law=None if make is None else Built(make),
                      annotations=None if overlay is None else str(overlay))
-                for kind, value in goals(model, asked)
+                for kind, value in study_targets(model, asked)
             ]  # fmt: skip
     groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
     for case, result in zip(cases, run_all(cases, jobs), strict=True):

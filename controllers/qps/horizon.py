@@ -1,0 +1,71 @@
+"""Inverse dynamics consistent with the hold: the model at the end of a horizon τ, not at its start.
+
+The input is held while springs and dampers answer, and dampers answer fast: T·λmax(M⁻¹D) is 50 and
+more on soft robots. Evaluating both by backward Euler, at v + τ q̈ and q + τ v + τ² q̈, gives
+
+    (M + τ D + τ² K') q̈ + h + τ K' v = B u,        K' = ∂K/∂q,
+
+the dynamics (paper, eq. (1)) with another M and another h; `docs/hold.md`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from softdyn import SoftModel, State
+from softdyn.compiled import compiled
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.qps.linear_algebra import dot
+
+
+class Horizon:
+    """M and h of the dynamics over a horizon, in memory that its next call uses again.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    tau : float
+        τ (s); at 0 the dynamics are the state's own.
+    """
+
+    def __init__(self, model: SoftModel, tau: float) -> None:
+        self._model, self._tau = model, tau
+        # K' where no tendon is elastic: constant then
+        elastic = model.tendon_stiffness.any()
+        self._constant = None if elastic else model.tangent_stiffness(model.q0)
+        n = model.nv
+        self._M, self._h = np.empty((n, n)), np.empty(n)
+        # kernels are compiled for arrays that are read-only, as a State's are
+        self._answer = self._M.view(), self._h.view()
+        for array in self._answer:
+            array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # copied arrays would be no views of one another
+        return Horizon, (self._model, self._tau)
+
+    def __call__(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """M (n, n) and h (n,) over the horizon."""
+        if self._tau == 0:
+            return state.M, state.h
+        stiffness = self._constant
+        if stiffness is None:
+            stiffness = self._model.tangent_stiffness(state.q)
+        _over(state.M, state.h, state.D, state.v, stiffness, self._tau, self._M, self._h)
+        return self._answer
+
+
+@compiled
+def _over(M, h, D, v, stiffness, tau, M_over, h_over):
+    for i in range(len(v)):
+        for j in range(len(v)):
+            M_over[i, j] = M[i, j] + tau * D[i, j] + tau * tau * stiffness[i, j]
+        h_over[i] = h[i] + tau * dot(stiffness[i], v)
+
+
+def default_horizon(gains: Gains) -> float:
+    """The horizon (s) to use: ε, within which the decrease condition is to act; `docs/hold.md`."""
+    return gains.eps

@@ -1,0 +1,342 @@
+"""Small dense quadratic programs on ProxQP, with answers that know their own residuals.
+
+    minimise ½ xᵀ H x + gᵀ x   subject to   lower ≤ A x ≤ upper
+
+The only file that imports ProxSuite. Bad numbers never reach it: NaN in H, g or A holds it (and
+the GIL) for up to a minute, NaN in a bound is dropped in silence, lower > upper spins.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter_ns
+from typing import Any, NamedTuple
+
+import numpy as np
+from proxsuite import proxqp
+
+from softdyn.compiled import compiled
+from softdyn.controllers.qps.linear_algebra import add, lu_solve, put
+
+# What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
+# finds the optimum; and where it does not, the optimum itself.
+COARSE, FINE = 1e-3, 1e-9
+MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
+ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
+# Ordinary problems take up to 32 iterations, one or two inner ones each; what takes more is not
+# going to be solved, and must end within milliseconds.
+MAX_ITERATIONS, MAX_INNER = 60, 5
+POLISH_STEPS = 8
+NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
+WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+
+
+class Problem(NamedTuple):
+    """min ½ xᵀHx + gᵀx s.t. lower ≤ A x ≤ upper."""
+
+    H: np.ndarray  # (n, n) symmetric, positive semidefinite
+    g: np.ndarray  # (n,)
+    A: np.ndarray  # (rows, n)
+    lower: np.ndarray  # (rows,), -inf where open
+    upper: np.ndarray  # (rows,), +inf where open
+
+    @classmethod
+    def empty(cls, variables: int, rows: int) -> Problem:
+        """Room for a problem of this size."""
+        A, (lower, upper) = np.zeros((rows, variables)), np.zeros((2, rows))
+        return cls(np.zeros((variables, variables)), np.zeros(variables), A, lower, upper)
+
+
+class Solution(NamedTuple):
+    """An answer with the residuals of its optimality conditions, recomputed from the problem.
+
+    Attributes
+    ----------
+    x : ndarray, (n,)
+        The minimiser.
+    multipliers : ndarray, (rows,)
+        Positive at an upper bound, negative at a lower one.
+    primal, dual, gap : float
+        Scaled residuals; all at most `ACCEPTED` in a solved problem.
+    """
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    primal: float
+    dual: float
+    gap: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether every residual is small enough; NaN is not."""
+        return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
+
+
+def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
+    """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it.
+
+    A row whose bounds are closer than 1 is judged in units of that width.
+    """
+    return _residuals(*problem, x, z)
+
+
+def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The exact optimum on the active set that an approximate (x, z) points at, or None.
+
+    Solves the optimality conditions with the active rows as equalities (as in Stellato et al.
+    2020, OSQP, section 5.2): the answer then depends neither on the warm start nor on the
+    tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
+    it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
+    """
+    x, z = np.array(x, float), np.array(z, float)
+    return (x, z) if _polish(*problem, x, z) else None
+
+
+class DenseQp:
+    """A persistent ProxQP workspace for problems of one size.
+
+    Variables are scaled to a unit Hessian diagonal, rows to unit norm and the answer to the order
+    of one first: entries of a decrease row are ~1/ε, those of a nearly singular input map larger
+    still, and ProxQP's own test is absolute. ProxQP is asked for a coarse answer, which mostly
+    tells the active set, and goes on to a fine one where the polished answer is not the optimum.
+    Every problem starts from scratch: the answer depends on nothing but the problem.
+    """
+
+    def __init__(self, variables: int, rows: int) -> None:
+        self._qp: Any = proxqp.dense.QP(
+            variables, 0, rows, False,
+            proxqp.dense.HessianType.Dense, proxqp.dense.DenseBackend.PrimalDualLDLT,
+        )  # fmt: skip
+        settings = self._qp.settings
+        settings.eps_rel = 0.0
+        settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
+        settings.default_mu_in = MU_IN
+        settings.compute_preconditioner = False
+        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        self._scaled = Problem.empty(variables, rows)
+        self._scale, self._norms = np.ones(variables), np.ones(rows)
+        _, g, A, lower, upper = self._scaled
+        self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
+        self._qp.solve()
+        # views of ProxQP's memory, which every solve refreshes
+        self._x, self._z = self._qp.results.x, self._qp.results.z
+        if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
+            raise RuntimeError("this ProxSuite hands out copies of its results")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # a copy's views would be of no solver's memory; a problem needs nothing from the one before
+        return DenseQp, (len(self._scale), len(self._norms))
+
+    def clocked(self) -> QpClock:
+        """Time what ProxQP does from now on; a solver that is not asked to pays nothing for it."""
+        if not isinstance(self._qp, QpClock):
+            self._qp = QpClock(self._qp)
+        return self._qp
+
+    def solve(self, problem: Problem) -> Solution | None:
+        """The answer, whatever its quality; None where no solver may see the problem."""
+        H, g, A, lower, upper = scaled = self._scaled
+        sane, size = _scale(*problem, *scaled, self._scale, self._norms)
+        if not sane:
+            return None
+        qp = self._qp
+        qp.update(H, g, None, None, A, lower, upper, False)
+        qp.solve()
+        answer = Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        if max(answer[2:]) <= FINE:  # NaN is not
+            return answer
+        settings = qp.settings
+        settings.eps_abs, settings.initial_guess = FINE, WARM
+        qp.solve()
+        settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
+        return Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+
+
+class QpClock:
+    """Stands in for a ProxQP object and times what it does, from outside and from inside.
+
+    Attributes
+    ----------
+    outside : int
+        ns in ``update`` and ``solve`` as Python sees them.
+    inside : float
+        µs of the same by ProxQP's own clocks.
+    """
+
+    def __init__(self, qp: Any) -> None:
+        self._qp, self.settings, self._info = qp, qp.settings, qp.results.info
+        self.settings.compute_timings = True
+        self.reset()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raise TypeError("a clock belongs to one solver: copy the solver, and ask it for its clock")
+
+    def reset(self) -> None:
+        """Back to zero."""
+        self.outside, self.inside = 0, 0.0
+
+    def update(self, *data: Any) -> None:
+        """As ProxQP's."""
+        began = perf_counter_ns()
+        self._qp.update(*data)
+        self.outside += perf_counter_ns() - began
+        self.inside += self._info.setup_time
+
+    def solve(self) -> None:
+        """As ProxQP's."""
+        began = perf_counter_ns()
+        self._qp.solve()
+        self.outside += perf_counter_ns() - began
+        self.inside += self._info.solve_time
+
+
+@compiled
+def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
+    """Fill the scaled problem and the scales of variables and rows: (sane, size of the answer).
+
+    Sane is what a solver may see: finite data, bounds that are ordered and not NaN.
+    """
+    n, rows = len(g), len(lower)
+    size = 1.0
+    for i in range(n):
+        scale[i] = 1.0 / np.sqrt(H[i, i]) if H[i, i] > 0 else 1.0
+        g2[i] = g[i] * scale[i]
+        if not abs(g2[i]) <= size:
+            size = abs(g2[i])
+    for i in range(rows):
+        square = 0.0
+        for j in range(n):
+            A2[i, j] = A[i, j] * scale[j]
+            square += A2[i, j] * A2[i, j]
+        norms[i] = np.sqrt(square) if square != 0 else 1.0
+        lower2[i], upper2[i] = lower[i] / norms[i], upper[i] / norms[i]
+        size = max(size, lower2[i], -upper2[i])
+    sane = size < np.inf
+    for i in range(n):
+        g2[i] /= size
+        sane = sane and abs(g2[i]) < np.inf
+        for j in range(n):
+            H2[i, j] = H[i, j] * (scale[i] * scale[j])
+            sane = sane and abs(H2[i, j]) < np.inf
+    for i in range(rows):
+        lower2[i], upper2[i] = lower2[i] / size, upper2[i] / size
+        sane = sane and lower2[i] <= upper2[i]
+        for j in range(n):
+            A2[i, j] /= norms[i]
+            sane = sane and abs(A2[i, j]) < np.inf
+    return sane, size
+
+
+@compiled
+def _residuals(H, g, A, lower, upper, x, z):
+    n, rows = len(x), len(z)
+    Hx, Ax, Atz = _times(H, x), _times(A, x), np.zeros(n)
+    quadratic = linear = support = dual = primal = 0.0
+    dual_scale = largest = 1.0
+    for i in range(rows):
+        add(Atz, z[i], A[i])
+        largest = _larger(largest, abs(Ax[i]))
+    for i in range(n):
+        quadratic += x[i] * Hx[i]
+        linear += x[i] * g[i]
+        dual = _larger(dual, abs(Hx[i] + g[i] + Atz[i]))
+        dual_scale = max(dual_scale, abs(Hx[i]), abs(g[i]), abs(Atz[i]))
+    for i in range(rows):
+        excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
+        width = upper[i] - lower[i]
+        # a narrow row is judged in the units of its own range
+        primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
+        # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
+        if z[i] != 0:
+            support += z[i] * (upper[i] if z[i] > 0 else lower[i])
+    gap = abs(quadratic + linear + support)
+    if not gap < np.inf:  # a multiplier on an open bound, or no number
+        return primal, dual / dual_scale, np.inf
+    return primal, dual / dual_scale, gap / max(1.0, abs(quadratic), abs(linear), abs(support))
+
+
+@compiled
+def _times(A, x):
+    """A x, each sum in its order."""
+    result = np.zeros(len(A))
+    for i in range(len(A)):
+        for j in range(len(x)):
+            result[i] += A[i, j] * x[j]
+    return result
+
+
+@compiled
+def _larger(a, b):
+    """The larger of two, NaN where one is."""
+    return b if not b <= a else a
+
+
+@compiled
+def _polish(H, g, A, lower, upper, x, z):
+    """A step of `polish` in place; False where it fails."""
+    n, rows = len(x), len(z)
+    active, count = np.empty(rows, np.int64), 0
+    target = np.empty(n + rows)
+    for i in range(n):
+        target[i] = -g[i]
+    Ax = _times(A, x)
+    for i in range(rows):
+        if z[i] > upper[i] - Ax[i]:
+            target[n + count] = upper[i]
+        elif -z[i] > Ax[i] - lower[i]:
+            target[n + count] = lower[i]
+        else:
+            continue
+        active[count] = i
+        count += 1
+    kkt = np.zeros((n + count, n + count))
+    for i in range(n):
+        put(kkt[i, :n], H[i])
+    for k in range(count):
+        for i in range(n):
+            kkt[n + k, i] = kkt[i, n + k] = A[active[k], i]
+    if not lu_solve(kkt, target[: n + count]):
+        return False
+    put(x, target[:n])
+    z[:] = 0.0
+    for k in range(count):
+        z[active[k]] = target[n + k]
+    return True
+
+
+@compiled
+def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
+    """The polished answer if that is the optimum, else (x, z), unscaled; with its residuals."""
+    x, z = x.copy(), z.copy()
+    primal = dual = gap = np.inf
+    if _finite(x) and _finite(z):
+        # an open bound has no multiplier; what is left there counts as a dual residual
+        for i in range(len(z)):
+            if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
+                z[i] = 0.0
+        x2, z2 = x.copy(), z.copy()
+        for _ in range(POLISH_STEPS):
+            if not _polish(H, g, A, lower, upper, x2, z2):
+                break
+            primal, dual, gap = _residuals(H, g, A, lower, upper, x2, z2)
+            if primal <= FINE and dual <= FINE and gap <= FINE:  # NaN is not
+                return *_unscaled(x2, z2, scale, norms, size), primal, dual, gap
+        primal, dual, gap = _residuals(H, g, A, lower, upper, x, z)
+    return *_unscaled(x, z, scale, norms, size), primal, dual, gap
+
+
+@compiled
+def _finite(values):
+    total = 0.0
+    for value in values:
+        total += abs(value)
+    return total < np.inf
+
+
+@compiled
+def _unscaled(x, z, scale, norms, size):
+    for i in range(len(x)):
+        x[i] *= scale[i] * size
+    for i in range(len(z)):
+        z[i] = z[i] / norms[i] * size
+    return x, z

@@ -1,0 +1,134 @@
+"""The soft inverse-dynamics programme, condensed: exact, and of a size that n does not enter.
+
+Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
+
+    w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u_ref‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
+
+subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h) (+ a free null input where B loses
+rank): U (M q̈ + h) = U B u, with the rows of U an orthonormal basis of range(B).
+`docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with c = w4 D / (w2 + w4) and the
+rows of Z an orthonormal basis of the rows of [U M; J]. The actuated rows give the first part of z
+in terms of u; the unknowns are u and the rest, at most three. u_ref is 0 in the paper.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import State
+from softdyn.compiled import compiled
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.qps.linear_algebra import (
+    add,
+    add_squares,
+    dot,
+    extend,
+    inner,
+    lq,
+    row_space,
+    substitute,
+)
+from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.task_qp import Condensed
+
+
+class SoftInverseDynamics:
+    """Builds the condensed programme; keeps the range of B while B does not change.
+
+    `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
+    """
+
+    def __init__(self, gains: Gains, nu: int, u_ref: np.ndarray | None = None) -> None:
+        self.size = 3 + nu
+        self._u_ref = np.zeros(nu) if u_ref is None else np.array(u_ref)
+        total = gains.w2 + gains.w4
+        # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
+        c = gains.w4 * gains.null_damping / total if total > 0 else 0.0
+        self._weights = np.array([gains.w1, gains.w2, gains.w3, gains.w4, c], float)
+        self._B: np.ndarray | None = None
+        self._span = self._span_B = np.empty((0, 0))
+        self._condensed = Condensed.empty(self.size)
+
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
+        """The programme at this state."""
+        if state.B is not self._B:
+            self._span, self._span_B = range_of(state.B.T)
+            self._B = state.B
+        _condense(
+            M, h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
+            task.mu_ref, task.yddot, self._u_ref, self._weights, *self._condensed,
+        )  # fmt: skip
+        return self._condensed
+
+
+@compiled
+def range_of(Bt: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal rows U (a, n) that span range(B), and U B (a, m), from Bᵀ (m, n)."""
+    span = row_space(Bt)
+    return span, inner(span, Bt)
+
+
+@compiled
+def _condense(
+    M, h, v, J, Jdot, ydot, span, span_B, mu_ref, yddot, u_ref, weights, H, g, mu_map, mu_0
+):  # fmt: skip
+    w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
+    a, m = span_B.shape
+    n, size = len(v), m + 3
+    reach = row_space(J)
+    r = len(reach)
+    Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
+    if a:
+        # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
+        # is. They read triangle z[:a] = span (B u - h + c M v).
+        actuated = inner(span, M)  # M is symmetric
+        lq(actuated, Z, triangle)
+        for i in range(a):
+            for j in range(m):
+                right[i, j] = span_B[i, j]
+            right[i, m] = c * dot(actuated[i], v) - dot(span[i], h)
+        substitute(triangle, right)
+    k = extend(Z, a, reach)
+
+    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
+    # `along` gives J Zᵀ and R = reach Zᵀ.
+    along, R = inner(J, Z[:k]), inner(reach, Z[:k])
+    RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
+    _through(R, right, a, k, RY, Rz)
+    _through(along, right, a, k, mu_map, mu_0)
+    for x in range(r):
+        Rv[x] = dot(reach[x], v)
+    short = np.empty(3)
+    for x in range(3):
+        mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
+        short[x] = mu_0[x] - mu_ref[x]
+
+    # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(reach q̇) + const
+    both = w2 + w4
+    H[:], g[:] = 0.0, 0.0
+    add_squares(H, g, w1, mu_map, short)
+    add_squares(H, g, -w4, RY, np.zeros(r))
+    for x in range(r):
+        add(g, -2 * (w4 * Rz[x] + w2 * c * Rv[x]), RY[x])
+    add_squares(H[:m, :m], g[:m], both, right[:, :m], right[:, m])
+    for i in range(m):
+        H[i, i] += 2 * w3
+        g[i] -= 2 * w3 * u_ref[i]
+    for i in range(m, size):
+        H[i, i] += 2 * both if i < m + k - a else 1.0  # unused: zero at the optimum
+
+
+@compiled
+def _through(rows, right, a, k, product, constant):
+    """rows (p, k) times Y into `product` (p, size) and times z_0 into `constant` (p,)."""
+    m = right.shape[1] - 1
+    for x in range(len(rows)):
+        for j in range(product.shape[1]):
+            product[x, j] = 0.0
+        constant[x] = 0.0
+        for i in range(a):
+            for j in range(m):
+                product[x, j] += rows[x, i] * right[i, j]
+            constant[x] += rows[x, i] * right[i, m]
+        for i in range(a, k):
+            product[x, m + i - a] = rows[x, i]

@@ -1,0 +1,162 @@
+"""What the QP controllers share: an objective in few unknowns, input bounds, the decrease row."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from softdyn import SoftModel, State
+from softdyn.compiled import compiled
+from softdyn.controllers.controller import Command, InputGuard, Status
+from softdyn.controllers.gains import Gains
+from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.qp import DenseQp, Problem, Solution
+from softdyn.controllers.qps.task import Task
+
+# The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
+# that its answer lies inside the true ones without clipping.
+BACKOFF = 1e-8
+
+
+class Condensed(NamedTuple):
+    """An objective ½ xᵀHx + gᵀx over unknowns x of which u is the first m.
+
+    Attributes
+    ----------
+    H : ndarray, (k, k)
+        Of the objective.
+    g : ndarray, (k,)
+        Of the objective.
+    mu_map : ndarray, (3, k)
+        μ = mu_0 + mu_map x.
+    mu_0 : ndarray, (3,)
+        Its constant (m/s²).
+    """
+
+    H: np.ndarray
+    g: np.ndarray
+    mu_map: np.ndarray
+    mu_0: np.ndarray
+
+    @classmethod
+    def empty(cls, size: int) -> Condensed:
+        """Room for `size` unknowns."""
+        return cls(np.zeros((size, size)), np.zeros(size), np.zeros((3, size)), np.zeros(3))
+
+
+class Objective(Protocol):
+    """Turns a state into an objective; `size` unknowns, always."""
+
+    size: int
+
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
+        """The objective at this state with the dynamics M q̈ + h = B u.
+
+        In memory that the next call may use again.
+        """
+        ...
+
+
+class Restriction(Protocol):
+    """Further rows on u; see `barriers.BarrierRows`."""
+
+    def enforce(
+        self,
+        problem: Problem,
+        solution: Solution | None,
+        state: State,
+        M: np.ndarray,
+        h: np.ndarray,
+    ) -> Solution | None:
+        """`solution` of `problem` where it meets the rows, else one that does."""
+        ...
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        ...
+
+
+class TaskQp:
+    """min objective (+ ρ δ²) subject to u_min ≤ u ≤ u_max (and the decrease row V̇ ≤ -V/ε + δ).
+
+    δ ≥ 0 needs no row: a negative δ costs ρ δ² and only tightens the condition.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    gains : Gains
+        Of which ρ is read here.
+    objective : Objective
+        The rest of the programme.
+    decrease : bool
+        Whether the decrease condition is a constraint; V is reported either way.
+    horizon : Horizon, optional
+        Whose dynamics stand for the state's own.
+    barriers : Restriction, optional
+        Further rows on u.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains,
+        objective: Objective,
+        *,
+        decrease: bool,
+        horizon: Horizon | None = None,
+        barriers: Restriction | None = None,
+    ) -> None:
+        self._objective, self._horizon, self._barriers = objective, horizon, barriers
+        self._rho, self._decrease = float(gains.rho), decrease
+        size, m = objective.size, model.nu
+        self._nu, self._size = m, size
+        self._qp = DenseQp(size + decrease, m + decrease)
+        self.solvers = (self._qp,)
+        # x = (u, …, δ); what the steps do not change is written once
+        self._problem = problem = Problem.empty(size + decrease, m + decrease)
+        margin = BACKOFF * (model.u_max - model.u_min)
+        problem.lower[:m], problem.upper[:m] = model.u_min + margin, model.u_max - margin
+        problem.A[:m, :m] = np.eye(m)
+        if decrease:
+            problem.lower[m], problem.A[m, size] = -np.inf, -1.0
+
+    def reset(self) -> None:
+        """Forget what the barriers saw; the programme itself remembers nothing."""
+        if self._barriers is not None:
+            self._barriers.reset()
+
+    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+        """The bounded input, or the guard's fallback."""
+        M, h = (state.M, state.h) if self._horizon is None else self._horizon(state)
+        condensed, problem = self._objective.condense(state, M, h, task), self._problem
+        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
+        solution = self._qp.solve(problem)
+        if self._barriers is not None:
+            solution = self._barriers.enforce(problem, solution, state, M, h)
+        if solution is None:
+            return guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+        delta = float(solution.x[self._size]) if self._decrease else np.nan
+        if not solution.solved:
+            return guard.fall_back(Status.NOT_SOLVED, task.V, delta)
+        return guard.accept(solution.x[: self._nu], task.V, delta)
+
+
+@compiled
+def _write(H, g, mu_map, mu_0, row, bound, rho, decrease, m, H2, g2, A, lower, upper):
+    """The objective, and the decrease row·μ - δ ≤ bound below the bounds on u."""
+    k = len(g)
+    for i in range(k):
+        g2[i] = g[i]
+        for j in range(k):
+            H2[i, j] = H[i, j]
+    if decrease:
+        H2[k, k] = 2 * rho
+        upper[m] = bound[0]
+        for x in range(3):
+            upper[m] -= row[x] * mu_0[x]
+        for j in range(k):
+            A[m, j] = 0.0
+            for x in range(3):
+                A[m, j] += row[x] * mu_map[x, j]

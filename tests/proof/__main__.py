@@ -1,0 +1,34 @@
+"""`python -m tests.proof NAME …`: one program of the proof, or the list of them."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from softdyn.commands import cli
+
+PROGRAMS = (
+    "fuzz", "textbook", "closed_forms", "peer", "compare_steps", "twins", "tables", "pictures",
+)  # fmt: skip
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one program, or list them; returns the exit code."""
+    name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    if name in ("-h", "--help"):
+        print("usage: python -m tests.proof NAME …\n")
+        for known in PROGRAMS:
+            about = importlib.import_module(f"tests.proof.{known}").__doc__ or ""
+            print(f"  {known.replace('_', '-'):15}{about.splitlines()[0]}")
+        return cli.PASSED
+    if name.replace("-", "_") not in PROGRAMS:
+        print(f"error: program: expected one of {', '.join(PROGRAMS)}, got {name}", file=sys.stderr)
+        return cli.BAD_INPUT
+    module = importlib.import_module(f"tests.proof.{name.replace('-', '_')}")
+    module.parser.prog = f"python -m tests.proof {name}"
+    code: int = module.main(rest)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""The time of one control step of another checkout against this one, process by process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softdyn.commands import cli
+
+ROBOTS = ("finger", "helix", "spirob")
+DRIVER = "soft-id-clf-qp"  # of the loops that states are recorded from
+CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic", "best")
+EPILOG = """\
+OLD is a folder with another version of softdyn, one that has its packages beside softdyn/ included.
+Both step through the same recorded states, those of step_time.py, in processes that alternate: old,
+new, new, old. A row is the ratio of the medians and its 95 % bootstrap interval over pairs of
+processes; the last rows set `best` against soft-id-clf-qp in the same processes of this checkout.
+
+exit codes: 0 no interval above its limit (1.03; 1.15 for `best`); 1 some; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("old", type=Path, metavar="OLD", help="folder of the other checkout")
+parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
+parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
+parser.add_argument("--pairs", type=cli.count, default=10, metavar="N", help="default: 10")
+parser.add_argument("--rounds", type=cli.count, default=5, metavar="N", help="default: 5")
+parser.option("--states", cli.count, "N", "a robot", 400)
+parser.add_argument(
+    "--out", type=Path, default=Path("results/step_time"), metavar="DIR",
+    help="where states/ROBOT.npz are, or will be (default: results/step_time)",
+)  # fmt: skip
+cli.add_json(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Record what is missing, alternate, report."""
+    from tqdm import tqdm
+
+    import softdyn
+    from softdyn.controllers import find_controller
+    from softdyn.validation.timing.recording import recorded
+    from tests.proof.timing.comparison import compare, table
+
+    cli.make_folder(arguments.out / "states")
+    cli.check_outputs(arguments.json)
+    folder, make = arguments.out / "states", find_controller(DRIVER)
+    for robot in arguments.robots:
+        recorded(softdyn.load(robot), make, arguments.states, folder, robot)
+    states = {robot: folder / f"{robot}.npz" for robot in arguments.robots}
+    with tqdm(total=arguments.pairs + 1, disable=None, leave=False, unit="pair") as bar:
+        rows = compare(
+            arguments.old, states, list(dict.fromkeys(arguments.controllers)),
+            pairs=arguments.pairs, rounds=arguments.rounds, tick=bar.update,
+        )  # fmt: skip
+    cli.write_report({"rows": rows}, arguments.json, table(rows))
+    return cli.PASSED if all(row["passed"] for row in rows) else cli.FAILED
+
+
+main = cli.program(parser, command, __name__)

@@ -1,0 +1,350 @@
+"""The tables of the documents, from the figures that stand beside the code.
+
+In a document a table lies between ``<!-- table NAME: written by tests/proof/tables.py -->`` and
+``<!-- end of NAME -->``. Every figure comes from one file of ``validation/studies/measured``, each
+made by a command; so one cell reads the same wherever it stands.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from softdyn import InputError
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.files import read_json, write_text
+from softdyn.validation.identification.trials import SHOWN
+from softdyn.validation.paper import one_step
+from softdyn.validation.studies import benchmark, beyond, experiments, hold, robustness
+from softdyn.validation.studies.benchmark import MEASURED
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.distribution import (
+    NOTE,
+    Agreement,
+    Distribution,
+    number,
+    over,
+    pivot,
+    read,
+)  # fmt: skip
+from softdyn.validation.studies.names import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
+from softdyn.validation.tables import cells as lines_of
+from softdyn.validation.tables import pipes
+
+MARKED = re.compile(
+    r"^<!-- table (?P<name>[\w-]+): written by tests/proof/tables\.py -->\n.*?"
+    r"^<!-- end of (?P=name) -->$",
+    re.M | re.S,
+)
+# A run is the log's when it prints alike or differs by less than either, or is a chaotic one's.
+SAME_SHARE, SAME_CM = 0.01, 0.01
+LAW = "soft-id-clf-qp"
+# law → those of its gains that it uses
+USED = {
+    "clf-qp": ("Kp", "eps", "w1", "rho"),
+    LAW: ("Kp", "eps", "w1", "w2", "w3", "w4", "rho"),
+    "ic": ("Kp",),
+    "uic": ("Kp",),
+    "ic-qp": ("Kp", "eps", "w1", "w2", "w3", "w4"),
+}
+ENGINES = ("reference, MuJoCo 3.2.7", "reference, 3.3.7", "emulated, 3.3.7", "emulated, 4.0.0")
+VALUES = {"set_point": experiments.THETAS, "tracking": experiments.OMEGAS}
+PAPER_ROBOTS = ("finger", "helix", "spirob")
+GRID = ("clf-qp", LAW, "id-clf-qp", "ic", "uic", "ic-qp", "best")
+
+
+def fill(text: str) -> str:
+    """A document with its tables as they are now.
+
+    Raises
+    ------
+    InputError
+        A table of a name that is none.
+    """
+
+    def written(found: re.Match[str]) -> str:
+        name = found["name"]
+        if name not in TABLES:
+            raise InputError("table", f"one of {', '.join(TABLES)}", name)
+        begin, *_, end = found[0].splitlines()
+        return f"{begin}\n{TABLES[name]().strip()}\n{end}"
+
+    return MARKED.sub(written, text)
+
+
+def write(paths: Iterable[Path], check: bool = False) -> list[Path]:
+    """Write the tables of these documents; returns which were not as they should be.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    check : bool
+        Whether to leave the files as they are.
+    """
+    stale = []
+    for path in paths:
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(str(path), "a document", error.strerror) from None
+        if (new := fill(text)) != text:
+            stale.append(path)
+            if not check:
+                write_text(path, new)
+    return stale
+
+
+@cache
+def _cells(name: str) -> dict[str, Distribution]:
+    return read(MEASURED / f"{name}.json")
+
+
+@cache
+def _rows(name: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = read_json(MEASURED / f"{name}.json", "rows of a table")["rows"]
+    return rows
+
+
+def _title(controller: str) -> str:
+    return CONTROLLERS.get(controller, controller)
+
+
+def _grid(robot: str, controller: str, kind: str) -> list[Distribution]:
+    """A row of the paper's grid."""
+    cells = benchmark.committed()
+    return [cells[benchmark.label(Case(robot, controller, kind, x))] for x in VALUES[kind]]
+
+
+def _noted(table: str) -> str:
+    return f"{table}\n\n{NOTE}"
+
+
+def _benchmark() -> str:
+    lines = [["robot", "controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper"]]
+    for robot in PAPER_ROBOTS:
+        for controller in GRID:
+            ours = []
+            for kind in SYMBOLS:
+                mean, std = over(_grid(robot, controller, kind))
+                ours.append(mean.text(std))
+            row = experiments.published(robot, controller)
+            theirs = (
+                ["-", "-"]
+                if row is None
+                else [
+                    experiments.spread(row.sp_mean_cm, row.sp_std_cm),
+                    experiments.spread(row.tt_mean_cm2, row.tt_std_cm2),
+                ]
+            )
+            lines.append([robot, _title(controller), ours[0], theirs[0], ours[1], theirs[1]])
+    return _noted("\n".join(pipes(lines)))
+
+
+def _runs(controllers: Iterable[str]) -> str:
+    titles = [cell_title(kind, x) for kind, values in VALUES.items() for x in values]
+    lines = [["robot", "controller", *titles]]
+    for robot in PAPER_ROBOTS:
+        for controller in controllers:
+            found = [cell.text() for kind in SYMBOLS for cell in _grid(robot, controller, kind)]
+            lines.append([robot, _title(controller), *found])
+    return "\n".join(pipes(lines))
+
+
+def _every_run() -> str:
+    return _runs(GRID)
+
+
+def _seeds() -> str:
+    found = Agreement.of(benchmark.committed())
+    counts = zip(*(map(len, cell.seeds.values()) for cell in found.cells.values()), strict=True)
+    runs = [f"{min(n)} to {max(n)}" if min(n) < max(n) else min(n) for n in counts]
+    titles = ["cells", "runs of seed 1", "of seed 2", "ranges apart", "p below 5 %", "by chance"]
+    apart = [len(found.disjoint), len(found.apart), f"up to {found.allowed}"]
+    return "\n".join(pipes([titles, [len(found.cells), *runs, *apart]]))
+
+
+def _hard() -> str:
+    return _runs(("id-clf-qp",))
+
+
+def _beyond(controller: str) -> str:
+    """Set points at several periods and trajectories of a controller, the published law beside."""
+    own = {k: c for k, c in _cells("beyond").items() if k.split("/")[1] == controller}
+    for robot in PAPER_ROBOTS:
+        published = f"{1e3 * experiments.setup(robot).period:g} ms"
+        for name in (controller, LAW):
+            if name not in GRID:
+                continue
+            for kind, values in VALUES.items():
+                for value, cell in zip(values, _grid(robot, name, kind), strict=True):
+                    own[f"{robot}/{name}/{published}/{cell_title(kind, value)}"] = cell
+    ordered = sorted(own, key=lambda label: _place(label, controller))
+    return _noted(beyond.markdown({label: own[label] for label in ordered}))
+
+
+def _place(label: str, first: str) -> tuple[int, bool, float]:
+    robot, controller, period, _ = label.split("/")
+    return list(ROBOTS).index(robot), controller != first, float(period.split()[0])
+
+
+def _robustness() -> str:
+    return _noted(robustness.markdown(_cells("robustness")))
+
+
+def _reference_plant() -> str:
+    """The law and `best` on the reference's targets, sampling and plant."""
+    return _noted(pivot(_cells("there"), ["experiment", "robot", "controller"]))
+
+
+def _hold() -> str:
+    cells = dict(_cells("hold"))
+    for label in cells:
+        robot, share, _, column = label.split("/")
+        if share == "0":  # the published law itself
+            cells[label] = benchmark.committed()[f"{robot}/{LAW}/{column}"]
+    return _noted(hold.markdown(cells))
+
+
+def _one_step() -> str:
+    return one_step.markdown(_rows("one_step"))
+
+
+def _statics() -> str:
+    """Where the tip can rest near the set points, as `scripts/statics.py` found it."""
+    lines = [["robot", "θ", "closest (cm)", "stable", "λ", "s (1/s)", "drift (cm)", "u",
+              "closest stable (cm)", "λ", "drift (cm)", "law (cm)"]]  # fmt: skip
+    for row in _rows("statics"):
+        cell = f"{row['robot']}/{LAW}/{cell_title('set_point', row['theta'])}"
+        near, stable = row["closest"], row["closest_stable"]  # none where the closest is stable
+        keys = ("eigenvalue", "pole", "drift_cm")
+        lines.append([
+            row["robot"], f"{row['theta']:g}π", number(near["distance_cm"]),
+            "yes" if near["stable"] else "no", *(f"{near[key]:.2g}" for key in keys),
+            ", ".join(f"{x:.2f}" for x in near["u"]),
+            *(["-"] * 3 if stable is None else
+              [number(stable["distance_cm"]), *(f"{stable[key]:.2g}" for key in keys[::2])]),
+            benchmark.committed()[cell].text(),
+        ])  # fmt: skip
+    return _noted("\n".join(pipes(lines)))
+
+
+def _identification() -> str:
+    """What twins tell, as `tests/proof/twins.py` found it."""
+    shown = [("`softdyn identify …`", "case", ""), *SHOWN]
+    return "\n".join(pipes(lines_of(shown, _rows("identification"))))
+
+
+def _gains() -> str:
+    names = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
+    lines = [["robot", "controller", *names]]
+    for robot in PAPER_ROBOTS:
+        for controller, used in USED.items():
+            gains = PUBLISHED[robot][controller]
+            values = [f"{getattr(gains, name):g}" if name in used else "-" for name in names]
+            lines.append([robot, _title(controller), *values])
+    return "\n".join(pipes(lines))
+
+
+def _published() -> str:
+    """Each published cell: the logs it is the mean of, and the same runs by the emulation."""
+    lines = [["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]]
+    for cell in _rows("published"):
+        made_by = cell["experiment"]  # one for all, or each column's own
+        each = [made_by] * len(cell["columns"]) if isinstance(made_by, str) else made_by
+        emulated = [
+            _cells("reproduction").get(f"{experiment}/{cell['cell']}/{column}")
+            for experiment, column in zip(each, cell["columns"], strict=True)
+        ]
+        runs = [one for one in emulated if one is not None]
+        logs = cell["logs"] or [None] * len(cell["columns"])
+        known = [f"{x:.2f}" if x is not None else "-" for x in logs] if cell["logs"] else ["none"]
+        mean = ""
+        if len(runs) == len(emulated):
+            average, std = over(runs)
+            if math.isfinite(average.median):
+                mean = f" → {average.median:.2f} ± {std.median:.2f}"
+        lines.append([
+            cell["title"], cell["published"], cell["commit"], ", ".join(known),
+            ", ".join("-" if one is None else one.text() for one in emulated) + mean,
+            ", ".join(f"`{name}`" for name in dict.fromkeys(each)),
+            verdict(cell["published"], cell["logs"], emulated),
+        ])  # fmt: skip
+    return _noted("\n".join(pipes(lines)))
+
+
+def _engines() -> str:
+    """The helix' trajectories by the engine that ran them: the reference itself, and we."""
+    lines = [["controller", "ω", "its log", *ENGINES]]
+    for row in _rows("engines"):
+        lines.append([
+            _title(row["controller"]), f"{row['omega']:g}π", f"{row['log']:.2f}",
+            *("-" if row[name] is None else " to ".join(f"{x:.2f}" for x in row[name])
+              for name in ENGINES),
+        ])  # fmt: skip
+    return "\n".join(pipes(lines))
+
+
+def verdict(
+    published: str, logs: list[float | None] | None, runs: list[Distribution | None]
+) -> str:
+    """Whether runs are their logs: ✓, or how many of them are, and how far apart the others lie.
+
+    A run is its log within 1 % or 0.01 (cm, cm²), or, where it is chaotic, with the log in its
+    range. Without logs the mean and the deviation that were published are held against the runs'
+    in the same way; a published failure against failures.
+    """
+    whole = [run for run in runs if run is not None]
+    if published == "failed":
+        if len(whole) < len(runs):
+            return "not run"
+        failures = sum(run.failed.get("nominal", 0) for run in whole)
+        return "✓" if failures == len(runs) else f"{failures} of {len(runs)} fail"
+    if not logs:
+        if len(whole) < len(runs):
+            return "no log, not run"
+        theirs = zip(map(float, published.split(" ± ")), over(whole), strict=True)
+        far = _far([(x, ours) for x, ours in theirs if not _same(x, ours)])
+        return f"no log, {far} apart" if far else "✓, no log"
+    pairs = [(x, run) for x, run in zip(logs, runs, strict=True) if x is not None and run]
+    others = [(x, run) for x, run in pairs if not _same(x, run)]
+    if not others and len(pairs) == len(logs):
+        return "✓"
+    far = f", others within {_far(others)}" if others else ""
+    return f"{len(pairs) - len(others)} of {len(logs)}{far}"
+
+
+def _far(pairs: list[tuple[float, Distribution]]) -> str:
+    """The largest distance: in parts of the log, or as it is where that is more than all of it."""
+    if not pairs:
+        return ""
+    share = max(abs(run.median - x) / x for x, run in pairs)
+    return f"{100 * share:.0f} %" if share < 1 else number(max(abs(r.median - x) for x, r in pairs))
+
+
+def _same(log: float, run: Distribution) -> bool:
+    low, high = run.range
+    near = abs(run.nominal - log) <= max(SAME_SHARE * log, SAME_CM)
+    return near or (run.moves and low <= log <= high)
+
+
+TABLES: Mapping[str, Callable[[], str]] = {
+    "benchmark": _benchmark,
+    "every-run": _every_run,
+    "seeds": _seeds,
+    "hard": _hard,
+    "published": _published,
+    "engines": _engines,
+    "one-step": _one_step,
+    "gains": _gains,
+    "identification": _identification,
+    "best": lambda: _beyond("best"),
+    "mpc": lambda: _beyond("mpc"),
+    "robustness": _robustness,
+    "reference-plant": _reference_plant,
+    "hold": _hold,
+    "statics": _statics,
+}

@@ -1,0 +1,69 @@
+"""The documents' tables: written from the committed figures, and what the ticks mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from softdyn import InputError
+from softdyn.commands import benchmark
+from softdyn.validation.studies.engine.distribution import Distribution
+from tests.proof import tables
+from tests.proof.documents import tables as documents
+from tests.support import ROOT
+
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+
+
+def test_every_table_is_what_the_committed_figures_give() -> None:
+    assert sum(len(documents.MARKED.findall(page.read_text("utf-8"))) for page in PAGES) >= 8
+    assert documents.write(PAGES, check=True) == []
+
+
+def test_the_grid_of_the_documents_is_the_benchmark_s() -> None:
+    assert (documents.PAPER_ROBOTS, documents.GRID) == (benchmark.ROBOTS, benchmark.CONTROLLERS)
+
+
+def test_a_stale_table_is_found_and_written(tmp_path: Path) -> None:
+    page, begin = tmp_path / "page.md", "<!-- table gains: written by tests/proof/tables.py -->"
+    page.write_text(f"before\n\n{begin}\n| edited |\n<!-- end of gains -->\n\nafter\n", "utf-8")
+    assert tables.main([str(page), "--check"]) == 1
+    assert "edited" in page.read_text("utf-8")
+    assert tables.main([str(page)]) == 0
+    text = page.read_text("utf-8")
+    assert "| finger | IC-QP | 1500 | 0.03 |" in text
+    assert text.startswith("before\n\n<!-- table")
+    assert text.endswith("<!-- end of gains -->\n\nafter\n")
+    assert tables.main([str(page), "--check"]) == 0
+    page.write_text(f"{begin}\n<!-- end of gains -->\n".replace("gains", "nothing"))
+    with pytest.raises(InputError, match="table"):
+        documents.write([page])
+    assert tables.main([str(tmp_path / "none.md")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("logs", "runs", "said"),
+    [
+        ([10.0, 0.001], [Distribution(10.09), Distribution(0.01)], "✓"),
+        ([10.0], [Distribution(10.5)], "0 of 1, others within 5 %"),
+        ([10.0, 2.0], [Distribution(10.5), None], "0 of 2, others within 5 %"),
+        ([10.0, 2.0], [Distribution(10.0), None], "1 of 2"),
+        ([0.1, 1.0], [Distribution(5.0), Distribution(1.5)], "0 of 2, others within 4.90"),
+        ([10.0], [Distribution(4.0, {"1": (3.0, 11.0)})], "✓"),  # a chaotic one's
+        ([10.0], [Distribution(4.0, {"1": (3.0, 9.0)})], "0 of 1, others within 60 %"),
+        (None, [Distribution(4.0), Distribution(6.0)], "✓, no log"),
+        (None, [Distribution(3.0), Distribution(9.0)], "no log, 2.00 apart"),
+        (None, [Distribution(4.0), None], "no log, not run"),
+    ],
+)
+def test_a_tick_is_a_comparison_of_every_run(logs: Any, runs: Any, said: str) -> None:
+    assert documents.verdict("5.00 ± 1.00", logs, runs) == said
+
+
+def test_a_published_failure_is_held_against_failures() -> None:
+    lost, held = Distribution(40.0, {}, {"nominal": 1}), Distribution(0.1)
+    assert documents.verdict("failed", None, [lost, lost]) == "✓"
+    assert documents.verdict("failed", None, [lost, held]) == "1 of 2 fail"
+    assert documents.verdict("failed", None, [lost, None]) == "not run"

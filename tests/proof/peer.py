@@ -1,0 +1,32 @@
+"""M, C v, g, K and the tip of an arm of two sections at a random state, beside SoRoMoX's."""
+
+from __future__ import annotations
+
+from softdyn.commands import cli
+
+EPILOG = """\
+SoRoMoX (extra `peers`) has piecewise constant strains. The time of one evaluation of each is told.
+
+exit codes: 0 done; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument(
+    "--segments", type=cli.count, nargs="+", default=[5, 10, 20, 40, 80], metavar="N",
+    help="joints in each section (default: 5 10 20 40 80)",
+)  # fmt: skip
+cli.add_json(parser)
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Compare, report."""
+    from tests.proof.rods import peer
+
+    cli.check_outputs(arguments.json)
+    found = peer.compare(sorted({n for n in arguments.segments if n <= peer.MOST}))
+    report = {**found, "ladders": [ladder.to_dict() for ladder in found["ladders"]]}
+    cli.write_report(report, arguments.json, peer.markdown(found))
+    return cli.PASSED
+
+
+main = cli.program(parser, command, __name__)

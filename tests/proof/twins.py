@@ -1,0 +1,59 @@
+"""Identify the documents' twins, and write their figures beside the code."""
+
+from __future__ import annotations
+
+from softdyn.commands import cli, identify
+
+# Ten of its joints rest on their stops. The last input lifts two more off theirs, and is fast, for
+# these two swing fast; the others are slow, for the base. Found by the bound, on 5 s.
+HELIX = (
+    "--at-rest --knots .3 .3 .3 .3 .3 .3 .3 .3 .12 "
+    "--reach .018 .018 0 .012 .012 0 .007 .007 .015 --bias 0 0 0 0 0 0 0 0 .012"
+)
+# as given to `softdyn identify`
+CASES = (
+    "finger --twin 5 --noise 0",
+    "finger --twin 5 --noise 0 --step 1e-3",
+    "spirob --twin 5 --noise 0",
+    "spirob --twin 5 --noise 0 --step 2e-3",
+    "finger --twin 20",
+    "finger --twin 20 --measure tip --shared stiffness damping mass",
+    "finger --twin 1.5 --seeds 100",
+    "spirob --twin 20",
+    "spirob --twin 20 --measure tip --shared stiffness damping mass",
+    f"helix --twin 5 --noise 0 {HELIX}",
+    f"helix --twin 5 --noise 0 --step 2e-3 {HELIX}",
+    f"helix --twin 20 {HELIX}",
+    "spirob --twin 5 --seeds 8",
+)
+EPILOG = """\
+CASE is a command line of `softdyn identify`, quoted. Its figures take the place of earlier ones of
+the same CASE in validation/studies/measured/identification.json; then
+`python -m tests.proof tables` writes the table. All cases take hours.
+
+exit codes: 0 done; 2 bad input.
+"""
+
+parser = cli.Parser(__doc__, EPILOG)
+parser.add_argument("cases", nargs="*", metavar="CASE", help="default: all of the documents'")
+
+
+def command(arguments: cli.Arguments) -> int:
+    """Case by case, each written when it is there."""
+    from softdyn.validation.files import read_json, write_json
+    from softdyn.validation.identification.trials import summary, table, trial
+    from softdyn.validation.studies.benchmark import MEASURED
+
+    path = MEASURED / "identification.json"
+    for case in arguments.cases or CASES:
+        options = identify.parser.parse_args(case.split())
+        trials = identify.each_twin(trial, options, *identify.asked(options))
+        print(case, table(trials), sep="\n", flush=True)
+        rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
+        rows = [row for row in rows if row["case"] != case]
+        rows += [{"case": case, **row} for row in summary(trials)]
+        write_json(path, {"rows": rows})
+    return cli.PASSED
+
+
+main = cli.program(parser, command, __name__)

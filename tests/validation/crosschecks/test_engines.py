@@ -1,0 +1,83 @@
+"""A URDF in Pinocchio against an MJCF from another hand in MuJoCo."""
+
+import json
+from pathlib import Path
+
+import pytest
+from lxml import etree
+
+from softdyn import InputError
+from softdyn.commands import compare as command
+from softdyn.validation.crosschecks.engines import side_by_side
+from tests.support import micro, pair_robots
+
+
+@pytest.fixture
+def pair(tmp_path):
+    (tmp_path / "pair.urdf").write_text(pair_robots.URDF)
+    (tmp_path / "pair.xml").write_text(pair_robots.MJCF)
+    return tmp_path / "pair.urdf", tmp_path / "pair.xml"
+
+
+def edit(file: Path, change) -> None:
+    root = etree.fromstring(file.read_text())
+    change(root)
+    file.write_bytes(etree.tostring(root))
+
+
+def errors(found) -> dict[str, float]:
+    return {check.quantity: check.max_error for check in found.checks}
+
+
+def test_two_files_of_one_robot_agree_in_two_engines(pair):
+    def otherwise(root) -> None:
+        lift, swing = (root.find(f".//joint[@name='{name}']") for name in ("lift", "swing"))
+        lift.set("axis", " ".join(str(-float(x)) for x in lift.get("axis").split()))
+        lift.set("range", "-1.1 0.8")
+        swing.set("ref", "0.3")  # its zero, and with it the range
+        swing.set("range", "-0.7 1.8")
+        root.find(".//joint[@name='slide']").set("armature", "0.02")  # the URDF states none
+        hand = etree.SubElement(swing.getparent(), "body")
+        etree.SubElement(hand, "joint", name="thumb")
+        tiny = {"pos": "0 0 0", "mass": "1e-12", "diaginertia": "1e-14 1e-14 1e-14"}
+        etree.SubElement(hand, "inertial", tiny)
+        etree.SubElement(root.find("actuator"), "position", name="servo", joint="thumb", kp="3")
+
+    edit(pair[1], otherwise)
+    found = side_by_side(*pair, samples=2)
+    assert found.passed, found
+    assert set(errors(found)) >= {"M", "bias", "J", "qdd", "trajectory", "length", "B"}
+    assert len(found.runs) == 4
+
+
+def test_what_differs_is_measured(pair):
+    edit(pair[1], lambda root: root.find(".//inertial").set("mass", "0.909"))
+    found = side_by_side(*pair, samples=2)
+    assert set(found.failures) >= {"M", "g", "bias", "qdd", "trajectory"}
+    assert 1e-6 < errors(found)["M"] < 1e-2
+    assert errors(found)["J"] < 1e-10
+
+
+def test_a_floating_base(tmp_path):
+    from softdyn.validation.mjcf.export import write_mjcf
+
+    source, target = tmp_path / "walker.urdf", tmp_path / "walker.xml"
+    source.write_text(micro.FLOATING)
+    write_mjcf(source, target, floating=True)
+    found = side_by_side(source, target, samples=2)
+    assert found.passed, found
+
+
+def test_two_urdfs_are_no_pair_of_engines(pair):
+    with pytest.raises(InputError, match="expected a URDF and an MJCF"):
+        side_by_side(pair[0], pair[0])
+
+
+def test_the_command_asks_all_three(pair, capsys):
+    assert command.main([*map(str, pair), "--engines", "--samples", "2", "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["engines"]
+    assert max(found["a"].values()) < 1e-12 > max(found["b"].values())
+    assert found["pair"]["passed"]
+    assert found["b_by_pinocchio"]["exact"]
+    command.main([str(pair[0]), str(pair[0]), "--engines", "--samples", "1"])
+    assert "not asked" in capsys.readouterr().out

@@ -1,0 +1,129 @@
+"""The neutral form against both engines: it must be neither's opinion."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.validation.crosschecks.engines import engine_errors
+from softdyn.validation.mjcf.comparison.comparison import neutral
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
+from softdyn.validation.mjcf.comparison.terms import evaluate, lengths, random_states
+from tests.support import micro
+
+WALKER = """
+<mujoco>
+  <compiler angle="degree" eulerseq="zyx"/>
+  <default><joint armature="0.01" damping="0.2"/></default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="trunk" pos="0 0 1" euler="20 30 40">
+      <freejoint/>
+      <geom type="box" size="0.2 0.1 0.05" density="700"/>
+      <body name="pack" pos="0 0 0.1"><geom size="0.05" mass="0.3" pos="0.01 0 0"/></body>
+      <body name="leg" pos="0.2 0.05 0" euler="0 45 0">
+        <joint name="hip" axis="1 2 0" pos="0 0 0.01" range="-40 60" ref="5"/>
+        <joint name="slide" type="slide" axis="0 0 1" range="-0.1 0.2"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0 0 0.05 -0.3" density="900"/>
+        <site name="end" pos="0 0.05 -0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <option gravity="1 2 -9"/>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
+def test_a_urdf_against_the_model(name):
+    model, robot = softdyn.load(name), neutral(name)
+    states = random_states(robot, 3, 0)
+    terms = evaluate(robot, states)
+    names = [part.name for part in robot.parts]
+    order = [names.index(joint) for joint in model.joint_names]
+    found = lengths(robot, states)
+    for k in range(3):
+        q = np.array([q[k, 0] for q in states.q])[order]
+        state = model.state(q, states.v[k][order])
+        pairs = [
+            (state.M, terms.M[k][np.ix_(order, order)]),
+            (state.bias, terms.bias[k][order]),
+            (state.g, terms.g[k][order]),
+            (state.lengths, np.array([found[t.name][k] for t in model.robot.tendons])),
+        ]
+        for expected, got in pairs:
+            np.testing.assert_allclose(got, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_an_mjcf_against_mujoco(tmp_path):
+    path = tmp_path / "walker.xml"
+    path.write_text(WALKER)
+    model, robot = compile_mjcf(read_mjcf(path)), neutral(path)
+    assert [part.kind for part in robot.parts] == ["free", "hinge", "slide"]
+    assert robot.parts[1].lower == pytest.approx(np.radians(-40))
+    model.opt.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data = mujoco.MjData(model)
+    states = random_states(robot, 4, 1)
+    terms = evaluate(robot, states)
+    for k in range(4):
+        quat = np.empty(4)
+        vector = states.q[0][k, 3:]
+        angle = np.linalg.norm(vector)
+        mujoco.mju_axisAngle2Quat(quat, vector / angle, angle)
+        data.qpos[:] = [*states.q[0][k, :3], *quat, states.q[1][k, 0], states.q[2][k, 0]]
+        M = np.empty((model.nv, model.nv))
+        for v, expected in ((states.v[k], terms.bias[k]), (0.0, terms.g[k])):
+            data.qvel[:] = v
+            mujoco.mj_forward(model, data)
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(data.qfrc_bias, expected, atol=1e-12 * scale)
+        mujoco.mj_fullM(model, data, M)
+        np.testing.assert_allclose(terms.M[k], M, atol=1e-12 * np.abs(M).max())
+
+
+BALL = """
+<mujoco>
+  <worldbody>
+    <body pos="0 0 1" euler="30 40 50">
+      <joint type="ball" pos="0 0.1 0" armature="0.02"/><geom size="0.1 0.2 0.3" type="box"/>
+      <body pos="0.1 0.2 0.3" quat="1 2 3 4">
+        <joint axis="1 2 3"/><joint axis="0 1 0" type="slide"/>
+        <geom size="0.1 0.1 0.2" type="box" pos="0.1 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_each_file_in_its_own_engine(tmp_path):
+    path = tmp_path / "robot.xml"
+    for text in (WALKER, BALL):
+        path.write_text(text)
+        errors = engine_errors(path, samples=3)
+        assert errors.keys() == {"M", "bias", "g"}
+        assert max(errors.values()) < 1e-13
+    assert max(engine_errors("spirob", samples=3).values()) < 1e-12
+    assert engine_errors(micro.write(tmp_path, micro.GRIPPER)) == {}
+
+
+def test_jacobian_is_the_derivative_of_the_tip(tmp_path):
+    robot = neutral(micro.write(tmp_path, micro.GRIPPER))
+    states = random_states(robot, 2, 0)
+    terms = evaluate(robot, states)
+    step = 1e-6
+    for k in range(robot.nv):
+        ends = []
+        for sign in (1, -1):
+            q = [q + sign * step * (m == k) for m, q in enumerate(states.q)]
+            ends.append(evaluate(robot, type(states)(tuple(q), states.v)).tips)
+        slope = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(terms.J[..., k], slope, atol=1e-8)
+
+
+def test_a_file_of_a_catalogue_name():
+    assert neutral("panda").format == "urdf"
+    assert isinstance(neutral("finger").path, Path)

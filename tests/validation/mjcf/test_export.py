@@ -1,0 +1,148 @@
+"""Written in the other format, a robot is the same robot."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.validation import Twin, compare
+from softdyn.validation.mjcf import export, to_mjcf
+from softdyn.validation.mjcf.comparison.comparison import neutral
+from tests.support import micro, pair_robots
+from tests.support.command import command
+
+
+@pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
+def test_mujoco_loads_the_twin_and_steps_to_the_same(tmp_path, name):
+    path = tmp_path / "out.xml"
+    touching = name == "spirob"
+    result, _ = export.write_mjcf(name, path, shapes=touching, contacts=touching)
+    assert result.passed, str(result)
+    assert max(result.waterfall[0].left.values()) < 1e-10
+    model = mujoco.MjModel.from_xml_path(str(path))
+    twin = Twin(name, friction=True, contacts=touching)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    np.testing.assert_array_equal(data.qpos, 0.0)
+    names = [model.joint(k).name for k in range(model.njnt)]
+    order = [names.index(joint) for joint in twin.joint_names]
+    part = np.linspace(0.1, 0.4, model.nu)
+    u = np.array(
+        [a.lower + p * (a.upper - a.lower) for p, a in zip(part, twin.robot.actuators, strict=True)]
+    )
+    touched = 0
+    for _ in range(400):
+        data.ctrl[:] = u
+        mujoco.mj_step(model, data)
+        twin.advance(u)
+        assert data.ncon == twin.data.ncon
+        touched += data.ncon
+    assert (touched > 0) == touching
+    assert np.abs(data.qpos[order]).max() > 1e-3
+    np.testing.assert_allclose(data.qpos[order], twin.qpos, atol=1e-8)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.site("task").xpos, twin.tip, atol=1e-8)
+
+
+def test_massless_chains_are_several_joints_of_one_body(tmp_path):
+    path = tmp_path / "out.xml"
+    export.write_mjcf("spirob", path, shapes=False)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert (model.nbody - 1, model.nv) == (9, 27)
+    assert model.body_mass[1:].min() > 1e-4
+
+
+@pytest.mark.parametrize("text", [micro.GRIPPER, micro.FLOATING, pair_robots.URDF])
+def test_round_trip(tmp_path, text):
+    floating = text is micro.FLOATING
+    source = micro.write(tmp_path, text)
+    there, back = tmp_path / "there.xml", tmp_path / "back.urdf"
+    result, _ = export.write_mjcf(source, there, floating=floating)
+    assert result.passed, str(result)
+    result, lost = export.write_urdf(there, back)
+    assert result.passed, str(result)
+    assert bool(lost) == floating  # which no URDF can say
+    for a, b in ((source, there), (there, back), (source, back)):
+        result = compare(a, b)
+        assert result.passed, str(result)
+        assert not {cause.kind for cause in result.causes} - {"limit", "effort"}
+    softdyn.load(back, floating=floating)
+
+
+def test_what_a_urdf_cannot_say_is_listed(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><option gravity="0 0 -3"/><worldbody><body><joint name="b" type="ball"/>'
+        '<geom size="0.1"/><body pos="0 0 1"><joint name="h"/><geom size="0.1"/></body></body>'
+        '</worldbody><actuator><position name="servo" joint="h" kp="3"/>'
+        '<motor name="m" joint="h" ctrllimited="true" ctrlrange="-1 2" gear="3"/></actuator>'
+        "</mujoco>"
+    )
+    _, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    said = "\n".join(lost)
+    for word in ("ball joint 'b'", "gravity", "'servo'"):
+        assert word in said
+    model = softdyn.load(tmp_path / "out.urdf")
+    assert (model.nv, model.nu) == (1, 1)
+    state = model.state(model.q0, np.zeros(1))
+    assert state.B.tolist() == [[3.0]]
+    assert neutral(tmp_path / "out.urdf").parts[0].name == "h"
+
+
+def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
+    """MuJoCo refuses a + b < c: what a last digit breaks is mended by thirds, and told."""
+    moments = np.array([1e-3, 2e-3, 3e-3 + 3e-12])
+    found = to_mjcf.possible(moments)
+    np.testing.assert_allclose(found - moments, [1e-12, 1e-12, -1e-12], rtol=1e-3)
+    assert found[0] + found[1] >= found[2]
+    _, lost = one_hinge(tmp_path, 'ixx="1e-3" iyy="2e-3" izz="3.000000003e-3"')
+    assert ["a + b < c by 1.0e-09 c" in note for note in lost] == [True]
+    assert not one_hinge(tmp_path, 'ixx="0" iyy="1e-18" izz="3e-18"')[1]  # a point
+
+
+def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
+    """MuJoCo's compiler takes frames for the same that are less than 1e-6 apart."""
+    for turn in ("ixy", "ixz", "iyz"):  # one of these has axes whose sense is that of the frame's
+        for sense in ("", "-"):
+            moments = f'ixx="1e-3" iyy="2e-3" izz="2.5e-3" {turn}="{sense}4e-10"'
+            result, lost = one_hinge(tmp_path, moments)
+            assert not lost
+            assert result.waterfall[0].left["M"] < 1e-14
+
+
+def one_hinge(folder, moments):
+    """A hinge about an axis at a slant, exported; MuJoCo must load it."""
+    products = "".join(f'{name}="0" ' for name in ("ixy", "ixz", "iyz") if name not in moments)
+    source = folder / "hinge.urdf"
+    source.write_text(
+        '<robot name="r"><link name="world"/><link name="l"><inertial><mass value="1"/>'
+        f'<inertia {products}{moments}/></inertial></link><joint name="j" type="revolute">'
+        '<parent link="world"/><child link="l"/><axis xyz="0.6 0.48 0.64"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    found = export.write_mjcf(source, folder / "out.xml")
+    assert mujoco.MjModel.from_xml_path(str(folder / "out.xml")).nv == 1
+    return found
+
+
+def test_a_motor_on_a_joint_comes_through(tmp_path):
+    path = tmp_path / "motor.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="h" range="-1 1"/><geom size="0.1"/></body>'
+        '</worldbody><actuator><motor name="m" joint="h" ctrlrange="-1 2" gear="3"/></actuator>'
+        "</mujoco>"
+    )
+    result, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert result.passed, str(result)
+    assert not result.causes
+    assert not lost
+
+
+def test_the_command(tmp_path):
+    code, out, err = command("export", "finger", "--mjcf", "out.xml", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert "agree" in out
+    code, _, err = command("export", "out.xml", "--urdf", "out.xml", cwd=tmp_path)
+    assert code == 2
+    assert err == "error: out.xml: expected another file than what is read, got that one\n"
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4

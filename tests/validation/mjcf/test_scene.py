@@ -1,0 +1,239 @@
+"""A law on the analytic model drives the user's own MJCF."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+import softdyn
+from softdyn import InputError, SetPoint
+from softdyn.commands import run
+from softdyn.controllers import SoftIdClfQp
+from softdyn.validation import Log, Twin, paper, simulate
+from softdyn.validation.mjcf.export import write_mjcf
+from softdyn.validation.mjcf.scene import Scene
+from softdyn.validation.mjcf.scenery import scenery
+from tests.support import ROOT
+
+SCENE = ROOT / "docs/examples/finger_scene.xml"
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return softdyn.load("finger")
+
+
+def changed(folder: Path, change, source: Path = SCENE) -> Path:
+    root = etree.parse(source).getroot()
+    change(root)
+    target = folder / "scene.xml"
+    target.write_bytes(etree.tostring(root))
+    return target
+
+
+def without_obstacles(root) -> None:
+    for node in root.xpath("//geom[@name='post'] | //geom[@name='shelf'] | //body[@name='block']"):
+        node.getparent().remove(node)
+
+
+def test_the_same_robot_from_another_hand_moves_as_the_twin_does(finger, tmp_path):
+    # names, units, the sense of a joint and of its tendon are other ones: the map undoes them
+    scene = Scene(finger, changed(tmp_path, without_obstacles))
+    assert scene.comparison.turns == {"joint4": (-1.0, 0.0)}
+    plan = paper.set_point("finger", theta=0.5)
+    log = simulate(finger, SoftIdClfQp(finger), plan, plant=scene, duration=0.5)
+    twin = simulate(finger, SoftIdClfQp(finger), plan, duration=0.5)
+    assert np.abs(log.q - twin.q).max() < 1e-7 < np.abs(log.q).max()
+    assert np.abs(log.u - twin.u).max() < 1e-5 < np.abs(log.u).max()
+
+
+def test_what_stands_in_the_way_stops_the_finger_and_the_block_is_pushed(finger):
+    scene = Scene(finger, SCENE)
+    assert scene.contacts
+    assert scene.comparison.unmatched == {"a": [], "b": ["block"]}
+    plan = paper.set_point("finger", theta=0.5)
+    log = simulate(finger, SoftIdClfQp(finger), plan, plant=scene, duration=1.5)
+    free = simulate(finger, SoftIdClfQp(finger), plan, duration=1.5)
+    ends = [100 * np.linalg.norm(run.error[-1]) for run in (log, free)]
+    assert ends[0] > 3.0 > 0.3 > ends[1]  # cm
+    touching = {scene.model.geom(g).name for c in scene.data.contact for g in (c.geom1, c.geom2)}
+    assert "post" in touching
+    assert log.contacts
+    assert not free.contacts
+
+
+def test_gears_zeros_and_what_only_the_scene_has_are_mapped(finger, tmp_path):
+    def change(root) -> None:
+        without_obstacles(root)
+        first, *_, last = root.findall(".//joint[@name]")
+        first.set("ref", "20")  # its zero is elsewhere: the limits and the spring too
+        first.set("range", "-69.954374 109.954374")
+        first.set("springref", "20")
+        for motor in root.iter("motor"):
+            if motor.get("name"):
+                motor.set("gear", "-0.05")
+                motor.set("ctrlrange", "-2 2")
+        hand = etree.SubElement(last.getparent(), "body", pos="0.06 0 0")
+        etree.SubElement(hand, "joint", name="jaw")
+        etree.SubElement(
+            hand, "inertial", pos="0 0 0", mass="1e-9", diaginertia="1e-12 1e-12 1e-12"
+        )
+        etree.SubElement(root.find("actuator"), "position", name="grip", joint="jaw", kp="1e-6")
+
+    scene = Scene(finger, changed(tmp_path, change))
+    sense, zero = scene.comparison.turns["joint1"]
+    assert (sense, zero) == (1.0, pytest.approx(-np.radians(20)))
+    assert scene.idle == ("grip",)
+    assert np.allclose(scene.inputs[:2], -2 * np.eye(2))
+    q, v = np.array([0.1, -0.2, 0.3, 0.4]), np.array([1.0, 2.0, 3.0, 4.0])
+    qpos, qvel = scene.states.to_twin(q, v)
+    assert np.allclose(qpos, [0.1 + np.radians(20), -0.2, 0.3, -0.4, 0.0])
+    assert np.allclose(qvel, [1, 2, 3, -4, 0])
+    assert all(map(np.allclose, scene.states.from_twin(qpos, qvel), (q, v)))
+    plan = paper.set_point("finger", theta=0.5)
+    log = simulate(finger, SoftIdClfQp(finger), plan, plant=scene, duration=0.1)
+    twin = simulate(finger, SoftIdClfQp(finger), plan, duration=0.1)
+    assert np.abs(log.q - twin.q).max() < 1e-6
+
+
+def test_cables_drive_as_the_twin_s(tmp_path):
+    model = softdyn.load("spirob")
+    write_mjcf("spirob", tmp_path / "spirob.xml", shapes=False)
+    scene, twin = Scene(model, tmp_path / "spirob.xml", timestep=5e-4), Twin(model)
+    assert np.array_equal(scene.inputs, np.eye(3))
+    assert scene.comparison.passed
+    q = np.linspace(-0.2, 0.2, 27)
+    scene.set_state(*scene.states.to_twin(q, 0 * q))
+    states = softdyn.validation.StateMap(model, twin)
+    twin.set_state(*states.to_twin(q, 0 * q))
+    for plant in (scene, twin):
+        plant.advance(np.array([1.0, 2.0, 0.5]), 50)
+    sides = ((scene.states, scene), (states, twin))
+    ends = (m.from_twin(p.data.qpos, p.data.qvel)[0] for m, p in sides)
+    assert np.abs(np.subtract(*ends)).max() < 1e-9
+
+
+def unnamed(root) -> None:
+    for node in root.xpath("//*[@name='knuckle_4']"):
+        node.set("name", "q")
+    for node in root.xpath("//*[@joint='knuckle_4']"):
+        node.set("joint", "q")
+
+
+def shorter(root) -> None:
+    for node in root.xpath("//body[@name='phalanx_4'] | //*[@joint='knuckle_4']"):
+        node.getparent().remove(node)
+
+
+def undriven(root) -> None:
+    root.remove(root.find("actuator"))
+
+
+def servos(root) -> None:
+    root.find("actuator/motor").tag = "position"
+    root.find("actuator/position").attrib.pop("gear", None)
+
+
+def afloat(root) -> None:
+    palm = etree.SubElement(root.find("worldbody"), "body")
+    etree.SubElement(palm, "freejoint")
+    etree.SubElement(palm, "geom", type="sphere", size="0.01")
+    palm.append(root.find(".//body[@name='phalanx_1']"))
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (shorter, "none for joint4"),
+        (undriven, "on what tendon:tendon_a pulls, got none"),
+        (servos, "a motor, whose force is its input, got 'servo_1', gain"),
+        (afloat, "expected a fixed base, as the model's, got a floating one"),
+    ],
+)
+def test_a_scene_without_all_of_the_robot_is_refused_in_one_line(
+    finger, tmp_path, change, expected
+):
+    file = changed(tmp_path, lambda root: (without_obstacles(root), change(root)))
+    with pytest.raises(InputError, match=expected) as error:
+        Scene(finger, file)
+    assert str(file) in str(error.value)
+
+
+def test_a_joint_of_no_like_name_is_found_along_the_tree(finger, tmp_path):
+    assert len(Scene(finger, changed(tmp_path, unnamed)).comparison.matched) == 4
+
+
+def test_a_plant_that_cannot_be_is_refused(finger):
+    def run_it(**options):
+        return simulate(finger, SoftIdClfQp(finger), SetPoint([0.2, 0, 0]), **options)
+
+    with pytest.raises(InputError, match="none beside a plant"):
+        run_it(plant=SCENE, contacts=True)
+    with pytest.raises(InputError, match="an MJCF file"):
+        run_it(plant=3)
+    with pytest.raises(InputError, match="a scene for 'spirob', got one for 'finger'"):
+        simulate(
+            softdyn.load("spirob"),
+            lambda *_: np.zeros(3),
+            SetPoint([0, 0, 0]),
+            plant=Scene(finger, SCENE),
+        )
+
+
+def test_what_stands_around_the_robot_is_drawn(finger, tmp_path):
+    """The post and the shelf, and a floor; neither the block, which moves, nor the robot again."""
+
+    def add(root):
+        world, base = root.find("worldbody"), root.find(".//body[@name='phalanx_1']")
+        mount = etree.SubElement(world, "body", name="mount", pos="0 0 0")
+        etree.SubElement(mount, "geom", type="box", size="0.01 0.01 0.01")
+        mount.append(base)
+        pad = etree.SubElement(world, "body", name="pad", pos="0 0 -0.3", euler="0 90 0")
+        etree.SubElement(pad, "geom", type="capsule", size="0.01 0.1")
+        etree.SubElement(world, "geom", type="plane", size="0 0 1", pos="0 0 -0.5")
+
+    post, shelf, rod, *balls, floor = scenery(Scene(finger, changed(tmp_path, add)))
+    np.testing.assert_allclose(post.pose[:3, 3], [0.14, 0, -0.1], atol=1e-9)
+    assert post.shape.radius == pytest.approx(0.02)
+    assert post.shape.length == pytest.approx(0.08)
+    assert abs(post.pose[1, 2]) == pytest.approx(1.0)  # it lies along y
+    assert shelf.shape.size == pytest.approx((0.1, 0.1, 0.01))
+    assert rod.shape.length == pytest.approx(0.2)
+    ends = sorted(ball.pose[0, 3] for ball in balls)
+    np.testing.assert_allclose(ends, [-0.1, 0.1], atol=1e-9)
+    low, high = (floor.pose[2, 3] + s * floor.shape.size[2] / 2 for s in (-1, 1))
+    assert low < high == pytest.approx(-0.5)
+    assert {one.link for one in (post, shelf, rod, *balls, floor)} == {""}
+
+
+def test_the_command_reports_the_differences_first_and_shows_the_scene(capsys, tmp_path):
+    arguments = ["finger", "best", "--theta", "0.5", "--duration", "0.05", "--plant", str(SCENE)]
+    kept = ["--html", str(tmp_path / "run.html"), "--log", str(tmp_path / "run.npz")]
+    assert run.main([*arguments, *kept]) in (0, 1)
+    out = capsys.readouterr().out
+    assert out.index("reversed") < out.index("finger in finger_scene.xml, best")
+    text = (tmp_path / "run.html").read_text().partition('id="scene">')[2].partition("</scr")[0]
+    page = json.loads(text)
+    assert [shape["link"] for shape in page["figures"][0]["shapes"]][-2:] == [-1, -1]
+    assert page["runs"][0]["tracks"][0]["note"] == "in finger_scene.xml"
+    log = Log.load(tmp_path / "run.npz")
+    assert log.plant == "finger_scene.xml"
+    with np.load(tmp_path / "run.npz") as file:  # and one of before there was a word for it
+        about, arrays = json.loads(file["about"].item()), dict(file)
+    del about["plant"]
+    np.savez(tmp_path / "old.npz", **(arrays | {"about": np.array(json.dumps(about))}))
+    assert Log.load(tmp_path / "old.npz").plant is None
+    run.main([*arguments, "--json", "-"])
+    found = json.loads(capsys.readouterr().out)["plant"]
+    assert not found["passed"]
+    assert found["comparison"]["causes"][0]["where"] == "joint4"
+    with pytest.warns(UserWarning, match="the files differ: axis"):
+        simulate(
+            softdyn.load("finger"),
+            lambda *_: np.zeros(2),
+            SetPoint([0.2, 0, 0]),
+            plant=SCENE,
+            duration=0.01,
+        )

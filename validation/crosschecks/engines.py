@@ -1,0 +1,171 @@
+"""Two files in the engines that read them: each in its own, and one against the other.
+
+What a comparison says about two neutral forms holds for the engines as far as the errors of each
+file in its own engine go. `side_by_side` asks both engines directly, as the cross-check does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from softdyn.description.library import find
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.loading import load
+from softdyn.validation.crosschecks.crosscheck import crosscheck
+from softdyn.validation.crosschecks.result import CrossCheck
+from softdyn.validation.mjcf.comparison.comparison import neutral, stands_free
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
+from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, read_mjcf
+from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
+from softdyn.validation.mjcf.comparison.terms import Terms, evaluate, random_states, rotations
+from softdyn.validation.mjcf.scene import Scene
+
+Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
+
+
+def engine_errors(source: str | Path, *, samples: int = 8, seed: int = 0) -> dict[str, float]:
+    """How far an engine that reads the file is from the neutral form.
+
+    Parameters
+    ----------
+    source : str or Path
+        A URDF without mimic joints, for Pinocchio; an MJCF, for MuJoCo.
+    samples, seed : int
+        Number of random states, and their seed.
+
+    Returns
+    -------
+    dict[str, float]
+        Relative errors of ``M``, ``bias``, ``g``, by the largest entry of each or of M; none for a
+        URDF with mimic joints, which Pinocchio's model has no coordinates for.
+
+    Raises
+    ------
+    UrdfError, InputError
+        For a file that cannot be used.
+    """
+    path, robot = find(source), neutral(source)
+    if robot.format == "urdf" and robot.couplings:
+        return {}
+    states = random_states(robot, samples, seed)
+    terms = evaluate(robot, states)
+    if is_mjcf(path):
+        judge = _Mujoco(robot, compile_mjcf(read_mjcf(path)))
+        answers = [judge.at([q[k] for q in states.q], states.v[k]) for k in range(samples)]
+    else:
+        model = load(path)
+        answers = [
+            _pinocchio(model, robot, [q[k] for q in states.q], states.v[k]) for k in range(samples)
+        ]
+    return _errors(terms, answers)
+
+
+def side_by_side(a: str | Path, b: str | Path, *, samples: int = 8, seed: int = 0) -> CrossCheck:
+    """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
+
+    What only one file states of its joints (armature, damping, springs) is the URDF's in both, so
+    that the engines agree where the files do. Joints that only the MJCF has stand still.
+
+    Parameters
+    ----------
+    a, b : str or Path
+        A URDF and an MJCF, in any order.
+    samples, seed : int
+        Number of random states, and their seed.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used.
+    InputError
+        For two files of one format, and an MJCF that has not all joints or inputs of the URDF.
+    """
+    files = sorted((find(a), find(b)), key=is_mjcf)
+    if [is_mjcf(path) for path in files] != [False, True]:
+        raise InputError("engines", "a URDF and an MJCF", f"{files[0].name}, {files[1].name}")
+    model = load(files[0], floating=stands_free(neutral(files[1])))
+    scene = Scene(model, files[1])
+    _settle_one_sided(scene)
+    found = crosscheck(model, scene, samples=samples, seed=seed)
+    # what the rest of a scene weighs is in its energy
+    checks = tuple(check for check in found.checks if check.quantity != "energy")
+    return replace(found, checks=checks)
+
+
+def _settle_one_sided(scene: Scene) -> None:
+    """Give the scene's joints what the URDF says where only one file says anything."""
+    model = scene.model
+    values = {
+        "armature": model.dof_armature, "damping": model.dof_damping,
+        "stiffness": model.jnt_stiffness,
+    }  # fmt: skip
+    for cause in scene.comparison.causes:
+        if cause.one_sided and cause.kind in values:
+            joint = scene.joint_names.index(scene.comparison.matched[cause.where])
+            index = joint if cause.kind == "stiffness" else model.jnt_dofadr[joint]
+            values[cause.kind][index] = cause.a
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _errors(terms: Terms, answers: list[Answer]) -> dict[str, float]:
+    found = {}
+    inertia = float(np.abs(terms.M).max(initial=0.0)) or 1.0  # times 1 rad/s², for forces
+    for index, name in enumerate(("M", "bias", "g")):
+        ours = getattr(terms, name)
+        theirs = np.array([answer[index] for answer in answers])
+        scale = max(float(np.abs(theirs).max(initial=0.0)), inertia)
+        found[name] = float(np.abs(ours - theirs).max(initial=0.0)) / scale
+    return found
+
+
+def _pinocchio(model: SoftModel, robot: Neutral, q: list[np.ndarray], v: np.ndarray) -> Answer:
+    names = [part.name for part in robot.parts]
+    order = [names.index(name) for name in model.joint_names]
+    back = np.argsort(order)
+    coordinates = np.array([value[0] for value in q])[order]
+    state = model.state(model.configuration(coordinates), v[order])
+    return state.M[np.ix_(back, back)], state.bias[back], state.g[back]
+
+
+class _Mujoco:
+    """A compiled MJCF, asked in the coordinates of the neutral form."""
+
+    def __init__(self, robot: Neutral, model: mujoco.MjModel) -> None:
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        self._parts, self._model, self._data = robot.parts, model, mujoco.MjData(model)
+        # angular velocities of balls and free bases: the body's axes against the root's at zero
+        self._turn = np.eye(model.nv)
+        first = 0
+        for part in robot.parts:
+            last = first + FREEDOMS[part.kind]
+            if part.kind in ("ball", "free"):
+                self._turn[last - 3 : last, last - 3 : last] = part.pose.rotation.T
+            first = last
+
+    def at(self, q: list[np.ndarray], v: np.ndarray) -> Answer:
+        """M, bias, g of the whole model at one state."""
+        qpos: list[np.ndarray] = []
+        for part, value in zip(self._parts, q, strict=True):
+            if part.kind in ("ball", "free"):
+                zero = part.pose.rotation
+                turn = zero.T @ rotations(value[-3:]) @ zero
+                quaternion = np.empty(4)
+                mujoco.mju_mat2Quat(quaternion, turn.ravel())
+                qpos += [value[:-3], quaternion]
+            else:
+                qpos.append(value)
+        data, model = self._data, self._model
+        data.qpos[:] = np.concatenate(qpos)
+        answers = []
+        for velocity in (v, np.zeros_like(v)):
+            data.qvel[:] = self._turn @ velocity
+            mujoco.mj_forward(model, data)
+            answers.append(self._turn.T @ data.qfrc_bias)
+        M = np.empty((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, M)
+        return self._turn.T @ M @ self._turn, answers[0], answers[1]

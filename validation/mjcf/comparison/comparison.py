@@ -1,0 +1,265 @@
+"""Two files, one robot: where they differ, by cause and effect, until nothing is left."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from softdyn.description.library import find
+from softdyn.description.urdf import parse
+from softdyn.exceptions import InputError
+from softdyn.validation.mjcf.comparison.finding import KINDS, Finding
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
+from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
+from softdyn.validation.mjcf.comparison.geometry import find_geometry
+from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
+from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, read_mjcf
+from softdyn.validation.mjcf.comparison.neutral import Neutral
+from softdyn.validation.mjcf.comparison.parameters import Turns, find_order, find_parameters
+from softdyn.validation.mjcf.comparison.result import QUANTITIES, Cause, Comparison, Step, Worst
+from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, random_states
+
+# what enters M, bias, g or a tip; the others are measured by their values alone
+DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
+NAMED = 1e-6  # the effect, or the relative difference of a value, from which on a cause is named
+
+
+def neutral(source: str | Path, *, floating: bool = False) -> Neutral:
+    """The neutral form of a URDF or an MJCF.
+
+    Parameters
+    ----------
+    source : str or Path
+        A path, or what `softdyn.load` takes.
+    floating : bool
+        Whether a URDF's root link moves freely, which the format cannot say.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used.
+    InputError
+        For a name that is no robot's.
+    """
+    path = find(source)
+    if is_mjcf(path):
+        file = read_mjcf(path)
+        robot = from_mjcf(path, compile_mjcf(file))
+        # models attached through MuJoCo's specification come after the bodies beside them
+        note = "attached models: the order of joints is not compared"
+        return replace(robot, orders=(), notes=(*robot.notes, note)) if file.attached else robot
+    return from_urdf(parse(path, floating=floating))
+
+
+def compare(
+    a: str | Path,
+    b: str | Path,
+    *,
+    mapping: dict[str, str] | None = None,
+    strict: bool = False,
+    samples: int = 8,
+    seed: int = 0,
+) -> Comparison:
+    """Compare two files of one robot, each a URDF or an MJCF.
+
+    Parameters
+    ----------
+    a, b : str or Path
+        Paths, or what `softdyn.load` takes.
+    mapping : dict[str, str] or None
+        Joints of A → joints of B, for those that names and kinematics get wrong.
+    strict : bool
+        Whether what only one file states fails too.
+    samples, seed : int
+        Number of random states at which effects are computed, and their seed.
+
+    Returns
+    -------
+    Comparison
+        ``assert compare(urdf, mjcf).passed`` is a test; printed, it is a report.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used: the message names file, element, expected and got.
+    InputError
+        For a name that is no robot's, or a mapping that cannot be.
+    """
+    begin = time.perf_counter()
+    if not isinstance(samples, int) or samples < 1:
+        raise InputError("samples", "an integer >= 1", samples)
+    return compare_neutral(
+        *neutral_pair(a, b), mapping=mapping, strict=strict, samples=samples, seed=seed, begin=begin
+    )
+
+
+def neutral_pair(a: str | Path, b: str | Path) -> tuple[Neutral, Neutral]:
+    """Both robots in the neutral form; a URDF floats where the other file's robot does."""
+    one, other = neutral(a), neutral(b)
+    free = [stands_free(robot) for robot in (one, other)]
+    if free == [False, True] and one.format == "urdf":
+        one = neutral(a, floating=True)
+    if free == [True, False] and other.format == "urdf":
+        other = neutral(b, floating=True)
+    return one, other
+
+
+def stands_free(robot: Neutral) -> bool:
+    """Whether the robot is on a free base; a free body beside others is an object of the scene."""
+    free = [k for k, part in enumerate(robot.parts) if part.kind == "free"]
+    return any(len(robot.subtree(k)) > 1 or len(robot.parts) == 1 for k in free)
+
+
+def compare_neutral(
+    one: Neutral,
+    other: Neutral,
+    *,
+    mapping: dict[str, str] | None = None,
+    strict: bool = False,
+    samples: int = 8,
+    seed: int = 0,
+    begin: float | None = None,
+) -> Comparison:
+    """Compare two robots in the neutral form; the other arguments as in `compare`."""
+    begin = time.perf_counter() if begin is None else begin
+    pairs = match(one, other, mapping)
+    names, unmatched = _names(one, other, pairs)
+    paths = str(one.path), str(other.path)
+    notes = tuple(f"{side}: {note}" for side, r in (("A", one), ("B", other)) for note in r.notes)
+    how = {one.parts[i].name: pairs.how[i] for i, _ in pairs.pairs}
+    if not pairs.pairs:
+        seconds = time.perf_counter() - begin
+        return Comparison(*paths, names, how, unmatched, (), (), {}, strict, notes, seconds)
+    left, right = reduce(one, other, pairs)
+    states = random_states(left, samples, seed)
+    reference = evaluate(left, states)
+    measure = _Measure(left, reference, states)
+
+    found, repaired = find_geometry(left, right)
+    turns = _turns(found)
+    found += find_parameters(left, repaired, turns, states)
+    if (order := find_order(left, right)) is not None:
+        found.append(order)
+    causes: list[Cause] = []
+    steps = [Step("as is", measure.errors(right))]
+    robot = right
+    for _, stage in groupby(sorted(found, key=_stage), _stage):
+        kinds: list[str] = []
+        for finding in stage:
+            before = robot
+            robot = finding.repair(robot)
+            moves = finding.kind in DYNAMIC
+            effect = measure.effect(before, robot if moves else before) | {"value": finding.size}
+            if max(effect.values()) > NAMED:
+                kinds.append(finding.kind)
+                causes.append(
+                    Cause(
+                        finding.kind, finding.where, *finding.values, effect, finding.detail,
+                        finding.one_sided,
+                    )
+                )  # fmt: skip
+        if kinds:
+            steps.append(Step(", ".join(dict.fromkeys(kinds)), measure.errors(robot)))
+    residual = measure.errors(robot)
+    causes.sort(key=lambda cause: (cause.one_sided, -cause.weight, -cause.effect.get("value", 0)))
+    return Comparison(
+        *paths, names, how, unmatched, tuple(causes), tuple(steps), residual, strict, notes,
+        time.perf_counter() - begin, turns, measure.worst(right),
+    )  # fmt: skip
+
+
+def _stage(finding: Finding) -> int:
+    """Geometry first, as it was found: what is displaced carries the rest along."""
+    return max(KINDS.index(finding.kind), KINDS.index("axis"))
+
+
+def _turns(found: list[Finding]) -> Turns:
+    """Sense and zero of the joints where B's differ."""
+    turns: Turns = {}
+    for finding in found:
+        sense, zero = turns.get(finding.where, (1.0, 0.0))
+        if finding.kind == "zero":
+            turns[finding.where] = (sense, zero + finding.values[1])
+        if finding.kind == "axis" and "reversed" in finding.detail:
+            turns[finding.where] = (-sense, zero)
+    return turns
+
+
+def _names(
+    one: Neutral, other: Neutral, pairs: Match
+) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """Matched joints by name, and those without a partner."""
+    matched = {one.parts[i].name: other.parts[j].name for i, j in pairs.pairs}
+    unmatched = {
+        "a": [part.name for part in one.parts if part.name not in matched],
+        "b": [part.name for part in other.parts if part.name not in matched.values()],
+    }
+    return matched, unmatched
+
+
+class _Measure:
+    """Relative differences from A's dynamics, every joint counted alike.
+
+    Forces and inertias are divided by √M_ii of their joints, so that a fingertip counts as much as
+    a trunk; tips are divided by the extent of the robot.
+    """
+
+    def __init__(self, robot: Neutral, terms: Terms, states: States) -> None:
+        self._terms, self._states, self._size = terms, states, robot.size
+        diagonal = np.einsum("sii->si", terms.M).max(axis=0)
+        self._weight = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        self._force = float(np.abs(terms.bias * self._weight).max(initial=0.0)) or 1.0
+        self._pull = max(float(np.abs(terms.g * self._weight).max(initial=0.0)), 1e-3 * self._force)
+        self._arm = max(float(np.abs(terms.J).max(initial=0.0)), 1e-3 * self._size)
+        self._last = (robot, terms)
+
+    def _evaluate(self, robot: Neutral) -> Terms:
+        """Terms of a robot; those of the last one are kept, since repairs follow each other."""
+        if self._last[0] is not robot:
+            self._last = (robot, evaluate(robot, self._states))
+        return self._last[1]
+
+    def errors(self, robot: Neutral) -> dict[str, float]:
+        """How far a robot's M, bias, g and J are from A's."""
+        found = self._gaps(self._terms, self._evaluate(robot))
+        return {name: found[name] for name in QUANTITIES}
+
+    def effect(self, before: Neutral, after: Neutral) -> dict[str, float]:
+        """What a repair changes in M, bias, g and the tips."""
+        if before is after:
+            return dict.fromkeys(("M", "bias", "g", "tip"), 0.0)
+        found = self._gaps(self._evaluate(before), self._evaluate(after))
+        return {name: found[name] for name in ("M", "bias", "g", "tip")}
+
+    def worst(self, robot: Neutral) -> tuple[Worst, ...]:
+        """For each quantity that differs, the state at which it does so most."""
+        terms = self._evaluate(robot)
+        found = []
+        for name, gaps in self._scaled(self._terms, terms).items():
+            errors = np.abs(gaps).reshape(len(gaps), -1).max(axis=1, initial=0.0)
+            at = int(np.argmax(errors))
+            if errors[at] > NAMED:
+                q = {
+                    part.name: value[at].tolist()
+                    for part, value in zip(robot.parts, self._states.q, strict=True)
+                }
+                found.append(Worst(name, float(errors[at]), q))
+        return tuple(sorted(found, key=lambda worst: -worst.error))
+
+    def _gaps(self, a: Terms, b: Terms) -> dict[str, float]:
+        scaled = self._scaled(a, b)
+        return {name: float(np.abs(gap).max(initial=0.0)) for name, gap in scaled.items()}
+
+    def _scaled(self, a: Terms, b: Terms) -> dict[str, np.ndarray]:
+        weight = self._weight
+        return {
+            "M": (a.M - b.M) * weight[:, None] * weight,
+            "bias": (a.bias - b.bias) * weight / self._force,
+            "g": (a.g - b.g) * weight / self._pull,
+            "J": (a.J - b.J) / self._arm,
+            "tip": (a.tips - b.tips) / self._size,
+        }

@@ -1,0 +1,145 @@
+"""A URDF in the neutral form, from the strict parse alone."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from lxml import etree
+
+from softdyn.description.inertia import Inertia
+from softdyn.description.robot import Robot, carriers, children, poses
+from softdyn.validation.mjcf.comparison.neutral import (
+    WORLD,
+    Cable,
+    Coupling,
+    Frame,
+    Motor,
+    Neutral,
+    Part,
+    Point,
+    Pose,
+)
+
+FREE = "floating base"
+
+
+def from_urdf(robot: Robot) -> Neutral:
+    """The neutral form of a parsed URDF."""
+    placed = {name: Pose(*pose) for name, pose in poses(robot).items()}
+    carrier, below = carriers(robot), children(robot.joints)
+    pieces: dict[str, tuple[tuple[str, Inertia], ...]] = {}
+    for link in robot.links:
+        if link.inertia.mass or link.inertia.tensor.any():
+            pose = placed[link.name]
+            piece = link.inertia.moved(pose.rotation, pose.translation)
+            mates = pieces.get(carrier[link.name], ())
+            pieces[carrier[link.name]] = (*mates, (link.name, piece))
+    efforts = _efforts(robot)
+    parts: list[Part] = []
+    index = {robot.root: WORLD}
+    if robot.floating:
+        index[robot.root] = 0
+        zero = np.zeros(3)
+        own = pieces.get(robot.root, ())
+        parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Pose()))
+    walked: list[str] = []
+    lumped: dict[str, list[str]] = {}  # by carrier, the links that its joints move
+    front = [robot.root]
+    above = {joint.child: joint for joint in robot.joints}
+    while front:
+        name = front.pop()
+        front += [joint.child for joint in reversed(below.get(name, ()))]
+        lumped.setdefault(carrier[name], [])
+        lumped[carrier[name]] += [joint.child for joint in below.get(name, ()) if joint.moves]
+        if name not in above or not above[name].moves:
+            continue
+        joint, pose = above[name], placed[name]
+        index[name] = len(parts)
+        kind = "slide" if joint.kind == "prismatic" else "hinge"
+        parts.append(
+            Part(
+                joint.name, name, kind, index[carrier[joint.parent]],
+                pose.rotation @ joint.axis, pose.translation, pieces.get(name, ()), pose,
+                joint.lower, joint.upper, efforts.get(joint.name, math.inf),
+                joint.armature, joint.damping, joint.friction, joint.stiffness, joint.rest,
+            )
+        )  # fmt: skip
+        walked.append(joint.name)
+
+    def on(link: str) -> int:
+        return index[carrier[link]]
+
+    frames = {
+        link.name: Frame(on(link.name), placed[link.name])
+        for link in robot.links
+        if carrier[link.name] != link.name or index[link.name] == WORLD
+    }
+    cables = []
+    for tendon in robot.tendons:
+        path = tuple(Point(on(s.link), placed[s.link].at(s.xyz)) for s in tendon.sites)
+        rest = tendon.rest
+        if rest is None:
+            rest = float(sum(np.linalg.norm(b.xyz - a.xyz) for a, b in pairwise(path)))
+        terms = {term.joint: term.coef for term in tendon.terms}
+        cables.append(
+            Cable(tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest))
+        )
+    motors = tuple(
+        Motor(a.name, f"tendon:{a.tendon}", a.gear, a.lower, a.upper) for a in robot.actuators
+    )
+    couplings = tuple(
+        Coupling(j.name, j.mimic.leader, j.mimic.multiplier, j.mimic.offset)
+        for j in robot.joints
+        if j.moves and j.mimic is not None
+    )
+    document = tuple(joint.name for joint in robot.moving_joints)
+    by_bodies = tuple(above[link].name for link in _depth_first(robot.root, lumped))
+    orders = (document, tuple(walked), by_bodies, _by_name(robot))
+    return Neutral(
+        robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders
+    )
+
+
+def _depth_first(root: str, below: dict[str, list[str]]) -> list[str]:
+    """What `below` hangs on the root, parents first."""
+    found: list[str] = []
+    stack = list(reversed(below.get(root, ())))
+    while stack:
+        found.append(stack.pop())
+        stack += reversed(below.get(found[-1], ()))
+    return found
+
+
+def _by_name(robot: Robot) -> tuple[str, ...]:
+    """Joints depth first, siblings by name: Pinocchio's order."""
+    above = {joint.child: joint for joint in robot.joints}
+    below = {
+        link: [joint.child for joint in sorted(joints, key=lambda joint: joint.name)]
+        for link, joints in children(robot.joints).items()
+    }
+    walked = [above[link] for link in _depth_first(robot.root, below)]
+    return tuple(joint.name for joint in walked if joint.moves)
+
+
+def _efforts(robot: Robot) -> dict[str, float]:
+    """What ``<limit effort>`` states, or a motor at the joint if that is less, as of an MJCF.
+
+    Zero is what generators write for none.
+    """
+    found = {}
+    for joint in etree.fromstring(robot.xml.encode()).iter("joint"):
+        limit = joint.find("limit")
+        effort = float(limit.get("effort") or 0.0) if limit is not None else 0.0
+        if effort > 0:
+            found[str(joint.get("name"))] = effort
+    terms = {tendon.name: tendon.terms for tendon in robot.tendons}
+    for motor in robot.actuators:
+        if len(terms[motor.tendon]) != 1:
+            continue
+        (term,) = terms[motor.tendon]
+        force = abs(motor.gear * term.coef) * max(abs(motor.lower), abs(motor.upper))
+        if force > 0:
+            found[term.joint] = min(found.get(term.joint, math.inf), force)
+    return found

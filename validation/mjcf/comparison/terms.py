@@ -1,0 +1,247 @@
+"""Dynamics of the neutral form at many states at once, in NumPy: M, bias, g, J, lengths.
+
+Spatial vectors (angular, linear) at the world's origin in the world's axes; recursive Newton-Euler
+and composite rigid bodies (Featherstone, Rigid Body Dynamics Algorithms, chapters 5 and 6). Neither
+engine is used; tests hold it against both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Random states: of each part q (samples, freedoms), and v (samples, nv).
+
+    A ball's q is a rotation vector, a free base's a translation and a rotation vector. Angular
+    velocities are in the body's own axes, a free base's linear one is in the world's.
+    """
+
+    q: tuple[np.ndarray, ...]
+    v: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The dynamics at the states.
+
+    Attributes
+    ----------
+    M : np.ndarray, (samples, nv, nv)
+    bias, g : np.ndarray, (samples, nv)
+    J : np.ndarray, (samples, tips, 3, nv)
+    tips : np.ndarray, (samples, tips, 3)
+        Link origins of the parts that carry no other.
+    """
+
+    M: np.ndarray
+    bias: np.ndarray
+    g: np.ndarray
+    J: np.ndarray
+    tips: np.ndarray
+
+
+def random_states(robot: Neutral, samples: int, seed: int) -> States:
+    """States inside the limits, within ±π rad and ±1 m where there are none."""
+    rng = np.random.default_rng(seed)
+    q = []
+    for part in robot.parts:
+        reach = np.pi if part.kind == "hinge" else 1.0
+        lower, upper = max(part.lower, -reach), min(part.upper, reach)
+        if not lower <= upper or part.kind in ("ball", "free"):
+            lower, upper = -1.0, 1.0
+        q.append(rng.uniform(lower, upper, (samples, FREEDOMS[part.kind])))
+    return States(tuple(q), rng.uniform(-1.0, 1.0, (samples, robot.nv)))
+
+
+def rotations(vectors: np.ndarray) -> np.ndarray:
+    """Rotation matrices (…, 3, 3) of rotation vectors (…, 3), Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
+    cross = skew(vectors)
+    a = np.sinc(angle / np.pi)
+    b = np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.eye(3) + a * cross + b * cross @ cross
+
+
+def skew(vectors: np.ndarray) -> np.ndarray:
+    """Cross product matrices (…, 3, 3) of vectors (…, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    o = np.zeros_like(x)
+    rows = [np.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))]
+    return np.stack(rows, -2)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of vectors (…, 3); a third of the time of NumPy's on small arrays."""
+    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
+    return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), -1)
+
+
+def motion_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Spatial cross product a × b of motions (…, 6)."""
+    w, v = a[..., :3], a[..., 3:]
+    return np.concatenate((cross(w, b[..., :3]), cross(w, b[..., 3:]) + cross(v, b[..., :3])), -1)
+
+
+def force_cross(a: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Spatial cross product a ×* f of a motion and a force (…, 6)."""
+    w, v = a[..., :3], a[..., 3:]
+    return np.concatenate((cross(w, f[..., :3]) + cross(v, f[..., 3:]), cross(w, f[..., 3:])), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Where the parts are: rotation (parts, samples, 3, 3), translation (parts, samples, 3)."""
+
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def point(self, part: int, xyz: np.ndarray) -> np.ndarray:
+        """A point of a part, or of the root, in the world (samples, 3)."""
+        if part == WORLD:
+            return np.broadcast_to(xyz, self.translation.shape[1:])
+        return self.rotation[part] @ xyz + self.translation[part]
+
+
+def place(robot: Neutral, states: States) -> Placed:
+    """Forward kinematics, a product of exponentials."""
+    parts = robot.parts
+    turns = np.zeros((len(parts), len(states.v), 3))
+    shifts = np.zeros_like(turns)
+    for k, (part, q) in enumerate(zip(parts, states.q, strict=True)):
+        if part.kind == "slide":
+            shifts[k] = q * part.axis
+        else:
+            turns[k] = q * part.axis if part.kind == "hinge" else q[:, -3:]
+        if part.kind == "free":
+            shifts[k] = q[:, :3]
+    R = rotations(turns)
+    points = np.array([part.point for part in parts]).reshape(-1, 1, 3)
+    p = shifts + points - np.einsum("ksij,ktj->ksi", R, points)
+    for k, part in enumerate(parts):
+        if part.parent != WORLD:
+            above = R[part.parent]
+            p[k] = (above @ p[k][..., None])[..., 0] + p[part.parent]
+            R[k] = above @ R[k]
+    return Placed(R, p)
+
+
+def evaluate(robot: Neutral, states: States) -> Terms:
+    """Every term at the states."""
+    placed = place(robot, states)
+    parts, samples, n = robot.parts, len(states.v), robot.nv
+    owner = np.repeat(np.arange(len(parts)), [FREEDOMS[part.kind] for part in parts])
+    S = _unit_velocities(robot, placed, samples)
+    inertia = _spatial_inertias(robot, placed)
+    velocity = np.zeros((len(parts), samples, 6))
+    acceleration = np.zeros_like(velocity)
+    base = np.concatenate((np.zeros(3), -robot.gravity))
+    weighed = S * states.v[:, None]
+    for k, part in enumerate(parts):
+        root = part.parent == WORLD
+        own = weighed[:, :, owner == k]
+        turning = own[:, :, 3:] if part.kind == "free" else own  # its first three never turn
+        velocity[k] = own.sum(2) if root else velocity[part.parent] + own.sum(2)
+        rate = motion_cross(velocity[k], turning.sum(2))
+        acceleration[k] = (base if root else acceleration[part.parent]) + rate
+    momentum = np.einsum("ksij,ksj->ksi", inertia, velocity)
+    force = np.einsum("ksij,ksj->ksi", inertia, acceleration) + force_cross(velocity, momentum)
+    for k in range(len(parts) - 1, -1, -1):
+        if parts[k].parent != WORLD:
+            inertia[parts[k].parent] += inertia[k]
+            force[parts[k].parent] += force[k]
+    momenta = np.einsum("nsij,sjn->sin", inertia[owner], S)
+    upper = np.swapaxes(S, 1, 2) @ momenta
+    carried = _ancestors(robot)[np.ix_(owner, owner)]  # row: mover, column: moved
+    M = np.where(carried, upper, 0.0)
+    M = np.where(carried, M, np.swapaxes(M, 1, 2))
+    M[:, np.arange(n), np.arange(n)] += np.array([parts[k].armature for k in owner])
+    bias = np.einsum("sin,nsi->sn", S, force[owner])
+    g = np.einsum("sin,i->sn", momenta, base)
+    tips, J = _tips(robot, placed, S, owner)
+    return Terms(M, bias, g, J, tips)
+
+
+def _unit_velocities(robot: Neutral, placed: Placed, samples: int) -> np.ndarray:
+    """Spatial velocity (samples, 6, nv) of the part that each coordinate moves, at unit speed."""
+    S = np.zeros((samples, 6, robot.nv))
+    first = 0
+    for k, part in enumerate(robot.parts):
+        R, last = placed.rotation[k], first + FREEDOMS[part.kind]
+        if part.kind == "slide":
+            S[:, 3:, first] = R @ part.axis
+        elif part.kind == "hinge":
+            axis = R @ part.axis
+            S[:, :3, first] = axis
+            S[:, 3:, first] = cross(placed.point(k, part.point), axis)
+        else:
+            anchor = placed.point(k, part.point)
+            S[:, :3, last - 3 : last], S[:, 3:, last - 3 : last] = R, skew(anchor) @ R
+            if part.kind == "free":
+                S[:, 3:, first : first + 3] = np.eye(3)
+        first = last
+    return S
+
+
+def _spatial_inertias(robot: Neutral, placed: Placed) -> np.ndarray:
+    """Spatial inertia (parts, samples, 6, 6) of every body at the world's origin."""
+    bodies = [part.inertia for part in robot.parts]
+    R = placed.rotation
+    mass = np.array([body.mass for body in bodies]).reshape(-1, 1, 1, 1)
+    com = np.array([body.com for body in bodies]).reshape(-1, 1, 3)
+    tensor = np.array([body.tensor for body in bodies]).reshape(-1, 1, 3, 3)
+    arm = skew(np.einsum("ksij,ktj->ksi", R, com) + placed.translation)
+    found = np.empty((*R.shape[:2], 6, 6))
+    found[..., :3, :3] = R @ tensor @ R.swapaxes(2, 3) + mass * arm @ arm.swapaxes(2, 3)
+    found[..., :3, 3:] = mass * arm
+    found[..., 3:, :3] = -mass * arm
+    found[..., 3:, 3:] = mass * np.eye(3)
+    return found
+
+
+def _ancestors(robot: Neutral) -> np.ndarray:
+    """(parts, parts) whether the row's part is, or carries, the column's."""
+    found = np.eye(len(robot.parts), dtype=bool)
+    for k, part in enumerate(robot.parts):
+        if part.parent != WORLD:
+            found[:, k] |= found[:, part.parent]
+    return found
+
+
+def _tips(
+    robot: Neutral, placed: Placed, S: np.ndarray, owner: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tips (samples, tips, 3) and their Jacobians (samples, tips, 3, nv)."""
+    leaves = [k for k in range(len(robot.parts)) if not robot.children(k)]
+    movers = _ancestors(robot)
+    points, jacobians = [], []
+    for k in leaves:
+        point = placed.point(k, robot.parts[k].pose.translation)
+        columns = S[:, 3:] - skew(point) @ S[:, :3]
+        points.append(point)
+        jacobians.append(np.where(movers[owner, k], columns, 0.0))
+    if not leaves:
+        return np.zeros((len(S), 0, 3)), np.zeros((len(S), 0, 3, 0))
+    return np.stack(points, 1), np.stack(jacobians, 1)
+
+
+def lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
+    """Length (samples,) of every cable; what a path wraps around counts as a point."""
+    placed = place(robot, states)
+    coordinate = {part.name: q[:, 0] for part, q in zip(robot.parts, states.q, strict=True)}
+    found = {}
+    for cable in robot.cables:
+        length = np.zeros(len(states.v))
+        for joint, coefficient in cable.terms.items():
+            length = length + coefficient * coordinate[joint]
+        ends = [placed.point(point.part, point.xyz) for point in cable.path]
+        for a, b in pairwise(ends):
+            length = length + np.linalg.norm(b - a, axis=1)
+        found[cable.name] = length
+    return found

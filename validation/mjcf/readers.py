@@ -1,0 +1,225 @@
+"""Pinocchio's own MJCF reader against MuJoCo: which files it reads right, and what goes wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.description.inertia import Inertia
+from softdyn.description.strict_xml import read
+from softdyn.dynamics.mjcf_reader import read_mjcf_by_pinocchio
+from softdyn.exceptions import SoftdynError
+from softdyn.validation.mjcf.comparison.comparison import compare_neutral
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
+from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, judge_paths, read_mjcf
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Pose
+from softdyn.validation.mjcf.comparison.result import QUANTITIES, Comparison
+from softdyn.validation.tables import columns, pipes
+
+EXACT = 1e-9
+READ = {"base", "pose", "zero", "axis", "mass", "centre", "inertia", "armature", "gravity"}
+
+
+def from_pinocchio(path: Path) -> Neutral:
+    """The neutral form of what Pinocchio reads: joints, bodies, armature and gravity alone.
+
+    Raises
+    ------
+    UrdfError
+        When Pinocchio refuses the file.
+    """
+    readings, gravity = read_mjcf_by_pinocchio(path)
+    parts: list[Part] = []
+    last = {-1: WORLD}
+    for k, found in enumerate(readings):
+        pose = Pose(found.rotation, found.translation)
+        body: tuple[tuple[str, Inertia], ...] = ()
+        if found.mass:
+            body = ((found.name, Inertia(found.mass, found.com, found.tensor)),)
+        above = last[found.parent]
+        if found.free or found.ball:
+            kind = "free" if found.free else "ball"
+            point = np.zeros(3) if found.free else found.translation
+            part = Part(found.name, found.name, kind, above, np.zeros(3), point, body, pose)
+            parts.append(replace(part, armature=float(found.armature[0])))
+        else:
+            for m, (row, armature) in enumerate(zip(found.directions, found.armature, strict=True)):
+                turns = bool(np.linalg.norm(row[:3]) > 0.5)
+                end = m == len(found.directions) - 1
+                name = found.name if len(found.directions) == 1 else f"{found.name} {m}"
+                axis = row[:3] if turns else row[3:]
+                point = np.cross(axis, row[3:]) if turns else found.translation
+                part = Part(
+                    name, found.name if end else "", "hinge" if turns else "slide", above, axis,
+                    point, body if end else (), pose,
+                )  # fmt: skip
+                parts.append(replace(part, armature=float(armature)))
+                above = len(parts) - 1
+        last[k] = len(parts) - 1
+    names = tuple(part.name for part in parts)
+    return Neutral(path, "mjcf", tuple(parts), gravity=gravity, orders=(names,))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What Pinocchio makes of one MJCF: how far from MuJoCo, and why; or why it was not asked.
+
+    Attributes
+    ----------
+    file : str
+        The file.
+    result : Comparison or None
+        MuJoCo's reading (A) against Pinocchio's (B); None where one does not read it.
+    error : str
+        Why not.
+    includes : bool
+        Whether what is missing stands in files included at the top, which the reader passes over.
+    """
+
+    file: str
+    result: Comparison | None
+    error: str = ""
+    includes: bool = False
+
+    @property
+    def exact(self) -> bool:
+        """Whether all joints are read, and M, bias, g and J agree."""
+        found = self.result
+        if found is None or any(found.unmatched.values()) or not found.waterfall:
+            return False
+        return max(found.waterfall[0].left.values()) < EXACT
+
+    @property
+    def why(self) -> str:
+        """What is wrong, in words."""
+        found = self.result
+        if self.includes and (found is None or found.unmatched["a"]):
+            return "a top-level <include> is passed over"
+        if found is None:
+            return self.error
+        words = []
+        if gone := found.unmatched["a"]:
+            more = " …" if len(gone) > 2 else ""
+            words.append(f"{len(gone)} joints missing ({', '.join(gone[:2])}{more})")
+        kinds: dict[str, list[Any]] = {}
+        for cause in found.causes:
+            if cause.kind in READ and cause.weight > EXACT:
+                kinds.setdefault(cause.kind, []).append(cause)
+        for kind, causes in kinds.items():
+            more = f" (+{len(causes) - 1})" if len(causes) > 1 else ""
+            words.append(f"{kind} of {causes[0].where} {causes[0].detail}".rstrip() + more)
+        return "; ".join(words)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict as plain data."""
+        errors = self.result.waterfall[0].left if self.result and self.result.waterfall else None
+        return {"file": self.file, "exact": self.exact, "errors": errors, "why": self.why}
+
+
+def pinocchio_reads(path: Path, label: str = "") -> Verdict:
+    """Read an MJCF by MuJoCo and by Pinocchio, and compare.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used, or that names files outside its folder.
+    """
+    label = label or str(path)
+    judge_paths(path)
+    ours = from_mjcf(path, compile_mjcf(read_mjcf(path)))
+    main = read(path, "MJCF")
+    own = {node.get("name") for node in main.node.iter("joint", "freejoint")}
+    includes = main.node.find("include") is not None
+    try:
+        theirs = from_pinocchio(path)
+    except SoftdynError as error:
+        bodies = main.node.find(".//body") is not None
+        return Verdict(label, None, str(error).partition(", got ")[2], includes and not bodies)
+    bare = replace(ours, frames={}, cables=(), motors=(), couplings=())
+    found = compare_neutral(_plain(bare), _plain(theirs))
+    return Verdict(label, found, "", includes and not own.intersection(found.unmatched["a"]))
+
+
+def _plain(robot: Neutral) -> Neutral:
+    """Names of bodies and what enters none of M, bias, g, J left out: Pinocchio has others."""
+    parts = tuple(
+        replace(
+            part, pieces=tuple(("", piece) for _, piece in part.pieces), link="",
+            lower=-np.pi, upper=np.pi, effort=0.0, damping=0.0, friction=0.0, stiffness=0.0,
+        )
+        for part in robot.parts
+    )  # fmt: skip
+    return replace(robot, parts=parts)
+
+
+@dataclass(frozen=True)
+class Readers:
+    """Every MJCF of some folders."""
+
+    verdicts: tuple[Verdict, ...]
+    refused: tuple[str, ...]
+
+    @property
+    def exact(self) -> int:
+        """How many Pinocchio reads right."""
+        return sum(verdict.exact for verdict in self.verdicts)
+
+    def __str__(self) -> str:
+        return "\n\n".join([self.summary, columns(self.lines, (1, 2, 3, 4))])
+
+    @property
+    def lines(self) -> list[list[str]]:
+        """A table of what is not exact, its titles first; what is wrong alike is one row."""
+        groups: dict[str, list[Verdict]] = {}
+        for verdict in self.verdicts:
+            if not verdict.exact:
+                groups.setdefault(verdict.why, []).append(verdict)
+        rows = [["files", *QUANTITIES, "why"]]
+        for why, group in groups.items():
+            files = ", ".join(verdict.file for verdict in group[:2])
+            files += f" and {len(group) - 2} more" if len(group) > 2 else ""
+            found = group[0].result
+            figures = [""] * len(QUANTITIES)
+            if found is not None and found.waterfall and not group[0].includes:
+                figures = [f"{found.waterfall[0].left[name]:.0e}" for name in QUANTITIES]
+            rows.append([files, *figures, why])
+        return rows
+
+    @property
+    def summary(self) -> str:
+        """Counts in one line."""
+        return (
+            f"{len(self.verdicts)} MJCFs that MuJoCo reads: {self.exact} exact in Pinocchio, "
+            f"{len(self.verdicts) - self.exact} not; {len(self.refused)} not asked"
+        )
+
+    def markdown(self) -> list[str]:
+        """A section of a document."""
+        return [self.summary + ".", "", *pipes(self.lines)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The survey as plain data."""
+        verdicts = [verdict.to_dict() for verdict in self.verdicts]
+        return {"exact": self.exact, "files": verdicts, "refused": list(self.refused)}
+
+
+def survey_readers(folders: Sequence[str]) -> Readers:
+    """Read every MJCF below the folders that is a robot of its own."""
+    verdicts, refused = [], []
+    for folder in folders:
+        for path in sorted(Path(folder).rglob("*.xml")):
+            label = "/".join(path.parts[-2:])
+            try:
+                if not is_mjcf(path):
+                    continue
+                verdict = pinocchio_reads(path, label)
+            except SoftdynError:
+                refused.append(label)
+                continue
+            if verdict.result is None or verdict.result.matched or verdict.result.unmatched["a"]:
+                verdicts.append(verdict)
+    return Readers(tuple(verdicts), tuple(refused))

@@ -1,0 +1,195 @@
+"""A user's own MJCF, scene and all, as the plant of a law on the URDF's analytic model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softdyn.checks import array
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.validation.mjcf.comparison.comparison import compare_neutral
+from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
+from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
+from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Pose
+from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
+from softdyn.validation.twin.bodies import Freedom
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import check_warnings
+
+
+class Scene:
+    """A MuJoCo model from a file of the user's, driven in the coordinates of ours.
+
+    All that the file says acts: its contacts, objects, servos, gravity, integrator. States and
+    inputs are mapped by what `compare` finds: joints by name or kinematics, their sense and their
+    zero; inputs by the force that they make. Objects, and joints that the model does not have,
+    begin at the file's ``qpos0``; actuators that no input drives stay at zero.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The law's.
+    source : str or Path
+        An MJCF. It is read strictly: includes and meshes from its own folder only.
+    timestep : float, optional
+        Integration step (s); the file's by default.
+    mapping : Mapping[str, str], optional
+        Joints of the model → joints of the scene, for those that are matched wrongly.
+
+    Attributes
+    ----------
+    model, data : mujoco.MjModel, mujoco.MjData
+        MuJoCo's.
+    path : Path
+        The file.
+    robot : Robot
+        The model's.
+    comparison : Comparison
+        How the model's file (A) and the scene (B) differ.
+    states : StateMap
+        The model's states ↔ MuJoCo's.
+    inputs : np.ndarray, (MuJoCo's nu, nu)
+        ctrl = inputs @ u.
+    idle : tuple[str, ...]
+        Actuators that no input drives.
+    joint_names, followers, floating, rest, task, tendons
+        As `Twin`; a tendon that the scene does not have is -1.
+
+    Raises
+    ------
+    UrdfError
+        For a file that cannot be used.
+    InputError
+        For a scene that has not all joints and inputs of the model.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        source: str | Path,
+        *,
+        timestep: float | None = None,
+        mapping: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = Path(source)
+        self.model = compile_mjcf(read_mjcf(self.path, whole=True))
+        ours, theirs = from_urdf(model.robot), from_mjcf(self.path, self.model)
+        self.comparison = compare_neutral(
+            ours, theirs, mapping=None if mapping is None else dict(mapping)
+        )
+        matched = self.comparison.matched
+        self.robot = robot = model.robot
+        needed = model.joint_names[6:] if robot.floating else model.joint_names
+        gone = [joint for joint in needed if joint not in matched]
+        if gone:
+            expected = f"the joints of {model.name!r}"
+            raise InputError(str(self.path), expected, f"none for {', '.join(gone)}")
+        self.floating = robot.floating
+        self._check_base(theirs)
+        self.joint_names = tuple(part.name for part in theirs.parts)
+        number = {name: k for k, name in enumerate(self.joint_names)}
+        self.followers = {
+            joint.name: Freedom(
+                joint.name, "", joint.axis, joint.mimic.leader, joint.mimic.multiplier,
+                joint.mimic.offset,
+            )
+            for joint in robot.followers
+            if joint.mimic is not None and joint.name in matched
+        }  # fmt: skip
+        self.rest = self.model.qpos0.copy()
+        called = {ours: number[other] for ours, other in matched.items()}
+        self._zero = model.q0
+        self.states = StateMap(model, self, called, self.comparison.turns)
+        found = map_inputs(ours, theirs, matched, self.comparison.turns)
+        self.inputs, self.idle = found.matrix, found.idle
+        self.tendons = map_cables(ours, theirs, matched, self.comparison.turns)
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        if timestep is not None:
+            self.model.opt.timestep = timestep
+        self.data = mujoco.MjData(self.model)
+        self.task = self._find_task(ours, called)
+
+    @property
+    def timestep(self) -> float:
+        """Integration step (s)."""
+        return float(self.model.opt.timestep)
+
+    @timestep.setter
+    def timestep(self, value: float) -> None:
+        self.model.opt.timestep = value
+
+    @property
+    def contacts(self) -> bool:
+        """Whether anything can touch."""
+        off = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) & int(self.model.opt.disableflags)
+        return not off and bool(self.model.geom_contype.any())
+
+    def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Start from a state of the whole scene, as `Twin.set_state`."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = array("qpos", qpos, (self.model.nq,))
+        self.data.qvel[:] = array("qvel", qvel, (self.model.nv,))
+        mujoco.mj_forward(self.model, self.data)
+        check_warnings(self.data)
+
+    def advance(self, u: np.ndarray, steps: int = 1) -> None:
+        """Integrate under a held input of the model's, as `Twin.advance`."""
+        self.data.ctrl[:] = self.inputs @ u
+        mujoco.mj_step(self.model, self.data, steps)
+        check_warnings(self.data)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping as plain data."""
+        return {
+            "file": str(self.path),
+            "passed": self.comparison.passed,
+            "comparison": self.comparison.to_dict(),
+            "inputs": self.inputs.tolist(),
+            "idle": list(self.idle),
+        }
+
+    def __str__(self) -> str:
+        idle = f"\nactuators at zero: {', '.join(self.idle)}" if self.idle else ""
+        return f"{self.comparison}{idle}"
+
+    def _find_task(self, ours: Neutral, called: dict[str, int]) -> tuple[int, np.ndarray]:
+        """The body that carries our task frame, and its origin there: where it is at our zero."""
+        names = {part.link: k for k, part in enumerate(ours.parts)}
+        part, pose = -1, Pose()
+        if (task := self.robot.task) in names:
+            part, pose = names[task], ours.parts[names[task]].pose
+        elif task in ours.frames:
+            part, pose = ours.frames[task].part, ours.frames[task].pose
+        while part != WORLD and ours.parts[part].name not in called:
+            part = ours.parts[part].parent
+        if part == WORLD:
+            return 0, pose.translation
+        body = int(self.model.jnt_bodyid[called[ours.parts[part].name]])
+        q = np.zeros(self.states.ties.shape[1])
+        self.data.qpos[:] = self.states.to_twin(self._zero, q)[0]
+        mujoco.mj_kinematics(self.model, self.data)
+        there = self.data.xmat[body].reshape(3, 3).T
+        return body, there @ (pose.translation - self.data.xpos[body])
+
+    def _check_base(self, scene: Neutral) -> None:
+        """A base that floats must float in both files, and its frame be the same."""
+        matched = self.comparison.matched
+        stands = {
+            scene.parts[root].kind == "free"
+            for root in scene.children(WORLD)
+            if any(scene.parts[k].name in matched.values() for k in scene.subtree(root))
+        }
+        if self.floating != (True in stands):
+            kinds = ("a fixed base", "a floating one")
+            raise InputError(
+                str(self.path), kinds[self.floating] + ", as the model's", kinds[True in stands]
+            )
+        moved = [cause for cause in self.comparison.causes if cause.kind == "base"]
+        if self.floating and moved:
+            raise InputError(str(self.path), "the model's frame of the base", moved[0].detail)

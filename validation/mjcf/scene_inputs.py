@@ -1,0 +1,118 @@
+"""How a law's inputs drive the actuators of another file: by the force that each makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.exceptions import InputError
+from softdyn.validation.mjcf.comparison.matching import plain_name
+from softdyn.validation.mjcf.comparison.neutral import Cable, Motor, Neutral
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """ctrl = matrix u, (theirs, ours); `idle` are actuators that nothing drives, by name."""
+
+    matrix: np.ndarray
+    idle: tuple[str, ...]
+
+
+def map_inputs(
+    ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
+) -> Inputs:
+    """Which actuator of the scene each input of the model is, and how much of it.
+
+    An actuator of the same name comes first, then one on the same cable or, where a fixed tendon
+    has one joint, on that joint. Each input is scaled so that it makes the force that the model
+    thinks it does.
+
+    Parameters
+    ----------
+    ours, theirs : Neutral
+        The model's file, and the scene.
+    matched, turns : dict
+        As a comparison found them.
+
+    Raises
+    ------
+    InputError
+        For an input that no actuator of the scene is, or one whose force is not its input.
+    """
+    matrix = np.zeros((len(theirs.motors), len(ours.motors)))
+    joints = {b: a for a, b in matched.items()}
+    scale = {b: turns.get(a, (1.0, 0.0))[0] for b, a in joints.items()}
+    own = {motor.name: _pull(motor, ours, {}, {}) for motor in ours.motors}
+    found = {motor.name: _pull(motor, theirs, joints, scale) for motor in theirs.motors}
+    for k, motor in enumerate(ours.motors):
+        fits = [
+            i
+            for i, other in enumerate(theirs.motors)
+            if _ratio(own[motor.name], found[other.name]) is not None
+        ]
+        fits.sort(key=lambda i: (plain_name(theirs.motors[i].name) != plain_name(motor.name), i))
+        free = [i for i in fits if not matrix[i].any()]
+        where = f"{theirs.path}: actuator for {motor.name!r}"
+        if not free:
+            names = ", ".join(m.name for m in theirs.motors) or "none"
+            raise InputError(where, f"one on what {motor.target} pulls", names)
+        chosen = theirs.motors[free[0]]
+        if chosen.law:
+            raise InputError(
+                where, "a motor, whose force is its input", f"{chosen.name!r}, {chosen.law}"
+            )
+        matrix[free[0], k] = _ratio(own[motor.name], found[chosen.name])
+    idle = tuple(m.name for i, m in enumerate(theirs.motors) if not matrix[i].any())
+    return Inputs(matrix, idle)
+
+
+Pull = tuple[dict[str, float], Cable | None, float]
+
+
+def _pull(motor: Motor, robot: Neutral, joints: dict[str, str], scale: dict[str, float]) -> Pull:
+    """Generalized force of one unit: on joints by our names, or along a cable."""
+    kind, _, name = motor.target.partition(":")
+    if kind == "joint":
+        return {joints.get(name, name): motor.gear * scale.get(name, 1.0)}, None, motor.gear
+    cable = next((c for c in robot.cables if kind == "tendon" and c.name == name), None)
+    if cable is None or cable.path:
+        return {}, cable, motor.gear
+    terms = {joints.get(j, j): motor.gear * c * scale.get(j, 1.0) for j, c in cable.terms.items()}
+    return terms, cable, motor.gear
+
+
+def _ratio(ours: Pull, theirs: Pull) -> float | None:
+    """How much of their input makes the force of one of ours; None where none does."""
+    if ours[0] and theirs[0]:
+        mine, other = ours[0], theirs[0]
+        if mine.keys() != other.keys():
+            return None
+        ratios = np.array([mine[joint] / other[joint] if other[joint] else 0.0 for joint in mine])
+        return (
+            float(ratios[0]) if np.allclose(ratios, ratios[0], rtol=1e-3) and ratios.all() else None
+        )
+    paths = [pull[1] for pull in (ours, theirs)]
+    if any(cable is None or not cable.path for cable in paths) or not theirs[2]:
+        return None
+    names = [plain_name(cable.name) for cable in paths if cable is not None]
+    return ours[2] / theirs[2] if names[0] == names[1] else None
+
+
+def map_cables(
+    ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
+) -> np.ndarray:
+    """Which tendon of the scene each of the model's is (tendons,): by name, or by its joints."""
+    joints = {b: a for a, b in matched.items()}
+    scale = {b: turns.get(a, (1.0, 0.0))[0] for b, a in joints.items()}
+    terms = [
+        {joints.get(j, j): scale.get(j, 1.0) * c for j, c in cable.terms.items()}
+        for cable in theirs.cables
+    ]
+    found = []
+    for cable in ours.cables:
+        name = plain_name(cable.name)
+        like = [k for k, other in enumerate(theirs.cables) if plain_name(other.name) == name]
+        like += [k for k in range(len(terms)) if cable.terms and cable.terms == terms[k]]
+        found.append(like[0] if like else -1)
+    return np.array(found, int)

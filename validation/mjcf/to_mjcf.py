@@ -1,0 +1,336 @@
+"""An annotated URDF as an MJCF that MuJoCo's own viewer loads: the twin, written down.
+
+All frames have the axes of the root and stand on their joints. Massless links between joints
+become several joints of one body; where that cannot be (something hangs on such a link, or it
+branches) the body has a mass that no dynamics notice, never one that they do.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from lxml import etree
+
+from softdyn.description.robot import Robot
+from softdyn.description.visuals import Box, Cylinder, Sphere, Visual, triangles, visuals
+from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Pose
+from softdyn.validation.mjcf.xml_text import Names, add, text
+from softdyn.validation.twin.bodies import Shape as Collision
+from softdyn.validation.twin.bodies import Tree, read_bodies
+from softdyn.validation.twin.build import neighbours
+from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
+
+NEGLIGIBLE = 1e-12  # kg, and kg·m²: of a massless body that no other can take in
+SMALLEST = 1e-14  # kg·m²: MuJoCo's compiler wants moments above 1e-15
+POINT = np.array([-1e-9, 1e-9])  # rad, m: around a joint that may stand at one place only
+ROUNDING = 1e-14  # of a principal moment
+SAME_FRAME = 1e-5  # MuJoCo's own bound is 1e-6; the axes in another order are never so close
+TASK_SITE = "task"
+Element = etree._Element
+
+
+def to_mjcf(
+    robot: Robot, *, timestep: float = 5e-4, shapes: bool = True, contacts: bool = False
+) -> str:
+    """The robot as MJCF, all in one text.
+
+    Parameters
+    ----------
+    robot : Robot
+        The parsed URDF.
+    timestep : float
+        Integration step (s) that the file asks for.
+    shapes : bool
+        Whether to write what the robot looks like too; that collides with nothing.
+    contacts : bool
+        Whether the collision shapes touch. They are written either way, as the twin has them.
+
+    Returns
+    -------
+    str
+        With MuJoCo's settings, stops and ties as stiff as the twin's, and a keyframe at rest.
+    """
+    return _Writer(robot, from_urdf(robot)).write(timestep, shapes, contacts)
+
+
+class _Writer:
+    """One robot on its way into a file."""
+
+    def __init__(self, robot: Robot, neutral: Neutral) -> None:
+        self._robot, self._neutral = robot, neutral
+        self._place: dict[str, tuple[int, Pose]] = {
+            name: (frame.part, frame.pose) for name, frame in neutral.frames.items()
+        }
+        self._place |= {part.link: (k, part.pose) for k, part in enumerate(neutral.parts)}
+        shown, _ = visuals(robot)
+        self._shapes: dict[int, list[Visual]] = {}
+        for visual in shown:
+            self._shapes.setdefault(self._place[visual.link][0], []).append(visual)
+        self._tree = tree_of(robot)
+        self._hulls: dict[int, list[tuple[Collision, Pose]]] = {}
+        for body in self._tree.bodies:
+            for hull in body.shapes:
+                part, pose = self._place[body.link]
+                self._hulls.setdefault(part, []).append((hull, pose))
+        self._bodies = Names("world")
+        self._body_of: dict[int, str] = {WORLD: "world"}
+        self._sites = Names()
+        self._meshes = Names()
+        self._origin: dict[int, np.ndarray] = {WORLD: np.zeros(3)}
+
+    def write(self, timestep: float, shapes: bool, contacts: bool) -> str:
+        """The whole document."""
+        root = etree.Element("mujoco", model=self._robot.name)
+        add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false",
+            boundmass=0, boundinertia=0, balanceinertia="false", fusestatic="false")  # fmt: skip
+        option = add(
+            root, "option", gravity=self._neutral.gravity, timestep=timestep,
+            integrator="implicitfast", solver="Newton", cone="elliptic", iterations="100",
+            tolerance=1e-12,
+        )  # fmt: skip
+        touch = "enable" if contacts else "disable"
+        add(option, "flag", energy="enable", autoreset="disable", contact=touch)
+        self._asset = add(root, "asset")
+        world = add(root, "worldbody")
+        add(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
+        self._fill(world, WORLD, shapes)
+        for part in self._neutral.children(WORLD):
+            self._body(world, part, shapes)
+        self._apart(root)
+        self._cables(root)
+        self._ties(root)
+        self._motors(root)
+        self._rest(root)
+        if len(self._asset) == 0:
+            root.remove(self._asset)
+        return text(root, f"{self._robot.name}, written by softdyn from {self._robot.path.name}")
+
+    # -- bodies --------------------------------------------------------------------------------
+
+    def _joins(self, k: int) -> bool:
+        """Whether a part is nothing but a joint before the only one that it carries."""
+        part, below = self._neutral.parts[k], self._neutral.children(k)
+        used = {frame.part for frame in self._neutral.frames.values()}
+        used |= self._shapes.keys() | self._hulls.keys()
+        used |= {point.part for cable in self._neutral.cables for point in cable.path}
+        used.add(self._place[self._robot.task][0])
+        massless = not part.inertia.mass and not part.inertia.tensor.any()
+        return massless and part.kind != "free" and len(below) == 1 and k not in used
+
+    def _body(self, parent: Element, k: int, shapes: bool) -> None:
+        """A body with the joints up to the first part that is more than one."""
+        above = self._origin[self._neutral.parts[k].parent]
+        joints = [k]
+        while self._joins(joints[-1]):
+            joints += self._neutral.children(joints[-1])
+        last = self._neutral.parts[joints[-1]]
+        for index in joints:
+            self._origin[index] = last.point
+        name = self._bodies.new(last.link)
+        self._body_of |= dict.fromkeys(joints, name)
+        body = add(parent, "body", name=name, pos=last.point - above)
+        for index in joints:
+            self._joint(body, index)
+        self._inertial(body, joints[-1])
+        self._fill(body, joints[-1], shapes)
+        for child in self._neutral.children(joints[-1]):
+            self._body(body, child, shapes)
+
+    def _joint(self, body: Element, k: int) -> None:
+        part = self._neutral.parts[k]
+        if part.kind == "free":
+            add(body, "freejoint", name=part.name)
+            return
+        follows = part.name in {coupling.joint for coupling in self._neutral.couplings}
+        limited = np.isfinite(part.lower) and not follows
+        span = np.array([part.lower, part.upper])
+        if part.lower == part.upper:  # a range must have some width
+            span += POINT
+        add(
+            body, "joint", name=part.name, type=part.kind, axis=part.axis,
+            pos=part.point - self._origin[k],
+            limited="true" if limited else "false",
+            range=span if limited else None,
+            stiffness=part.stiffness or None, springref=part.rest or None,
+            damping=part.damping or None, armature=part.armature or None,
+            frictionloss=part.friction or None,
+            solreflimit=STIFF_SOLREF, solimplimit=STIFF_SOLIMP,
+            solreffriction=STIFF_SOLREF, solimpfriction=STIFF_SOLIMP,
+        )  # fmt: skip
+
+    def _inertial(self, body: Element, k: int) -> None:
+        inertia = self._neutral.parts[k].inertia
+        moments, axes = np.linalg.eigh((inertia.tensor + inertia.tensor.T) / 2)
+        axes[:, 2] *= np.sign(np.linalg.det(axes))
+        # the compiler refuses points and rods: their moments are what rounding is anyway
+        least = max(SMALLEST, 1e-12 * float(moments.max()))
+        if not inertia.mass:
+            least = NEGLIGIBLE
+        moments = possible(np.maximum(moments, least))
+        mass = inertia.mass or NEGLIGIBLE
+        at = inertia.com - self._origin[k] if inertia.mass else np.zeros(3)
+        if _snaps(at) or _snaps(_quaternion(axes)[1:]):
+            axes, moments = np.roll(axes, 1, axis=1), np.roll(moments, 1)
+        add(body, "inertial", pos=at, quat=_quaternion(axes), mass=mass, diaginertia=moments)
+
+    def _fill(self, body: Element, k: int, shapes: bool) -> None:
+        """Sites and shapes of a part, or of the root."""
+        origin = self._origin[k]
+        for cable in self._neutral.cables:
+            for index, point in enumerate(cable.path):
+                if point.part == k:
+                    name = self._sites.new(f"{cable.name}:{index}")
+                    add(body, "site", name=name, pos=point.xyz - origin, size=0.002)
+        task, pose = self._place[self._robot.task]
+        if task == k:
+            name = self._sites.new(TASK_SITE)
+            add(body, "site", name=name, pos=pose.translation - origin, size=0.004)
+        for name, frame in self._neutral.frames.items():
+            if frame.part == k:
+                add(body, "site", name=self._sites.new(name), pos=frame.pose.translation - origin,
+                    quat=_quaternion(frame.pose.rotation), size=0.002)  # fmt: skip
+        for visual in self._shapes.get(k, ()) if shapes else ():
+            self._shape(body, visual, origin)
+        for hull, pose in self._hulls.get(k, ()):
+            at = pose.translation + pose.rotation @ hull.pose[:3, 3]
+            add(body, "geom", type=hull.kind, size=hull.size, pos=at - origin, group="3", mass=0,
+                quat=_quaternion(pose.rotation @ hull.pose[:3, :3]))  # fmt: skip
+
+    def _shape(self, body: Element, visual: Visual, origin: np.ndarray) -> None:
+        """A visual as a geom that nothing collides with and that weighs nothing."""
+        _, link = self._place[visual.link]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = link.rotation, link.translation - origin
+        pose = pose @ visual.pose
+        common = {"rgba": visual.rgba, "contype": "0", "conaffinity": "0", "group": "2", "mass": 0}
+        kind: dict[str, object]
+        match visual.shape:
+            case Box(size):
+                kind = {"type": "box", "size": np.array(size) / 2}
+            case Cylinder(radius, length):
+                kind = {"type": "cylinder", "size": (radius, length / 2)}
+            case Sphere(radius):
+                kind = {"type": "sphere", "size": radius}
+            case _:
+                if (name := self._mesh(visual)) is None:
+                    return
+                placed = {"pos": link.translation - origin, "quat": _quaternion(link.rotation)}
+                add(body, "geom", type="mesh", mesh=name, **placed, **common)
+                return
+        add(body, "geom", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]), **kind, **common)
+
+    def _mesh(self, visual: Visual) -> str | None:
+        """The triangles of a mesh as an asset, in the link's frame; None for a patch of a few."""
+        corners = triangles(visual).reshape(-1, 3)
+        vertices, faces = np.unique(corners.astype(np.float32), axis=0, return_inverse=True)
+        if len(vertices) < 4:  # MuJoCo wants as many
+            return None
+        name = self._meshes.new(f"{visual.link}_shape")
+        add(self._asset, "mesh", name=name, inertia="shell",
+            vertex=" ".join(f"{v:.7g}" for v in vertices.ravel()),
+            face=" ".join(str(f) for f in np.ravel(faces)))  # fmt: skip
+        return name
+
+    # -- the rest ------------------------------------------------------------------------------
+
+    def _apart(self, root: Element) -> None:
+        """Bodies that a joint holds together never touch, as in the twin."""
+        names = [self._body_of[self._place[b.link][0]] if b.link else "world"
+                 for b in self._tree.bodies]  # fmt: skip
+        pairs = [(names[a], names[b]) for a, b in neighbours(self._tree.bodies)]
+        if pairs:
+            contact = add(root, "contact")
+            for one, other in pairs:
+                add(contact, "exclude", body1=one, body2=other)
+
+    def _cables(self, root: Element) -> None:
+        if not self._neutral.cables:
+            return
+        tendon = add(root, "tendon")
+        for cable in self._neutral.cables:
+            node = add(
+                tendon, "fixed" if cable.terms else "spatial", name=cable.name, limited="false",
+                stiffness=cable.stiffness or None, damping=cable.damping or None,
+                springlength=cable.rest,
+            )  # fmt: skip
+            for joint, coefficient in cable.terms.items():
+                add(node, "joint", joint=joint, coef=coefficient)
+            for index in range(len(cable.path)):
+                add(node, "site", site=f"{cable.name}:{index}")
+
+    def _ties(self, root: Element) -> None:
+        if self._neutral.couplings:
+            equality = add(root, "equality")
+            for tie in self._neutral.couplings:
+                add(equality, "joint", joint1=tie.joint, joint2=tie.leader,
+                    polycoef=(tie.offset, tie.multiplier, 0, 0, 0),
+                    solref=STIFF_SOLREF, solimp=STIFF_SOLIMP)  # fmt: skip
+
+    def _motors(self, root: Element) -> None:
+        if self._neutral.motors:
+            actuator = add(root, "actuator")
+            for motor in self._neutral.motors:
+                _, _, tendon = motor.target.partition(":")
+                add(actuator, "motor", name=motor.name, tendon=tendon, gear=motor.gear,
+                    ctrllimited="true", ctrlrange=(motor.lower, motor.upper))  # fmt: skip
+
+    def _rest(self, root: Element) -> None:
+        """q = 0, followers at their offsets, in the order of the bodies."""
+        offsets = {tie.joint: tie.offset for tie in self._neutral.couplings}
+        qpos: list[float] = []
+        for joint in root.iter("joint", "freejoint"):
+            if joint.tag == "freejoint":
+                qpos += [0, 0, 0, 1, 0, 0, 0]
+            elif joint.get("type") is not None:
+                qpos.append(offsets.get(str(joint.get("name")), 0.0))
+        if qpos:
+            add(add(root, "keyframe"), "key", name="rest", qpos=qpos)
+
+
+def _snaps(offset: np.ndarray) -> bool:
+    """Whether MuJoCo takes an inertial frame so little apart from its body's for the same."""
+    return 0 < float(np.abs(offset).max()) < SAME_FRAME
+
+
+def possible(moments: np.ndarray) -> np.ndarray:
+    """The nearest principal moments (3,) in rising order that a body can have: a + b ≥ c.
+
+    MuJoCo takes no others, and bodies that are possible add up to one that is: a file whose moments
+    break this by their last digit cannot be written as it is.
+    """
+    excess = max(0.0, float(moments[2] - moments[1] - moments[0])) / 3
+    found = moments + excess * np.array([1.0, 1.0, -1.0])
+    found[2] = min(found[2], found[0] + found[1])
+    return found
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of a rotation matrix, exact for the identity."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    return np.array([w, x, y, z])
+
+
+def tree_of(robot: Robot) -> Tree:
+    """The bodies as the twin reads them: collision shapes are theirs."""
+    mended = robot.text if robot.mended else ""
+    return read_bodies(robot.path, mended=mended, floating=robot.floating)
+
+
+def lost(robot: Robot) -> list[str]:
+    """What the URDF says and the MJCF does not."""
+    notes = [*visuals(robot)[1], *tree_of(robot).skipped]
+    for part in from_urdf(robot).parts:
+        moments = np.linalg.eigvalsh(part.inertia.tensor)
+        excess = moments[2] - moments[1] - moments[0]
+        if excess > max(ROUNDING * moments[2], SMALLEST):  # a point's are rounding
+            notes.append(
+                f"the inertia of {part.link!r}, whose principal moments are a + b < c by "
+                f"{excess / moments[2]:.1e} c: no body has them; the nearest possible are written"
+            )
+    repeated = Counter(link.name for link in robot.links)
+    notes += [f"a second link {name!r}" for name, count in repeated.items() if count > 1]
+    return notes

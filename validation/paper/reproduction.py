@@ -1,0 +1,392 @@
+"""What the paper's reference implementation does otherwise, one change at a time.
+
+A change stands around our code, never in it: it changes a `Case`. A controller is shown another
+`State`, the plant is another, the period, or the paper's programme is solved as the reference
+solves it (`reference_laws`). Changes combine with ``+``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, State
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.paper import reference_laws
+from softdyn.validation.studies import benchmark, benchmark_table, experiments
+from softdyn.validation.studies.benchmark_table import TITLES
+from softdyn.validation.studies.engine import executors
+from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.deviations import View
+from softdyn.validation.studies.names import cell_title
+from softdyn.validation.tables import columns, pipes
+
+QP = ("clf-qp", "soft-id-clf-qp", "ic-qp")
+CLOSED = ("ic", "uic")
+PAPER = ("clf-qp", "soft-id-clf-qp", "ic", "uic", "ic-qp")
+ROBOTS = ("finger", "helix", "spirob")
+
+
+def seen(state: State, **changes: Any) -> State:
+    """A copy of `state` with other terms, read-only; `C` and `g` too, which it computes itself."""
+    own: dict[str, Any] = {name: changes.pop(name) for name in ("C", "g") if name in changes}
+    for value in (*changes.values(), *own.values()):
+        value.flags.writeable = False
+    copy = replace(state, **changes)
+    vars(copy).update(own)
+    return copy
+
+
+def wrong_sign(state: State) -> State:
+    """Springs and dampers enter h with the wrong sign: doubled where they should be cancelled."""
+    return seen(state, K=-state.K, D=-state.D, h=state.bias - state.D @ state.v - state.K)
+
+
+def no_coriolis(state: State) -> State:
+    """C = 0, and what is called gravity is the whole bias C q̇ + g."""
+    return seen(state, C=np.zeros_like(state.M), g=np.array(state.bias))
+
+
+class Stale:
+    """M, bias and passive forces are those of the last control step; J, B and the tip are not."""
+
+    def __init__(self) -> None:
+        self._last: State | None = None
+
+    def __call__(self, state: State) -> State:
+        """What the controller sees instead of `state`."""
+        last, self._last = self._last or state, state
+        passive = last.h - last.bias
+        return seen(
+            state,
+            M=np.array(last.M), bias=np.array(last.bias), h=np.array(last.h),
+            K=passive - state.D @ state.v,  # so that D q̇ + K is the old passive force
+            g=np.array(last.g), C=np.array(last.C),
+        )  # fmt: skip
+
+
+def always(view: View) -> View:
+    """What makes a view that remembers nothing."""
+    return view
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A reference moved by a vector (3,) (m)."""
+
+    inner: Callable[[float], Reference]
+    by: np.ndarray
+
+    def __call__(self, t: float) -> Reference:
+        """The reference at t (s)."""
+        at = self.inner(t)
+        return Reference(at.y + self.by, at.ydot, at.yddot)
+
+
+# The ellipse's length (m) where it is not the robot's: SpiRob's, whose base stands at 0.50 m
+SPIROB_LENGTH = {"set_point": 0.48, "tracking": 0.45}
+PHI = math.pi / 4
+
+
+def reference_target(
+    robot: str, experiment: Experiment, shift: tuple[float, float] = (0.0, 0.0)
+) -> Callable[[float], Reference]:
+    """What the reference implementation asks of the tip, as its own logs have it.
+
+    b is L/6, not the paper's L/8; SpiRob's L is 0.48 m at set points and 0.45 m in trajectories,
+    and its ellipse hangs from a point that high above the ground, not from the base at 0.50 m.
+    `shift` moves the ellipse along its axes a and b (m).
+    """
+    setup = experiments.setup(robot)
+    length = SPIROB_LENGTH[experiment.kind] if robot.startswith("spirob") else setup.length
+    (a, b), (cos, sin) = shift, (math.cos(PHI), math.sin(PHI))
+    by = np.array([a * cos - b * sin, 0.0, a * sin + b * cos + length - setup.length])
+    ellipse = Ellipse(
+        a=length / 3, b=length / 6, c=setup.reach * length - length / 6,
+        omega=experiment.omega or 0.0,
+    )  # fmt: skip
+    if experiment.theta is None:
+        return Moved(ellipse, by)
+    return SetPoint(ellipse.point(experiment.theta) + by)
+
+
+def shifted_target(robot: str, experiment: Experiment) -> Callable[[float], Reference]:
+    """The same in the repository's last versions: 0.1 m back, and 0.05 m up but for SpiRob."""
+    return reference_target(robot, experiment, (-0.1, 0.0 if robot.startswith("spirob") else 0.05))
+
+
+def another_law(
+    name: str, model: SoftModel, options: tuple[str, ...], gains: Mapping[str, float]
+) -> Any:
+    """A law of `reference_laws` with the published gains but for some."""
+    own = replace(PUBLISHED[model.bundled or ""][name], **gains)
+    return reference_laws.make_law(name, model, own, options)
+
+
+@dataclass(frozen=True)
+class Change:
+    """One way in which a run differs from ours, and the cells it is meant for.
+
+    Attributes
+    ----------
+    what : str
+        A line for people.
+    robots, controllers : tuple of str
+        Where it is run unless asked otherwise.
+    case, plant, link : mapping
+        What is otherwise in the `Case`, in its `Plant`, in its `Link`.
+    views : tuple
+        Makers of views that join those of the link.
+    law : str
+        What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
+        rows), "angular" (the same with the tip's angular velocity as three more), "difference",
+        "thresholds", "mass", "scs", "clf".
+    gains : mapping
+        Gains that are not the published ones; the law is then one of `reference_laws`.
+    hulls : bool
+        Whether links touch as in the reference's own model files.
+    """
+
+    what: str
+    robots: tuple[str, ...] = ROBOTS
+    controllers: tuple[str, ...] = PAPER
+    case: Mapping[str, Any] = field(default_factory=dict)
+    plant: Mapping[str, Any] = field(default_factory=dict)
+    link: Mapping[str, Any] = field(default_factory=dict)
+    views: tuple[Callable[[], View], ...] = ()
+    law: str = ""
+    gains: Mapping[str, float] = field(default_factory=dict)
+    hulls: bool = False
+
+
+CHANGES = {
+    "passive-sign": Change(
+        "passive forces with the wrong sign in h", ("helix",), views=(partial(always, wrong_sign),)
+    ),
+    "no-coriolis": Change(
+        "C = 0 and the whole bias for g", controllers=CLOSED,
+        views=(partial(always, no_coriolis),),
+    ),
+    "stale": Change("M, bias and passive forces one control step old", views=(Stale,)),
+    "plant-step": Change(
+        "the plant takes one step a control period", case={"timestep": math.inf}
+    ),
+    "plant-fine": Change("plant steps of 0.1 ms", ("finger",), case={"timestep": 1e-4}),
+    "soft-stops": Change(
+        "MuJoCo's default joint limits", ("helix", "spirob"), plant={"soft_stops": True}
+    ),
+    "contacts": Change("links touch", ("helix", "spirob"), plant={"contacts": True}),
+    "hulls": Change(
+        "links touch with the reference's own meshes (--files), those next to the base too",
+        ("helix", "spirob"), hulls=True,
+    ),
+    "friction": Change(
+        "0.1 N m of dry friction in the plant alone", ("spirob",), plant={"dry_friction": 0.1}
+    ),
+    "dof48": Change(
+        "SpiRob of 48 DOF, the reference's file", ("spirob",), case={"robot": "spirob48"}
+    ),
+    "ellipse": Change(
+        "set points and trajectories on the ellipse of the reference's logs",
+        case={"target": reference_target},
+    ),
+    "shifted": Change(
+        "the same ellipse shifted, as in its last versions", case={"target": shifted_target}
+    ),
+    "late": Change("the first control step gives zero input", link={"late": True}),
+    "sampled": Change(
+        "TT as the plain mean of every fifth sample, t = 0 included", case={"sampled": True}
+    ),
+    "period-1ms": Change("control period 1 ms", ("finger",), case={"period": 0.001}),
+    "period-2ms": Change("control period 2 ms", ("finger", "helix"), case={"period": 0.002}),
+    "period-5ms": Change("control period 5 ms", ("helix", "spirob"), case={"period": 0.005}),
+    "nudge": Change("initial velocities of 1e-9", ("finger",), case={"nudge": 1e-9}),
+    "exact": Change("the textbook programme on another exact solver", controllers=QP, law="exact"),
+    "angular": Change(
+        "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
+    ),
+    "thresholds": Change(
+        "the reference's thresholds on Λ and on UIC's projection", controllers=CLOSED,
+        law="thresholds",
+    ),
+    "mass-orthogonal": Change(
+        "the actuated rows with T_u M-orthogonal to B, not null(Bᵀ)",
+        controllers=("soft-id-clf-qp", "ic-qp"), law="mass",
+    ),
+    "jdot": Change("J̇ by a difference over 1 µs", law="difference"),
+    "w2": Change(
+        "w2 = 0.2 as at 37d7d0f", ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2}
+    ),
+    "kp": Change("K_p = 500 as at 37d7d0f", ("spirob",), ("ic-qp",), gains={"Kp": 500.0}),
+    "scs": Change("the programme through cvxpy and SCS", controllers=QP, law="scs"),
+    "clf-objective": Change(
+        "the reference's CLF-QP, with V̇² and ‖u‖₁² in the objective, through SCS",
+        ("finger", "spirob"), ("clf-qp",), law="clf",
+    ),
+}  # fmt: skip
+# Where the reference's files say what touches what; its finger's links never meet.
+HULLS = {
+    "helix": "mujoco_models/helix/helix_control.xml",
+    "spirob48": "mujoco_models/spirob/spirob.xml",
+}
+
+# What the reference implementation has, robot by robot; `{law}` depends on the controller.
+_COMMON = "ellipse+sampled+late+stale+no-coriolis+plant-step+soft-stops+contacts+thresholds"
+REFERENCE = {
+    "finger": _COMMON,
+    "helix": f"passive-sign+{_COMMON}+angular",
+    "spirob": f"dof48+friction+{_COMMON}+angular",
+}
+# Its task and its plant, around a controller that is left as it is.
+_TASK = "ellipse+sampled+plant-step"
+THERE = {
+    "finger": _TASK,
+    "helix": f"{_TASK}+soft-stops+hulls",
+    "spirob": f"{_TASK}+soft-stops+contacts+friction",
+}
+ALIASES = {
+    "reference": "all of it, as each robot has it (exact QPs; +scs for its solver)",
+    "there": "its targets, sampling and plant, the controller as it is (SpiRob of 27 DOF)",
+}
+
+
+def parse(name: str, robot: str) -> tuple[Change, ...]:
+    """The changes of an experiment's name, e.g. ``stale+plant-step``, for one of the robots.
+
+    Raises
+    ------
+    InputError
+        An unknown name.
+    """
+    found: list[Change] = []
+    for part in name.split("+"):
+        if part in ALIASES:
+            found += parse({"reference": REFERENCE, "there": THERE}[part][robot], robot)
+        elif part in CHANGES:
+            found.append(CHANGES[part])
+        else:
+            known = ", ".join([*CHANGES, *ALIASES])
+            raise InputError("experiment", f"one of {known}, or some joined by +", repr(part))
+    return tuple(found)
+
+
+def cases(
+    name: str,
+    robots: Iterable[str] | None = None,
+    controllers: Iterable[str] | None = None,
+    thetas: Sequence[float] | None = None,
+    omegas: Sequence[float] | None = None,
+) -> list[Case]:
+    """The cells an experiment is meant for, or those asked for."""
+    found: list[Case] = []
+    wanted = tuple(controllers) if controllers is not None else None
+    for robot in ROBOTS if robots is None else robots:
+        if robot not in ROBOTS:
+            raise InputError("robot", f"one of {', '.join(ROBOTS)}", repr(robot))
+        changes = parse(name, robot)
+        whole = name.split("+")[0] in ALIASES  # of every robot and controller
+        if robots is None and not whole and any(robot not in c.robots for c in changes):
+            continue
+        own = [c for c in PAPER if whole or all(c in change.controllers for change in changes)]
+        found += benchmark.grid([robot], own if wanted is None else wanted, thetas, omegas)
+    return found
+
+
+def changed(cell: Case, name: str, files: Path | None = None) -> Case:
+    """A cell of the grid with an experiment's changes; `files` is the reference's folder.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or one that needs the reference's files, and none are given.
+    """
+    case, gains = cell, dict[str, float]()
+    changes = parse(name, cell.robot)
+    for change in changes:
+        link = replace(case.link, **change.link, views=(*case.link.views, *change.views))
+        case = replace(case, **change.case, plant=replace(case.plant, **change.plant), link=link)
+        gains |= change.gains
+    if any(change.hulls for change in changes) and case.robot in HULLS:
+        if files is None:
+            raise InputError("files", "the reference's folder, which hulls needs", None)
+        case = replace(case, plant=replace(case.plant, shapes=files / HULLS[case.robot]))
+    # a robot's whole list holds changes of laws that are not this cell's
+    laws = tuple(c.law for c in changes if c.law and cell.controller in c.controllers)
+    if not laws and not gains:
+        return case
+    return replace(case, law=partial(another_law, options=laws, gains=gains))
+
+
+def labelled(wanted: Iterable[tuple[str, Case]], files: Path | None = None) -> dict[str, Case]:
+    """Experiments and cells as cases by ``experiment/robot/controller/cell``."""
+    return {f"{name}/{benchmark.label(c)}": changed(c, name, files) for name, c in wanted}
+
+
+def run(
+    wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1, files: Path | None = None
+) -> None:
+    """Run what is missing or out of date below `folder`; a bar on a terminal."""
+    asked = {  # all of them before the first one runs: one may be bad input
+        name: benchmark.tasks([changed(cell, name, files) for cell in cells], cells)
+        for name, cells in _by_name(wanted).items()
+    }
+    for name, tasks in asked.items():
+        executors.follow(benchmark.store(folder / name).run(tasks, executors.strict(jobs)), tasks)
+
+
+def _by_name(wanted: Iterable[tuple[str, Case]]) -> dict[str, list[Case]]:
+    found: dict[str, list[Case]] = {}
+    for name, cell in wanted:
+        found.setdefault(name, []).append(cell)
+    return found
+
+
+def rows(wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path) -> list[dict[str, Any]]:
+    """The table: one row an experiment, robot and controller, ours and the paper's beside it."""
+    found = []
+    for name, mine in _by_name(wanted).items():
+        ours = {(r["robot"], r["controller"]): r for r in benchmark.rows(mine, grid)}
+        for row in benchmark.rows(mine, folder / name):
+            key = row["robot"], row["controller"]
+            found.append({"experiment": name, **row, "ours": ours[key]})
+    return found
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    """One row of the table as text: ours between the experiment's and the paper's figures."""
+    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = benchmark_table.cells(row)
+    _, _, our_sp, _, our_tt, *_ = benchmark_table.cells(row["ours"])
+    # no run of a kind: nothing to show
+    points = (sp, our_sp, sp_paper) if row["set_points_cm"] else ("-",) * 3
+    rates = (tt, our_tt, tt_paper) if row["trajectories_cm2"] else ("-",) * 3
+    return [row["experiment"], robot, controller, *points, *rates, failed]
+
+
+def _lines(rows: list[dict[str, Any]]) -> list[list[str]]:
+    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = TITLES
+    titles = [robot, controller, sp, "SP, ours", sp_paper, tt, "TT, ours", tt_paper, failed]
+    return [["Experiment", *titles], *map(_cells, rows)]
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """The table in aligned columns for a terminal."""
+    return columns(_lines(rows))
+
+
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """The table, then every run's figure and the reasons of the failed ones."""
+    parts = ["# Reproduction", "", *pipes(_lines(rows)), ""]
+    for row in rows:
+        runs = {cell_title("set_point", float(k)): v for k, v in row["set_points_cm"].items()}
+        runs |= {cell_title("tracking", float(k)): v for k, v in row["trajectories_cm2"].items()}
+        shown = ", ".join(f"{k}: {'-' if v is None else f'{v:.3g}'}" for k, v in runs.items())
+        parts.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
+        parts += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
+    return "\n".join(parts) + "\n"

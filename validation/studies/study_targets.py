@@ -1,0 +1,62 @@
+"""Targets of a study: the paper's for its robots, sampled equilibria for any other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import islice
+from typing import Any
+
+from softdyn import Reference, SetPoint, SoftModel, statics
+from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
+from softdyn.validation.studies import experiments
+
+Target = tuple[str, Any]
+"""Kind and value of a case."""
+
+
+def study_targets(model: SoftModel, published: Sequence[Target]) -> list[Target]:
+    """`published` for a robot of the paper; as many points that any other can rest at.
+
+    Raises
+    ------
+    InputError
+        Inputs that move the tip nowhere.
+    """
+    if model.bundled in experiments.ROBOTS:
+        return list(published)
+    return [("point", point) for point in points(model, len(published))]
+
+
+def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...]]:
+    """Points that a robot can rest at with its tip (m), rounded to 0.1 mm, the outermost first.
+
+    Raises
+    ------
+    InputError
+        Inputs that move the tip nowhere.
+    """
+    rests = statics.spread_rests(model, count, seed)
+    return [tuple(round(x, 4) + 0.0 for x in one.y.tolist()) for one in rests]
+
+
+def study_experiments(model: SoftModel, count: int) -> list[Experiment]:
+    """Runs to `count` stable rests at most, and along a path about the last of them that has one.
+
+    The robot can do each of them, which the paper's ellipse in its size does not promise.
+
+    Raises
+    ------
+    InputError
+        Inputs that move the tip nowhere.
+    """
+    rests = statics.spread_rests(model, count)
+    loops = (loop for loop in map(statics.loop_around, reversed(rests)) if loop is not None)
+    found: list[tuple[str, Callable[[float], Reference], float]] = [
+        ("set_point", SetPoint(one.y), SET_POINT_DURATION) for one in rests
+    ]
+    found += [("tracking", loop, experiments.CYCLES * loop.period) for loop in islice(loops, 1)]
+    return [
+        Experiment(model.name, kind, None, None, reference, duration, DEFAULT_PERIOD,
+                   model.robot.length)
+        for kind, reference, duration in found
+    ]  # fmt: skip
