@@ -13,7 +13,7 @@ help:
 	@echo "make test-oldest   the tests with the oldest packages that pyproject.toml admits"
 	@echo "make test-pythons  the tests with each supported Python that is found"
 	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
-	@echo "make lint   ruff, mypy, and that imports point one way"
+	@echo "make lint   ruff, mypy, that imports point one way, and the plan of the house"
 	@echo "make docs   the documentation as a site: open build/docs/index.html"
 	@echo "make count  lines of code, folder by folder"
 	@echo "make clean  remove the virtual environment and build leftovers"
@@ -59,6 +59,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/house.py
 
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --config-file docs/site/mkdocs.yml

@@ -270,3 +270,16 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
                 body_rotation.T @ rotation, body_rotation.T @ (translation - body_translation)
             )
     return bodies
+
+
+def input_unit(robot: Robot) -> str:
+    """The unit of u: its tendon's gear in N, or in N m where the tendon sums angles."""
+    tendons = {tendon.name: tendon for tendon in robot.tendons}
+    turns = {joint.name for joint in robot.joints if joint.kind != "prismatic"}
+    units = []
+    for actuator in robot.actuators:
+        terms = tendons[actuator.tendon].terms
+        unit = "N m" if any(term.joint in turns for term in terms) else "N"
+        gear = abs(actuator.gear)
+        units.append(unit if gear == 1 else f"{gear:g} {unit}")
+    return ", ".join(dict.fromkeys(units))

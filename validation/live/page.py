@@ -10,9 +10,9 @@ from string import Template
 
 import numpy as np
 
+from softdyn.description.robot import input_unit
 from softdyn.validation.live.frames import Columns
 from softdyn.validation.live.messages import OPEN_LOOP
-from softdyn.validation.loop.units import input_unit
 from softdyn.view import page
 from softdyn.view.scene import TENSION, Figure
 

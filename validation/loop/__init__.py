@@ -10,5 +10,4 @@
 - `logged_robot`: the robot of a log, as its file was when it ran
 - `log_checks`: what such a file must be
 - `metrics`: the means behind figures of merit
-- `units`: what one unit of an input is
 """

@@ -18,6 +18,7 @@ from tqdm.auto import tqdm
 import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
+from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
@@ -35,7 +36,6 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import Answer, Counts, Record
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
-from softdyn.validation.loop.units import input_unit
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.plain import plain
 from softdyn.validation.twin.state_map import StateMap

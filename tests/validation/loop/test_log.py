@@ -12,8 +12,8 @@ import pytest
 
 import softdyn
 from softdyn import InputError
+from softdyn.description.robot import input_unit
 from softdyn.validation import Log, paper, simulate
-from softdyn.validation.loop.units import input_unit
 from tests.support.cart import TARGET, steer
 
 

@@ -1,0 +1,263 @@
+"""The plan of the house: what may stand in it, and where. `make lint` runs it.
+
+Imports that point one way are import-linter's part; its contracts stand in pyproject.toml.
+
+    python .ci/house.py    print what breaks the plan; the exit code is 1 where something does
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import grimp
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+ROOT = Path(__file__).resolve().parents[1]
+WHEEL = {"softdyn": "softdyn", "controllers": "softdyn.controllers",
+         "validation": "softdyn.validation", "scripts": "softdyn.commands"}  # fmt: skip
+PROOF = "tests/proof"
+HELPERS = ("__init__", "__main__", "cli")  # of scripts/: no commands
+MOST_LINES, MOST_MODULES, MOST_COMMANDS = 400, 15, 24
+# A command is looked up by its name: the one place that imports by a string.
+COMMAND_TABLE = "scripts/__main__.py"
+# `Log.plot` and `Log.replay` draw a log: the two imports that may close a circle.
+OF_LOG = {
+    ("softdyn.validation.loop.log", "softdyn.validation.report.time_figures"),
+    ("softdyn.validation.loop.log", "softdyn.validation.report.replay"),
+}
+
+
+@dataclass(frozen=True)
+class Module:
+    """A Python file.
+
+    Attributes
+    ----------
+    path : str
+        From the root, with slashes.
+    text : str
+        What it holds.
+    """
+
+    path: str
+    text: str
+
+    @property
+    def room(self) -> str:
+        """Its folder."""
+        return self.path.rpartition("/")[0]
+
+    @property
+    def stem(self) -> str:
+        """Its name without the folder and the ending."""
+        return Path(self.path).stem
+
+    @property
+    def in_wheel(self) -> bool:
+        """Whether the wheel holds it."""
+        return self.path.split("/")[0] in WHEEL
+
+    @property
+    def name(self) -> str:
+        """As it is imported; only of a module in the wheel."""
+        top, *rest = Path(self.path).with_suffix("").parts
+        return ".".join([WHEEL[top], *(part for part in rest if part != "__init__")])
+
+    @cached_property
+    def tree(self) -> ast.Module:
+        """Its syntax."""
+        return ast.parse(self.text)
+
+
+def modules(root: Path = ROOT) -> list[Module]:
+    """Every tracked module but tests, examples and the generator of the bundled robots."""
+    listed = subprocess.check_output(["git", "ls-files", "*.py"], cwd=root, text=True).splitlines()
+    kept = (name for name in listed if name.startswith((*WHEEL, ".ci/", f"{PROOF}/")))
+    return [
+        Module(name, (root / name).read_text(encoding="utf-8"))
+        for name in kept
+        if not Path(name).name.startswith("test_") and (root / name).is_file()
+    ]
+
+
+def long_modules(house: Iterable[Module]) -> Iterator[str]:
+    """Modules of more lines than a page or ten."""
+    for module in house:
+        if (lines := len(module.text.splitlines())) > MOST_LINES:
+            yield f"{module.path}: expected at most {MOST_LINES} lines, got {lines}"
+
+
+def large_rooms(house: Iterable[Module]) -> Iterator[str]:
+    """Rooms of more modules than one can keep in mind; scripts are one command a file."""
+    count = Counter(m.room for m in house if m.stem != "__init__" and m.room != "scripts")
+    for room, number in count.items():
+        if number > MOST_MODULES:
+            yield f"{room}/: expected at most {MOST_MODULES} modules, got {number}"
+
+
+def silent_modules(house: Iterable[Module]) -> Iterator[str]:
+    """Modules without a docstring, and those whose name hides one of Python's."""
+    for module in house:
+        if not ast.get_docstring(module.tree):
+            yield f"{module.path}: expected a docstring"
+        if module.stem in sys.stdlib_module_names and module.room not in ("scripts", PROOF, ".ci"):
+            yield f"{module.path}: expected a name that is not one of Python's own modules"
+
+
+def unnamed_modules(house: Iterable[Module]) -> Iterator[str]:
+    """Modules that their package's docstring does not name."""
+    rooms = defaultdict(dict)
+    for module in house:
+        rooms[module.room][module.stem] = module
+    for room, held in rooms.items():
+        if room in ("softdyn", "scripts", ".ci"):
+            continue
+        if "__init__" not in held:
+            yield f"{room}/: expected an __init__.py whose docstring names the modules"
+            continue
+        text = ast.get_docstring(held["__init__"].tree) or ""
+        for stem in held.keys() - {"__init__", "__main__"}:
+            if not re.search(rf"\b{stem}\b", text):
+                yield f"{room}/__init__.py: expected a docstring that names `{stem}`"
+
+
+def repeated_classes(house: Iterable[Module]) -> Iterator[str]:
+    """Public classes of the wheel that share a name."""
+    places = defaultdict(list)
+    for module in house:
+        for node in module.tree.body if module.in_wheel else ():
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(module.path)
+    for name, paths in places.items():
+        if len(paths) > 1:
+            yield f"class {name}: expected one place, got {', '.join(paths)}"
+
+
+def imports_by_string(house: Iterable[Module]) -> Iterator[str]:
+    """Calls that import one of our modules by a string, which no linter sees."""
+    for module in house:
+        if not module.in_wheel or module.path == COMMAND_TABLE:
+            continue
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(
+                ("import_module", "__import__")
+            ):
+                asked = ast.unparse(node.args[0]) if node.args else ""
+                if "softdyn" in asked:
+                    yield f"{module.path}:{node.lineno}: expected an import statement, got {asked}"
+
+
+def too_many_commands(house: Iterable[Module]) -> Iterator[str]:
+    """More commands than a user can choose from."""
+    names = [m.stem for m in house if m.room == "scripts" and m.stem not in HELPERS]
+    if len(names) > MOST_COMMANDS:
+        yield f"scripts/: expected at most {MOST_COMMANDS} commands, got {len(names)}"
+
+
+def circles(graph: grimp.ImportGraph, allowed: Iterable[tuple[str, str]] = ()) -> Iterator[str]:
+    """Modules that import each other in a circle; imports inside functions count."""
+    names = sorted(graph.modules)
+    number = {name: i for i, name in enumerate(names)}
+    arrows = [
+        (number[name], number[other])
+        for name in names
+        for other in graph.find_modules_directly_imported_by(name)
+        if (name, other) not in set(allowed)
+    ]
+    rows, columns = zip(*arrows, strict=True) if arrows else ((), ())
+    matrix = csr_array(([1] * len(arrows), (rows, columns)), shape=(len(names),) * 2)
+    _, labels = connected_components(matrix, connection="strong")
+    groups = defaultdict(list)
+    for name, label in zip(names, labels, strict=True):
+        groups[label].append(name)
+    for group in groups.values():
+        if len(group) > 1:
+            yield f"circle: expected no modules that import each other, got {', '.join(group)}"
+
+
+def proof_in_the_wheel(
+    house: Iterable[Module], graph: grimp.ImportGraph, public: Mapping[str, str]
+) -> Iterator[str]:
+    """What no command and no public name reaches, and what imports the proof.
+
+    Parameters
+    ----------
+    house : iterable of Module
+    graph : ImportGraph
+        Of the wheel.
+    public : mapping
+        By package, the text of the stub that lists its public names.
+    """
+    own = [m for m in house if m.in_wheel]
+    for module in own:
+        for node in ast.walk(module.tree):
+            found = node.module if isinstance(node, ast.ImportFrom) else ""
+            plain = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if any(name.split(".")[0] == "tests" for name in [found or "", *plain]):
+                yield f"{module.path}:{node.lineno}: expected no import of the proof"
+    known = {m.name for m in own}
+    faces = {m.name for m in own if m.stem == "__init__"}
+    programs = {m.name for m in own if 'if __name__ == "__main__"' in m.text}
+    reached = {m.name for m in own if m.room == "scripts"} | faces | programs
+    for package, stub in public.items():
+        for node in ast.walk(ast.parse(stub)):
+            if isinstance(node, ast.ImportFrom):
+                base = package if node.level else ""
+                reached.add(".".join(filter(None, [base, node.module])))
+    waiting = list(reached & known)
+    while waiting:
+        for other in graph.find_modules_directly_imported_by(waiting.pop()):
+            if other not in reached:
+                reached.add(other)
+                waiting.append(other)
+    for module in own:
+        if module.name not in reached:
+            yield (
+                f"{module.path}: expected a module that a command or a public name reaches; "
+                f"the proof stands in {PROOF}"
+            )
+
+
+def problems(root: Path = ROOT) -> list[str]:
+    """Everything that breaks the plan, a line each."""
+    house = modules(root)
+    graph = grimp.build_graph("softdyn", exclude_type_checking_imports=True, cache_dir=None)
+    stubs = {
+        package: (root / file).read_text()
+        for package, file in (
+            ("softdyn", "softdyn/__init__.pyi"),
+            ("softdyn.design", "softdyn/design/__init__.pyi"),
+            ("softdyn.validation", "validation/__init__.pyi"),
+        )
+    }
+    return [
+        *long_modules(house),
+        *large_rooms(house),
+        *silent_modules(house),
+        *unnamed_modules(house),
+        *repeated_classes(house),
+        *imports_by_string(house),
+        *too_many_commands(house),
+        *circles(graph, OF_LOG),
+        *proof_in_the_wheel(house, graph, stubs),
+    ]
+
+
+def main() -> int:
+    """Print the problems; 1 where there are some."""
+    found = problems()
+    print("\n".join(found) or "the house stands as planned")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
