@@ -12,7 +12,7 @@ from softdyn.commands import cli  # beside this script
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
-SCALING_ROUNDS = 20
+SCALING_ROUNDS, HOSTILE_ROUNDS = 20, 5
 DRIVER = "soft-id-clf-qp"  # drives the loops that states are recorded from
 EPILOG = """\
 Robots and controllers as in benchmark.py. Every figure comes from the same recorded closed-loop
@@ -21,21 +21,31 @@ points, or at rests that the statics of anyone's robot find, driven by the first
 inside each figure, how the floor and the paper's stack are built: docs/real_time.md. The stack
 needs the extra bench (cvxpy, SCS) and is left out without it.
 
+--hostile times the slowest step instead: every controller meets states and references full of NaN,
+infinities, huge and denormal numbers, singular Jacobians and input matrices
+(validation/timing/hostile.py), --rounds times each (5 by default). The time is the processor's, and
+the fastest repetition of a call counts. A step over 5 ms fails, and so does an answer that is not
+finite or not within bounds.
+
 Times say something only on a machine that is otherwise idle; how busy it was is in the report.
 
-exit codes: 0 done; 2 bad input; 130 interrupted.
+exit codes: 0 done; 1 with --hostile, a step failed; 2 bad input; 130 interrupted.
 """
 
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--robots", nargs="+", default=ROBOTS, metavar="ROBOT")
-parser.add_argument("--controllers", nargs="+", default=CONTROLLERS, metavar="CONTROLLER")
+parser.add_argument(
+    "--controllers", nargs="+", metavar="CONTROLLER",
+    help="default: the paper's and id-clf-qp; with --hostile, all",
+)  # fmt: skip
 parser.option("--states", cli.count, "N", "a robot", 400)
 parser.add_argument(
     "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
 )
 parser.add_argument("--no-stack", action="store_true", help="leave the paper's stack out")
 parser.add_argument("--scaling", action="store_true", help="also against n and m, on chains")
+parser.add_argument("--hostile", action="store_true", help="the slowest step under hostile numbers")
 parser.add_argument("--throughput", action="store_true", help="also whole closed loops")
 parser.add_argument(
     "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
@@ -45,14 +55,45 @@ cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Measure what is asked for, then tables and figures."""
+    """Measure what is asked for."""
     from functools import partial
 
+    import softdyn
+    from softdyn.controllers import CONTROLLERS as EVERY
+    from softdyn.controllers import find_controller
+    from softdyn.controllers.registry import make_controller
+
+    cli.check_outputs(arguments.json)
+    names = arguments.controllers or (EVERY if arguments.hostile else CONTROLLERS)
+    makes: dict[str, Any] = {name: find_controller(name) for name in names}
+    table = cli.own_gains(arguments)
+    if table is not None:
+        makes = {name: partial(make_controller, name, parameters=table) for name in makes}
+    models = {
+        name: softdyn.load(name, annotations=arguments.annotations)
+        for name in dict.fromkeys(arguments.robots)
+    }
+    return (hostile_steps if arguments.hostile else step_times)(arguments, models, makes)
+
+
+def hostile_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
+    """Time the slowest step of each controller, print the table."""
+    from tqdm import tqdm
+
+    from softdyn.validation.timing.worst_step import survey, table
+
+    with tqdm(total=len(models) * len(makes), disable=None, leave=False) as bar:
+        report = survey(models, makes, arguments.rounds or HOSTILE_ROUNDS, bar.update)
+    cli.write_report(report, arguments.json, table(report))
+    return cli.PASSED if report["passed"] else cli.FAILED
+
+
+def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
+    """Time ordinary steps, then tables and figures."""
     from tqdm import tqdm
 
     import softdyn
     from softdyn.controllers import find_controller
-    from softdyn.controllers.registry import make_controller
     from softdyn.validation.files import to_json, write_text
     from softdyn.validation.report import step_figures
     from softdyn.validation.timing import step_report
@@ -63,20 +104,11 @@ def command(arguments: cli.Arguments) -> int:
 
     out = Path(arguments.out)
     cli.make_folder(out / "states")
-    cli.check_outputs(arguments.json)
-    makes: dict[str, Any] = {name: find_controller(name) for name in arguments.controllers}
-    table = cli.own_gains(arguments)
-    if table is not None:
-        makes = {name: partial(make_controller, name, parameters=table) for name in makes}
-    models = {
-        name: softdyn.load(name, annotations=arguments.annotations)
-        for name in dict.fromkeys(arguments.robots)
-    }
     stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 
     def driver(model: softdyn.SoftModel) -> tuple[str, Any]:
-        """Name and maker of what drives a robot's loops: of anyone's the first law asked for."""
+        """What drives a robot's loops: for a user's robot, the first controller asked for."""
         return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
 
     load, report = MachineLoad(), dict[str, Any](rows=[])

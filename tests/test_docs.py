@@ -20,11 +20,14 @@ from pathlib import Path
 import pytest
 
 from softdyn.commands.__main__ import COMMANDS
+from tests.proof import __main__ as proof
 from tests.support import ROOT
 from tests.support.command import command
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 Follow = Callable[[Path], dict[str, str]]
+PROOF = "python -m tests.proof "
+PROGRAMS = {name.replace("_", "-") for name in proof.PROGRAMS}
 NAMES = {name.replace("_", "-") for names in COMMANDS.values() for name in names}
 BLOCK = re.compile(
     r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
@@ -44,6 +47,8 @@ def commands(code: str) -> list[list[str]]:
             found.append(words[1:])
         elif words[:1] == ["python"] and words[1].startswith("scripts/"):
             found.append([Path(words[1]).stem.replace("_", "-"), *words[2:]])
+        elif words[:3] == ["python", "-m", "tests.proof"]:
+            found.append([PROOF + words[3], *words[4:]])
     return found
 
 
@@ -108,8 +113,10 @@ def test_every_command_shown_is_one(page: Path) -> None:
     for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
         if block["kind"] in ("sh", "console"):
             for name, *arguments in commands(block["code"]):
-                assert name in NAMES, f"{page.name}: softdyn {name}"
-                module = importlib.import_module(f"softdyn.commands.{name.replace('-', '_')}")
+                program = name.removeprefix(PROOF) if name.startswith(PROOF) else None
+                assert name in NAMES or program in PROGRAMS, f"{page.name}: {name}"
+                place = f"tests.proof.{program}" if program else f"softdyn.commands.{name}"
+                module = importlib.import_module(place.replace("-", "_"))
                 module.parser.parse_args(arguments)
 
 

@@ -1,47 +1,101 @@
-"""The plan of the house: short files, small folders, one name for everything that is imported.
+"""The plan of the house, and that the script which checks it sees what breaks it."""
 
-That imports point one way is checked by `make lint`, from the contracts in pyproject.toml.
-"""
-
-import ast
-import re
-import subprocess
 import sys
-from collections import Counter
-from pathlib import Path
 
+import grimp
 import pytest
 
 from tests.support import ROOT
 
-TRACKED = [
-    ROOT / name
-    for name in subprocess.run(
-        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout.splitlines()
-    if not name.startswith(("tests/", "docs/", "urdf/"))
-]
-LIBRARY = [path for path in TRACKED if path.parent.name not in ("scripts", ".ci")]
+sys.path.insert(0, str(ROOT / ".ci"))
+import house
+from house import Module
+
+sys.path.remove(str(ROOT / ".ci"))
+
+DOC = '"""It is said."""\n'
 
 
-def test_no_file_is_long():
-    long = {str(path): n for path in TRACKED if (n := len(path.read_text().splitlines())) > 400}
-    assert long == {}
+def graph(*imports: tuple[str, str]) -> grimp.ImportGraph:
+    made = grimp.ImportGraph()
+    for name in {name for pair in imports for name in pair}:
+        made.add_module(name)
+    for importer, imported in imports:
+        made.add_import(importer=importer, imported=imported)
+    return made
 
 
-def test_no_folder_is_large():
-    modules = Counter(path.parent for path in LIBRARY if path.name != "__init__.py")
-    assert {str(folder): n for folder, n in modules.items() if n > 14} == {}
+def test_the_house_stands_as_planned():
+    assert house.problems() == []
 
 
-@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))
-def test_a_module_says_what_it_is_and_shadows_no_other(path: Path):
-    assert ast.get_docstring(ast.parse(path.read_text()))
-    assert path.stem == "__init__" or path.stem not in sys.stdlib_module_names
+@pytest.mark.parametrize(
+    ("check", "modules", "said"),
+    [
+        (house.long_modules, [Module("softdyn/a.py", "\n" * 401)], "401"),
+        (house.large_rooms, [Module(f"softdyn/b/m{i}.py", DOC) for i in range(16)], "got 16"),
+        (house.silent_modules, [Module("softdyn/a.py", "x = 1\n")], "a docstring"),
+        (house.silent_modules, [Module("softdyn/queue.py", DOC)], "Python's own"),
+        (
+            house.unnamed_modules,
+            [Module("softdyn/b/__init__.py", DOC), Module("softdyn/b/tree.py", DOC)],
+            "`tree`",
+        ),
+        (house.unnamed_modules, [Module("softdyn/b/tree.py", DOC)], "__init__.py"),
+        (
+            house.repeated_classes,
+            [Module("softdyn/a.py", "class Task: ..."), Module("scripts/b.py", "class Task: ...")],
+            "class Task",
+        ),
+        (
+            house.imports_by_string,
+            [Module("softdyn/a.py", "import importlib\nimportlib.import_module(f'softdyn.{x}')")],
+            "softdyn/a.py:2",
+        ),
+        (house.too_many_commands, [Module(f"scripts/c{i}.py", DOC) for i in range(25)], "got 25"),
+    ],
+)
+def test_what_breaks_the_plan_is_said(check, modules, said):
+    (problem,) = check(modules)
+    assert said in problem
 
 
-def test_a_package_s_docstring_names_its_files():
-    for folder in {path.parent for path in LIBRARY} - {ROOT / "softdyn"}:
-        text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
-        own = {path.stem for path in LIBRARY if path.parent == folder} - {"__init__"}
-        assert {name for name in own if not re.search(rf"\b{name}\b", text)} == set(), folder
+@pytest.mark.parametrize(
+    ("check", "modules"),
+    [
+        (house.large_rooms, [Module(f"scripts/m{i}.py", DOC) for i in range(16)]),
+        (house.unnamed_modules, [Module("scripts/tree.py", DOC)]),
+        (house.repeated_classes, [Module("softdyn/a.py", "class _T: ...")] * 2),
+        (
+            house.repeated_classes,
+            [Module("softdyn/a.py", "class T: ..."), Module("tests/proof/a.py", "class T: ...")],
+        ),
+        (house.imports_by_string, [Module("scripts/__main__.py", "import_module(f'softdyn.{x}')")]),
+        (house.imports_by_string, [Module("softdyn/a.py", "import_module('mujoco.sysid')")]),
+    ],
+)
+def test_what_keeps_the_plan_is_not(check, modules):
+    assert list(check(modules)) == []
+
+
+def test_circles():
+    there_and_back = graph(("s.a", "s.b"), ("s.b", "s.c"), ("s.c", "s.a"), ("s.a", "s.d"))
+    (problem,) = house.circles(there_and_back)
+    assert problem.endswith("got s.a, s.b, s.c")
+    assert list(house.circles(there_and_back, [("s.c", "s.a")])) == []
+
+
+def test_proof_in_the_wheel():
+    modules = [
+        Module("softdyn/__init__.py", DOC),
+        Module("softdyn/used.py", DOC),
+        Module("softdyn/public.py", DOC),
+        Module("softdyn/unused.py", DOC),
+        Module("softdyn/program.py", 'if __name__ == "__main__": ...'),
+        Module("scripts/run.py", "from softdyn import used\nfrom tests.proof import fuzz"),
+    ]
+    arrows = graph(("softdyn.commands.run", "softdyn.used"), ("softdyn.unused", "softdyn.used"))
+    for module in modules:
+        arrows.add_module(module.name) if module.name not in arrows.modules else None
+    found = list(house.proof_in_the_wheel(modules, arrows, {"softdyn": "from .public import X"}))
+    assert [line.split(":")[0] for line in found] == ["scripts/run.py", "softdyn/unused.py"]

@@ -9,7 +9,7 @@ import tomllib
 import pytest
 
 from softdyn.commands import __main__ as softdyn_command
-from softdyn.commands.__main__ import NAMES, main
+from softdyn.commands.__main__ import MOVED, NAMES, main
 from tests.support import ROOT, SCRIPTS
 
 HELPERS = {"__init__", "__main__", "cli"}
@@ -68,6 +68,15 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     assert "tour.py" not in capsys.readouterr().out
     assert (folder / "tour.py").read_text() == "mine"
     assert not list(folder.glob("soft*"))
+
+
+@pytest.mark.parametrize("name", sorted(MOVED))
+def test_an_old_spelling_names_the_new_one(name, capsys):
+    assert not set(MOVED) & set(NAMES)
+    spelt = name.replace("_", "-")
+    assert main([spelt, "--count", "3"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", f"error: command: {spelt} is now {MOVED[name]}\n")
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,6 @@ READ = {
     "benchmark": "--robots finger --controllers ic uic --theta 0 1 --omega 0.1 --jobs 2",
     "reproduce": "exact stale --robots finger --out folder --json out.json",
     "step_time": "--robots finger --controllers ic --states 10 --no-stack --json out.json",
-    "worst_step": "--robots finger --controllers ic --repeats 2 --json out.json",
     "beyond": "--robots finger --jobs 1",
     "hold": "finger --period 0.01 --jobs 1 --out folder --json out.json",
 }
