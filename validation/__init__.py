@@ -1,23 +1,21 @@
 """MuJoCo as the judge: the twin, cross-checks, closed loops and their figures.
 
 - `twin`: the MuJoCo plant, built from the URDF by its own path; MuJoCo's solver settings
-- `crosschecks`: the model's terms and trajectories against MuJoCo's
-- `comparison`: two files of one robot; `exchange`: robots written in the other
-  format; `pairs`: both files in both engines, and public pairs
-- `scene`: a user's own MJCF as the plant
 - `loop`: the closed loop of a controller and the twin, and its log
-- `oracles`: the paper's programmes as printed, the second reading of a file
+- `mjcf`: MJCF files: compared with a URDF, written, used as the plant
+- `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's
+- `studies`: many closed loops: the paper's grid, sweeps, tuning
+- `paper`: the paper's experiments, its QPs as printed, its reference implementation
 - `identification`: what a fit finds in data of twins with known parameters
-- `studies`: many closed loops: the paper's grid, sweeps, robustness (delay, noise), tuning
-- `timing`: what a control step costs
+- `rods`: how many joints an arm needs
 - `live`: a robot in the browser while it runs; `play`
-- `report`: figures and pages; `film`: pages as pictures
-- `fuzzing`: hostile files
-- `files`, `arrays`, `processes`, `plain`, `tables`: files that appear whole, NPZ files of anyone,
-  runs in processes, values as JSON, tables of text
+- `report`: figures and pages
+- `timing`: what a control step costs
+- `files`, `arrays`, `processes`, `plain`, `tables`: files that appear whole, NPZ files of any
+  origin, runs in processes, values as JSON, tables of text
 
-Imports point one way: report, timing and fuzzing → live → studies → oracles → loop and
-crosschecks → twin.
+Imports point one way; `[tool.importlinter]` in pyproject.toml has the order. What proves the
+toolkit itself (fuzzing, documents, closed forms) is `tests/proof`, not a part of the package.
 
 The public names are imported when they are used, as `__init__.pyi` lists them.
 """
