@@ -236,7 +236,7 @@ def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return placed
 
 
-def carriers(robot: Robot) -> dict[str, str]:
+def moving_link_of(robot: Robot) -> dict[str, str]:
     """For every link the link it is welded to that a joint moves, or the root: maybe itself."""
     above = {joint.child: joint for joint in robot.joints}
     found = {}
@@ -258,7 +258,7 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
     if robot.floating:
         bodies = {robot.root: Inertia.zero()} | bodies
-    carrier = carriers(robot)
+    carrier = moving_link_of(robot)
     for link in robot.links:
         name = carrier[link.name]
         if name in bodies:

@@ -22,10 +22,10 @@ from softdyn.description.robot import (
     Link,
     Mimic,
     Robot,
-    carriers,
     deepest_leaf,
     levels,
     moving_bodies,
+    moving_link_of,
 )  # fmt: skip
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
@@ -302,7 +302,7 @@ def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
     A sum of possible inertias is possible, so mending the links mends the body.
     """
     defective = {link for link, body in moving_bodies(robot).items() if body.defect()}
-    carrier = carriers(robot)
+    carrier = moving_link_of(robot)
     elements = {element.text("name"): element for element in root.children("link")}
     records = []
     for link in robot.links:
@@ -331,7 +331,7 @@ def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
     That lump is what the dynamics see: the defect of one link inside it is only a warning.
     """
     elements = {element.text("name"): element for element in root.children("link")}
-    bodies, carrier = moving_bodies(robot), carriers(robot)
+    bodies, carrier = moving_bodies(robot), moving_link_of(robot)
     defects = {link.name: defect for link in robot.links if (defect := link.inertia.defect())}
     for name, body in bodies.items():
         defect = body.defect()

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.projection import Projection, both_sides, tree_below
+from softdyn.dynamics.projection import Projection, project, tree_below
 from softdyn.dynamics.tree import tree_of
 
 
@@ -104,7 +104,7 @@ def joint_force_derivatives(
     force -= damping * (arms @ state.v)
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
     tree, S = tree_below(model)
-    by_q = curvature - both_sides(S, np.diag(tree.stiffness))
+    by_q = curvature - project(S, np.diag(tree.stiffness))
     by_q -= arms.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
     return Derivatives(state.B @ u - state.D @ state.v - state.K, by_q, -state.D, state.B)
 
@@ -210,7 +210,7 @@ def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     at = model.expand(q) if isinstance(model, Projection) else np.asarray(q, float)
     here = tree.about_base(at)
     hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, here)
-    return both_sides(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
+    return project(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 
 
 def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
@@ -241,7 +241,7 @@ def tendon_curvature(
     if isinstance(model, Projection):
         tree, S = model.tree, model.S
         bend, rates = tendon_curvature(tree, model.expand(q), force, S @ v)
-        return both_sides(S, bend), rates @ S
+        return project(S, bend), rates @ S
     tree, _ = tree_below(model)
     jacobian = tree.joint_jacobian(q)
     return model.tendons.curvature(jacobian, *tree.placements(), force, v)
@@ -258,7 +258,7 @@ def _inverse_dynamics(
     here = tree.about_base(given[0])
     by_q, by_v, _ = pin.computeRNEADerivatives(tree.pin_model, tree.pin_data, here, *given[1:])
     size = (tree.nv, tree.nv)
-    return both_sides(S, np.reshape(by_q, size)), both_sides(S, np.reshape(by_v, size))
+    return project(S, np.reshape(by_q, size)), project(S, np.reshape(by_v, size))
 
 
 def _constrained(

@@ -108,6 +108,6 @@ def tree_below(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:
     return tree_of(model), None
 
 
-def both_sides(S: np.ndarray | None, matrix: np.ndarray) -> np.ndarray:
+def project(S: np.ndarray | None, matrix: np.ndarray) -> np.ndarray:
     """Sᵀ A S, and A itself where there is no S."""
     return matrix if S is None else S.T @ matrix @ S

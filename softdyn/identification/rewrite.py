@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from lxml import etree
 
 from softdyn.description.annotations import BLOCK
-from softdyn.description.robot import Robot, carriers
+from softdyn.description.robot import Robot, moving_link_of
 from softdyn.description.strict_xml import read
 from softdyn.exceptions import InputError
 
@@ -79,7 +79,7 @@ def _places(root: Node, kind: str, name: str) -> Iterator[tuple[Node, str]]:
 def _scale_body(root: Node, robot: Robot, joint: str, factor: float) -> None:
     """Mass and moments of all links that move with the joint's child."""
     body = next(one.child for one in robot.joints if one.name == joint)
-    carrier = carriers(robot)
+    carrier = moving_link_of(robot)
     for link in root.iterfind("link"):
         if carrier[str(link.get("name"))] == body:
             for node in (*link.iterfind("inertial/mass"), *link.iterfind("inertial/inertia")):

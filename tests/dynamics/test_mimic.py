@@ -18,7 +18,7 @@ from softdyn.dynamics.mimic import MimicModel
 from softdyn.dynamics.reduced import ReducedModel
 from softdyn.dynamics.tree import TreeModel, tree_of
 from softdyn.validation import StateMap, Twin, crosscheck
-from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.twin.free_base import step_free_rk4
 from tests.support.micro import GRIPPER, write
 
@@ -109,7 +109,7 @@ def test_a_free_base_with_followers_is_followed_by_both_engines(tmp_path):
     """Twenty steps of Runge–Kutta: ours, and the judge's own, which holds followers."""
     model = softdyn.load(write(tmp_path, GRIPPER), floating=True)
     twin = Twin(model, limits=False)
-    judge, rng = Judge(twin, StateMap(model, twin)), np.random.default_rng(2)
+    judge, rng = MujocoTerms(twin, StateMap(model, twin)), np.random.default_rng(2)
     q, v = model.configuration(rng.uniform(-0.3, 0.3, model.nv)), rng.uniform(-1, 1, model.nv)
     u = rng.uniform(model.u_min, model.u_max)
     judge.start(q, v, "rk4", 1e-3)

@@ -27,7 +27,7 @@ VERDICTS = {True: "passed", False: "failed", None: "unsupported"}
 
 
 @dataclass(frozen=True)
-class Job:
+class RobotJob:
     """One robot to examine: `name` for people, where it comes from, and how to load it."""
 
     name: str
@@ -45,7 +45,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Row:
+class BatchRow:
     """What the cross-check said of one robot.
 
     Attributes
@@ -100,10 +100,10 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Survey:
+class BatchReport:
     """Many robots through the cross-check: a row each."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[BatchRow, ...]
 
     @property
     def passed(self) -> bool:
@@ -127,7 +127,7 @@ class Survey:
     def __str__(self) -> str:
         return self.text(self.rows)
 
-    def text(self, rows: Sequence[Row]) -> str:
+    def text(self, rows: Sequence[BatchRow]) -> str:
         """A line for each of `rows`, and how many there are of each kind in all."""
         lines = [(*row.cells[:6], f"{row.variant}: {row.verdict}") for row in rows]
         tallies = [
@@ -169,11 +169,11 @@ the building of both models included."""
 
 def catalogue_jobs(
     samples: int, seed: int, *, floating: bool, repair_inertia: bool, trajectories: bool = True
-) -> list[Job]:
+) -> list[RobotJob]:
     """Every URDF of example-robot-data as it is; floating and repaired on top where asked for."""
     jobs = []
     for path in example_files():
-        plain = Job(_short(path), path, seed, samples, trajectories=trajectories)
+        plain = RobotJob(_short(path), path, seed, samples, trajectories=trajectories)
         jobs.append(plain)
         if repair_inertia:
             jobs.append(replace(plain, repair_inertia=True))
@@ -184,21 +184,21 @@ def catalogue_jobs(
 
 def random_jobs(
     count: int, samples: int, seed: int, *, floating: bool = False, trajectories: bool = True
-) -> list[Job]:
+) -> list[RobotJob]:
     """`count` random robots of the seeds from `seed` on."""
     return [
-        Job(f"random_{k}", None, k, samples, floating, trajectories=trajectories)
+        RobotJob(f"random_{k}", None, k, samples, floating, trajectories=trajectories)
         for k in range(seed, seed + count)
     ]
 
 
-def survey(jobs: Sequence[Job], processes: int = -1) -> Survey:
+def survey(jobs: Sequence[RobotJob], processes: int = -1) -> BatchReport:
     """`examine` all, in the order of `jobs`; no row for a repair of what needs none."""
     rows = in_order(examine, [(job,) for job in jobs], processes)
-    return Survey(tuple(row for row in rows if row is not None))
+    return BatchReport(tuple(row for row in rows if row is not None))
 
 
-def examine(job: Job) -> Row | None:
+def examine(job: RobotJob) -> BatchRow | None:
     """Load one robot, cross-check it, and say what came out; never raises on a bad file."""
     if job.path is None:
         with TemporaryDirectory() as folder:
@@ -220,12 +220,12 @@ def examine(job: Job) -> Row | None:
                 return None
             reason = str(error).replace(str(job.path), job.name)
             seconds = perf_counter() - began
-            return Row(job.name, job.variant, None, reason=reason, seconds=seconds)
+            return BatchRow(job.name, job.variant, None, reason=reason, seconds=seconds)
     worst = max(
         result.checks,
         key=lambda check: (not check.passed, (finite(check.max_error) or 0.0) / check.tolerance),
     )
-    return Row(
+    return BatchRow(
         job.name,
         job.variant,
         result.passed,

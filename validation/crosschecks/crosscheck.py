@@ -21,8 +21,8 @@ import numpy as np
 
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, SoftdynError
-from softdyn.validation.crosschecks.mujoco_terms import Judge
-from softdyn.validation.crosschecks.result import Check, CrossCheck, Ladder, Run
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
+from softdyn.validation.crosschecks.result import Check, CrossCheck, StepLadder, TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.state_map import StateMap
@@ -136,11 +136,11 @@ def crosscheck(
     twin = Twin(check_model(model), limits=False) if twin is None else twin
     report = progress or (lambda _text: None)
     tally = Tally()
-    runs: tuple[Run, ...] = ()
-    ladders: tuple[Ladder, ...] = ()
+    runs: tuple[TrajectoryRun, ...] = ()
+    ladders: tuple[StepLadder, ...] = ()
     try:
         states = twin.states if isinstance(twin, Scene) else StateMap(model, twin)
-        judge = Judge(twin, states)
+        judge = MujocoTerms(twin, states)
     except InputError as error:
         tally.fail(str(error))
     else:
@@ -202,7 +202,7 @@ def window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _compare_at(
-    tally: Tally, model: SoftModel, judge: Judge, q: np.ndarray, v: np.ndarray, u: np.ndarray
+    tally: Tally, model: SoftModel, judge: MujocoTerms, q: np.ndarray, v: np.ndarray, u: np.ndarray
 ) -> None:
     """Compare every pointwise quantity at one state."""
     with tally.guard(*QUANTITIES[:-1]):

@@ -19,7 +19,7 @@ from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
 
 
-class Judge:
+class MujocoTerms:
     """A twin stripped to its smooth dynamics: no limits, contacts, friction or input clamp.
 
     Parameters

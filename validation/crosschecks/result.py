@@ -38,7 +38,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Run:
+class TrajectoryRun:
     """One trajectory in both engines.
 
     Attributes
@@ -84,7 +84,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class StepLadder:
     """Step halving of one scheme over `duration` (s)."""
 
     scheme: str
@@ -107,9 +107,9 @@ class CrossCheck:
     condition : float
         The largest condition number of M met. Where two engines agree on M to rounding ε, the best
         they can do on q̈ is about ε times that.
-    runs : tuple of Run
+    runs : tuple of TrajectoryRun
         The trajectories compared.
-    ladders : tuple of Ladder
+    ladders : tuple of StepLadder
         Convergence of the schemes under step halving.
     """
 
@@ -120,8 +120,8 @@ class CrossCheck:
     seed: int
     checks: tuple[Check, ...]
     condition: float
-    runs: tuple[Run, ...]
-    ladders: tuple[Ladder, ...]
+    runs: tuple[TrajectoryRun, ...]
+    ladders: tuple[StepLadder, ...]
 
     @property
     def passed(self) -> bool:

@@ -19,8 +19,8 @@ import numpy as np
 
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.dynamics.model import SoftModel
-from softdyn.validation.crosschecks.mujoco_terms import Judge
-from softdyn.validation.crosschecks.result import Ladder, Run, Rung
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
+from softdyn.validation.crosschecks.result import Rung, StepLadder, TrajectoryRun
 from softdyn.validation.twin.free_base import step_free_implicit, step_free_rk4
 from softdyn.validation.twin.twin import SimulationError
 
@@ -86,15 +86,15 @@ class Rates:
 
 
 def compare_trajectories(
-    model: SoftModel, judge: Judge, rng: np.random.Generator, report: Callable[[str], None]
-) -> tuple[tuple[Run, ...], tuple[Ladder, ...]]:
+    model: SoftModel, judge: MujocoTerms, rng: np.random.Generator, report: Callable[[str], None]
+) -> tuple[tuple[TrajectoryRun, ...], tuple[StepLadder, ...]]:
     """Free and forced runs with every scheme the two engines share, and their ladders.
 
     Parameters
     ----------
     model : SoftModel
         Ours.
-    judge : Judge
+    judge : MujocoTerms
         The twin's terms.
     rng : Generator
         Of the start and the inputs.
@@ -197,12 +197,14 @@ class _Race:
     """One robot in both engines, from one state (q, v)."""
 
     model: SoftModel
-    judge: Judge
+    judge: MujocoTerms
     start: Start
     rates: Rates
     circular: np.ndarray
 
-    def run(self, name: str, scheme: Scheme, share: float, rng: np.random.Generator) -> Run:
+    def run(
+        self, name: str, scheme: Scheme, share: float, rng: np.random.Generator
+    ) -> TrajectoryRun:
         """Follow one trajectory in both engines, input by input."""
         model, rates, start = self.model, self.rates, self.start
         fastest = rates.motion if scheme is IMPLICIT else max(rates.damping, rates.motion)
@@ -234,9 +236,9 @@ class _Race:
             why = f"beyond it the motion amplifies rounding more than {GROWTH:g} times"
         else:
             why = "whole horizon" if total == wanted else "as many steps as the time allows"
-        return Run(name, scheme.name, step, sum(holds[:reach]) * step, error, why)
+        return TrajectoryRun(name, scheme.name, step, sum(holds[:reach]) * step, error, why)
 
-    def ladder(self, scheme: Scheme) -> Ladder:
+    def ladder(self, scheme: Scheme) -> StepLadder:
         """Halve the step; the limit is MuJoCo's Runge–Kutta at an eighth of the finest step."""
         coarse = min(4e-3, 0.3 / max(self.rates.damping, self.rates.motion))
         rest, finest = [np.zeros(self.model.nu)], 2 ** (RUNGS - 1)
@@ -249,7 +251,7 @@ class _Race:
             theirs = next(self._theirs(scheme, step, rest, count))
             apart, off = (distance(ours, other, self.circular) for other in (theirs, limit))
             rungs.append(Rung(step, apart, off, None))
-        return Ladder(scheme.name, scheme.order, RUNG_STEPS * coarse, _with_orders(rungs))
+        return StepLadder(scheme.name, scheme.order, RUNG_STEPS * coarse, _with_orders(rungs))
 
     def _ours(
         self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]

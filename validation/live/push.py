@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from softdyn import InputError, SoftdynError, SoftModel
-from softdyn.description.robot import carriers
+from softdyn.description.robot import moving_link_of
 from softdyn.statics import rest
 from softdyn.validation.live.messages import Push
 from softdyn.validation.twin.build import body_name
@@ -54,7 +54,7 @@ class Hand:
     def __init__(
         self, model: SoftModel, q: np.ndarray, push: Push, stiffness: float, largest: float
     ) -> None:
-        carrier = carriers(model.robot)[push.link]
+        carrier = moving_link_of(model.robot)[push.link]
         fixed = carrier == model.robot.root and not model.robot.floating
         if fixed:
             raise InputError("push.link", "a link that moves", push.link)

@@ -48,7 +48,7 @@ COMMAND = "scripts/compare.py --catalogue DIR … --markdown docs/pairs.md"
 
 
 @dataclass(frozen=True)
-class Row:
+class PairRow:
     """One pair: its comparison, or why there is none."""
 
     a: str
@@ -72,10 +72,10 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Survey:
+class PairReport:
     """All pairs whose files were found, and those that were not."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[PairRow, ...]
     missing: tuple[str, ...]
     readers: Readers
 
@@ -122,7 +122,7 @@ class Survey:
         return "\n\n".join(lines)
 
 
-def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> Survey:
+def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> PairReport:
     """Compare every pair of which both files are found.
 
     Parameters
@@ -151,12 +151,12 @@ def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> Survey:
             continue
         try:
             a, b = (str(path) for path in found)
-            rows.append(Row(*pair, compare(a, b, samples=samples, seed=seed)))
+            rows.append(PairRow(*pair, compare(a, b, samples=samples, seed=seed)))
         except SoftdynError as error:
-            rows.append(Row(*pair, None, str(error)))
+            rows.append(PairRow(*pair, None, str(error)))
     if not rows:
         raise InputError("--catalogue", "folders with public MJCFs", ", ".join(folders))
-    return Survey(tuple(rows), tuple(dict.fromkeys(missing)), survey_readers(folders))
+    return PairReport(tuple(rows), tuple(dict.fromkeys(missing)), survey_readers(folders))
 
 
 def _first(files: list[Path], end: str) -> Path | None:

@@ -16,7 +16,7 @@ from softdyn.exceptions import SoftdynError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, judge_paths, read_mjcf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Pose
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
 from softdyn.validation.mjcf.comparison.result import QUANTITIES, Comparison
 from softdyn.validation.tables import columns, pipes
 
@@ -36,7 +36,7 @@ def from_pinocchio(path: Path) -> Neutral:
     parts: list[Part] = []
     last = {-1: WORLD}
     for k, found in enumerate(readings):
-        pose = Pose(found.rotation, found.translation)
+        pose = Transform(found.rotation, found.translation)
         body: tuple[tuple[str, Inertia], ...] = ()
         if found.mass:
             body = ((found.name, Inertia(found.mass, found.com, found.tensor)),)
@@ -65,7 +65,7 @@ def from_pinocchio(path: Path) -> Neutral:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ReaderVerdict:
     """What Pinocchio makes of one MJCF: how far from MuJoCo, and why; or why it was not asked.
 
     Attributes
@@ -120,7 +120,7 @@ class Verdict:
         return {"file": self.file, "exact": self.exact, "errors": errors, "why": self.why}
 
 
-def pinocchio_reads(path: Path, label: str = "") -> Verdict:
+def pinocchio_reads(path: Path, label: str = "") -> ReaderVerdict:
     """Read an MJCF by MuJoCo and by Pinocchio, and compare.
 
     Raises
@@ -138,10 +138,12 @@ def pinocchio_reads(path: Path, label: str = "") -> Verdict:
         theirs = from_pinocchio(path)
     except SoftdynError as error:
         bodies = main.node.find(".//body") is not None
-        return Verdict(label, None, str(error).partition(", got ")[2], includes and not bodies)
+        return ReaderVerdict(
+            label, None, str(error).partition(", got ")[2], includes and not bodies
+        )
     bare = replace(ours, frames={}, cables=(), motors=(), couplings=())
     found = compare_neutral(_plain(bare), _plain(theirs))
-    return Verdict(label, found, "", includes and not own.intersection(found.unmatched["a"]))
+    return ReaderVerdict(label, found, "", includes and not own.intersection(found.unmatched["a"]))
 
 
 def _plain(robot: Neutral) -> Neutral:
@@ -160,7 +162,7 @@ def _plain(robot: Neutral) -> Neutral:
 class Readers:
     """Every MJCF of some folders."""
 
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[ReaderVerdict, ...]
     refused: tuple[str, ...]
 
     @property
@@ -174,7 +176,7 @@ class Readers:
     @property
     def lines(self) -> list[list[str]]:
         """A table of what is not exact, its titles first; what is wrong alike is one row."""
-        groups: dict[str, list[Verdict]] = {}
+        groups: dict[str, list[ReaderVerdict]] = {}
         for verdict in self.verdicts:
             if not verdict.exact:
                 groups.setdefault(verdict.why, []).append(verdict)

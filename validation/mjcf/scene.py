@@ -16,7 +16,7 @@ from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Pose
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
 from softdyn.validation.twin.bodies import Freedom
 from softdyn.validation.twin.state_map import StateMap
@@ -161,7 +161,7 @@ class Scene:
     def _find_task(self, ours: Neutral, called: dict[str, int]) -> tuple[int, np.ndarray]:
         """The body that carries our task frame, and its origin there: where it is at our zero."""
         names = {part.link: k for k, part in enumerate(ours.parts)}
-        part, pose = -1, Pose()
+        part, pose = -1, Transform()
         if (task := self.robot.task) in names:
             part, pose = names[task], ours.parts[names[task]].pose
         elif task in ours.frames:

@@ -8,11 +8,11 @@ import numpy as np
 
 from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import Cable, Motor, Neutral
+from softdyn.validation.mjcf.comparison.neutral import Motor, Neutral, NeutralTendon
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
+class InputMap:
     """ctrl = matrix u, (theirs, ours); `idle` are actuators that nothing drives, by name."""
 
     matrix: np.ndarray
@@ -21,7 +21,7 @@ class Inputs:
 
 def map_inputs(
     ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
-) -> Inputs:
+) -> InputMap:
     """Which actuator of the scene each input of the model is, and how much of it.
 
     An actuator of the same name comes first, then one on the same cable or, where a fixed tendon
@@ -64,10 +64,10 @@ def map_inputs(
             )
         matrix[free[0], k] = _ratio(own[motor.name], found[chosen.name])
     idle = tuple(m.name for i, m in enumerate(theirs.motors) if not matrix[i].any())
-    return Inputs(matrix, idle)
+    return InputMap(matrix, idle)
 
 
-Pull = tuple[dict[str, float], Cable | None, float]
+Pull = tuple[dict[str, float], NeutralTendon | None, float]
 
 
 def _pull(motor: Motor, robot: Neutral, joints: dict[str, str], scale: dict[str, float]) -> Pull:

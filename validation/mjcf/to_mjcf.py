@@ -15,7 +15,7 @@ from lxml import etree
 from softdyn.description.robot import Robot
 from softdyn.description.visuals import Box, Cylinder, Sphere, Visual, triangles, visuals
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Pose
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
 from softdyn.validation.mjcf.xml_text import Names, add, text
 from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies
@@ -60,7 +60,7 @@ class _Writer:
 
     def __init__(self, robot: Robot, neutral: Neutral) -> None:
         self._robot, self._neutral = robot, neutral
-        self._place: dict[str, tuple[int, Pose]] = {
+        self._place: dict[str, tuple[int, Transform]] = {
             name: (frame.part, frame.pose) for name, frame in neutral.frames.items()
         }
         self._place |= {part.link: (k, part.pose) for k, part in enumerate(neutral.parts)}
@@ -69,7 +69,7 @@ class _Writer:
         for visual in shown:
             self._shapes.setdefault(self._place[visual.link][0], []).append(visual)
         self._tree = tree_of(robot)
-        self._hulls: dict[int, list[tuple[Collision, Pose]]] = {}
+        self._hulls: dict[int, list[tuple[Collision, Transform]]] = {}
         for body in self._tree.bodies:
             for hull in body.shapes:
                 part, pose = self._place[body.link]

@@ -12,7 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from lxml import etree
 
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Cable, Coupling, Motor, Neutral
+from softdyn.validation.mjcf.comparison.neutral import (
+    WORLD,
+    Coupling,
+    Motor,
+    Neutral,
+    NeutralTendon,
+)
 from softdyn.validation.mjcf.xml_text import Names, add, text
 
 UNLIMITED = 1e4  # m, rad: where URDF demands limits of a joint that has none
@@ -157,7 +163,7 @@ def _block(root: Element, robot: Neutral, links: dict[int, str], lost: list[str]
 
 
 def _cable(
-    block: Element, robot: Neutral, cable: Cable, links: dict[int, str], lost: list[str]
+    block: Element, robot: Neutral, cable: NeutralTendon, links: dict[int, str], lost: list[str]
 ) -> bool:
     """Write a tendon, if the format has a word for it."""
     if any(point.around for point in cable.path):

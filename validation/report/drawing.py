@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from softdyn.description.inertia import rotation_rpy
-from softdyn.description.robot import carriers, poses
+from softdyn.description.robot import moving_link_of, poses
 from softdyn.description.urdf import parse
 from softdyn.description.visuals import Cylinder, Rgba, Sphere, Visual, visuals
 from softdyn.exceptions import UrdfError
@@ -145,7 +145,7 @@ def _angles(rotation: np.ndarray) -> np.ndarray:
 def _of_urdf(robot: Neutral) -> Iterator[tuple[int, Visual]]:
     floating = any(part.kind == "free" for part in robot.parts)
     parsed = parse(robot.path, floating=floating)
-    carrier = carriers(parsed)
+    carrier = moving_link_of(parsed)
     index = {part.link: k for k, part in enumerate(robot.parts)}
     for shape in visuals(parsed)[0]:
         rotation, translation = poses(parsed)[shape.link]

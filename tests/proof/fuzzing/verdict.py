@@ -15,7 +15,7 @@ from softdyn.description.robot import Robot
 from softdyn.exceptions import UrdfError
 from softdyn.validation import StateMap, Twin
 from softdyn.validation.crosschecks.crosscheck import relative_error
-from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from tests.proof.fuzzing.second_reading import differences
 
 REFUSED, ACCEPTED = "refused", "accepted"
@@ -100,7 +100,7 @@ def compare_engines(model: SoftModel) -> str:
     """Terms of the dynamics that MuJoCo computes otherwise, at one random state; "" if none."""
     rng = np.random.default_rng(0)
     twin = Twin(model, limits=False)
-    other = Judge(twin, StateMap(model, twin))
+    other = MujocoTerms(twin, StateMap(model, twin))
     low, high = np.clip(model.lower, -1, 1), np.clip(model.upper, -1, 1)
     q = model.configuration(rng.uniform(low, high))
     state = model.state(q, rng.uniform(-1, 1, model.nv))

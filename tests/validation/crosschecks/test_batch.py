@@ -10,12 +10,12 @@ import pytest
 
 from softdyn.description.library import example_files, example_robots
 from softdyn.validation.crosschecks import batch as catalogue
-from softdyn.validation.crosschecks.batch import FIXED, FLOATING, REPAIRED, Row
+from softdyn.validation.crosschecks.batch import FIXED, FLOATING, REPAIRED, BatchRow
 from softdyn.validation.crosschecks.random_robots import random_urdf
 from softdyn.validation.files import to_json
 
 
-def jobs_of(*stems: str) -> list[catalogue.Job]:
+def jobs_of(*stems: str) -> list[catalogue.RobotJob]:
     jobs = catalogue.catalogue_jobs(1, 0, floating=True, repair_inertia=True, trajectories=False)
     return [job for job in jobs if job.path is not None and job.path.stem in stems]
 
@@ -53,7 +53,7 @@ def test_rows_pass_or_say_why_not():
     assert '<link name="RShoulderYawLink">' in rows["romeo_small", FIXED].reason
     assert len(rows["romeo_small", REPAIRED].repairs) == 2
     assert json.loads(to_json(vars(rows["ur3", FIXED])))["max_error"] is None
-    page = catalogue.Survey(tuple(rows.values())).markdown("COMMAND")
+    page = catalogue.BatchReport(tuple(rows.values())).markdown("COMMAND")
     assert "Written by `COMMAND`" in page
     assert "1 of 4 pass, 0 fail, 3 are not supported" in page
     assert "&lt;link name" in page
@@ -62,11 +62,11 @@ def test_rows_pass_or_say_why_not():
 
 def test_a_disagreement_is_a_failed_row():
     rows = [
-        Row("good", FIXED, True, 2, "M", 1e-15),
-        Row("bad", FIXED, False, 2, "qdd", 1e-3, 1e9, "qdd: too far"),
-        Row("odd", FIXED, None, reason="no joint"),
+        BatchRow("good", FIXED, True, 2, "M", 1e-15),
+        BatchRow("bad", FIXED, False, 2, "qdd", 1e-3, 1e9, "qdd: too far"),
+        BatchRow("odd", FIXED, None, reason="no joint"),
     ]
-    survey = catalogue.Survey(tuple(rows))
+    survey = catalogue.BatchReport(tuple(rows))
     assert survey.counts == {FIXED: {"passed": 1, "failed": 1, "unsupported": 1}}
     assert not survey.passed
     assert "FAILED, qdd: too far" in str(survey)
@@ -75,8 +75,8 @@ def test_a_disagreement_is_a_failed_row():
 
 
 def test_rows_come_in_the_order_of_their_jobs(monkeypatch):
-    monkeypatch.setattr(catalogue, "examine", lambda job: Row(job.name, FIXED, True))
-    jobs = [catalogue.Job(name, None, 0, 1) for name in ("odd", "bad", "good")]
+    monkeypatch.setattr(catalogue, "examine", lambda job: BatchRow(job.name, FIXED, True))
+    jobs = [catalogue.RobotJob(name, None, 0, 1) for name in ("odd", "bad", "good")]
     assert [row.name for row in catalogue.survey(jobs, 1).rows] == ["odd", "bad", "good"]
 
 
@@ -150,10 +150,10 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     assert "1 of 2 pass, 0 fail, 1 are not supported" in page.read_text()
     assert "`scripts/crosscheck.py --catalogue`" in page.read_text()
 
-    bad = Row("bad", FIXED, False, 1, "M", 1.0)
+    bad = BatchRow("bad", FIXED, False, 1, "M", 1.0)
     monkeypatch.setattr(catalogue, "examine", lambda _: bad)
     monkeypatch.setattr(
-        catalogue, "random_jobs", lambda *_, **__: [catalogue.Job("bad", None, 0, 1)]
+        catalogue, "random_jobs", lambda *_, **__: [catalogue.RobotJob("bad", None, 0, 1)]
     )
     capsys.readouterr()
     assert script.main(["--random", "1", "--jobs", "1"]) == 1

@@ -13,7 +13,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.validation.crosschecks import trajectories
 from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
-from softdyn.validation.crosschecks.result import CrossCheck, Run
+from softdyn.validation.crosschecks.result import CrossCheck, TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import _rates, damping_couples_branches
 from softdyn.validation.twin.twin import Twin
 from tests.support.command import command
@@ -215,7 +215,7 @@ def test_how_fast_a_falling_rod_moves(tmp_path):
 
 
 def test_figures_stand_below_the_ends_of_their_headings():
-    runs = tuple(Run(name, "rk4", step, length, 1e-9, "") for name, step, length in
+    runs = tuple(TrajectoryRun(name, "rk4", step, length, 1e-9, "") for name, step, length in
                  (("free", 5e-4, 1.0), ("forced", 1.2e-5, 0.125)))  # fmt: skip
     lines = str(CrossCheck("r", 1, 0, 1, 0, (), 1.0, runs, ())).splitlines()
     head = next(k for k, line in enumerate(lines) if line.startswith("trajectory"))

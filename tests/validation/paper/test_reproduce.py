@@ -16,7 +16,7 @@ from softdyn.controllers import Command, Impedance, find_controller
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin, paper
-from softdyn.validation.crosschecks.mujoco_terms import Judge
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.paper import reproduction
 from softdyn.validation.paper.paper_qps import clf_qp
 from softdyn.validation.paper.reference_laws import AngularTask, Differenced, make_law
@@ -113,7 +113,7 @@ def test_wrong_sign_doubles_the_passive_forces(models, robot):
     (seen,) = shown(model, [wrong_sign], [(q, v)])
     # MuJoCo's bias less its own passive forces, by a path of its own
     twin = Twin(model.robot)
-    judge = Judge(twin, StateMap(model, twin))
+    judge = MujocoTerms(twin, StateMap(model, twin))
     judge.place(q, v)
     bias, passive = judge.bias(), judge.D() @ v + judge.K()
     np.testing.assert_allclose(seen.h, bias - passive, rtol=1e-9, atol=1e-9)

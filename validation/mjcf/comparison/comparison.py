@@ -20,7 +20,13 @@ from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
 from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import Turns, find_order, find_parameters
-from softdyn.validation.mjcf.comparison.result import QUANTITIES, Cause, Comparison, Step, Worst
+from softdyn.validation.mjcf.comparison.result import (
+    QUANTITIES,
+    Cause,
+    Comparison,
+    RepairStep,
+    Worst,
+)
 from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, random_states
 
 # what enters M, bias, g or a tip; the others are measured by their values alone
@@ -145,7 +151,7 @@ def compare_neutral(
     if (order := find_order(left, right)) is not None:
         found.append(order)
     causes: list[Cause] = []
-    steps = [Step("as is", measure.errors(right))]
+    steps = [RepairStep("as is", measure.errors(right))]
     robot = right
     for _, stage in groupby(sorted(found, key=_stage), _stage):
         kinds: list[str] = []
@@ -163,7 +169,7 @@ def compare_neutral(
                     )
                 )  # fmt: skip
         if kinds:
-            steps.append(Step(", ".join(dict.fromkeys(kinds)), measure.errors(robot)))
+            steps.append(RepairStep(", ".join(dict.fromkeys(kinds)), measure.errors(robot)))
     residual = measure.errors(robot)
     causes.sort(key=lambda cause: (cause.one_sided, -cause.weight, -cause.effect.get("value", 0)))
     return Comparison(

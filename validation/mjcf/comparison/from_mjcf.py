@@ -16,14 +16,14 @@ from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.mjcf_file import Mjcf
 from softdyn.validation.mjcf.comparison.neutral import (
     WORLD,
-    Cable,
     Coupling,
     Frame,
     Motor,
     Neutral,
+    NeutralTendon,
     Part,
     Point,
-    Pose,
+    Transform,
 )
 from softdyn.validation.twin.settings import silence
 
@@ -90,7 +90,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
     efforts = _efforts(model)
     for body in range(1, model.nbody):
         parent = carrier[model.body_parentid[body]]
-        pose = Pose(_matrix(data.xmat[body]), data.xpos[body].copy())
+        pose = Transform(_matrix(data.xmat[body]), data.xpos[body].copy())
         name = model.body(body).name or f"body {body}"
         pieces = _pieces(model, data, body, name)
         count = model.body_jntnum[body]
@@ -106,7 +106,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
             parts[parent] = replace(parts[parent], pieces=parts[parent].pieces + pieces)
     names = [part.name for part in parts]
     frames = {
-        model.body(b).name: Frame(carrier[b], Pose(_matrix(data.xmat[b]), data.xpos[b].copy()))
+        model.body(b).name: Frame(carrier[b], Transform(_matrix(data.xmat[b]), data.xpos[b].copy()))
         for b in range(1, model.nbody)
         if model.body(b).name and not model.body_jntnum[b]
     }
@@ -115,7 +115,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
     routed |= {*model.wrap_prm[np.isin(model.wrap_type, around)].astype(int).tolist()}  # sides
     for site in range(model.nsite):
         if (label := model.site(site).name) and site not in routed:
-            pose = Pose(_matrix(data.site_xmat[site]), data.site_xpos[site].copy())
+            pose = Transform(_matrix(data.site_xmat[site]), data.site_xpos[site].copy())
             frames.setdefault(label, Frame(carrier[model.site_bodyid[site]], pose))
     return Neutral(
         path, "mjcf", tuple(parts), frames, _cables(model, data, carrier), _motors(model),
@@ -125,7 +125,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
 
 def _part(
     model: mujoco.MjModel, data: mujoco.MjData, joint: int, parent: int, pieces: Pieces,
-    pose: Pose, link: str,
+    pose: Transform, link: str,
 ) -> Part:  # fmt: skip
     kind = KINDS[int(model.jnt_type[joint])]
     dof = model.jnt_dofadr[joint]
@@ -211,7 +211,9 @@ def _motors(model: mujoco.MjModel) -> tuple[Motor, ...]:
     return tuple(found)
 
 
-def _cables(model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int]) -> tuple[Cable, ...]:
+def _cables(
+    model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int]
+) -> tuple[NeutralTendon, ...]:
     wraps = mujoco.mjtWrap
     found = []
     for t in range(model.ntendon):
@@ -230,7 +232,7 @@ def _cables(model: mujoco.MjModel, data: mujoco.MjData, carrier: list[int]) -> t
                 path += _wrapped(model, data, carrier, w)
         rest = (float(model.tendon_lengthspring[t, 0]), float(model.tendon_lengthspring[t, 1]))
         found.append(
-            Cable(
+            NeutralTendon(
                 model.tendon(t).name or f"tendon {t}", terms, tuple(path),
                 float(model.tendon_stiffness[t]), float(model.tendon_damping[t]), rest,
             )

@@ -9,17 +9,17 @@ import numpy as np
 from lxml import etree
 
 from softdyn.description.inertia import Inertia
-from softdyn.description.robot import Robot, carriers, children, poses
+from softdyn.description.robot import Robot, children, moving_link_of, poses
 from softdyn.validation.mjcf.comparison.neutral import (
     WORLD,
-    Cable,
     Coupling,
     Frame,
     Motor,
     Neutral,
+    NeutralTendon,
     Part,
     Point,
-    Pose,
+    Transform,
 )
 
 FREE = "floating base"
@@ -27,8 +27,8 @@ FREE = "floating base"
 
 def from_urdf(robot: Robot) -> Neutral:
     """The neutral form of a parsed URDF."""
-    placed = {name: Pose(*pose) for name, pose in poses(robot).items()}
-    carrier, below = carriers(robot), children(robot.joints)
+    placed = {name: Transform(*pose) for name, pose in poses(robot).items()}
+    carrier, below = moving_link_of(robot), children(robot.joints)
     pieces: dict[str, tuple[tuple[str, Inertia], ...]] = {}
     for link in robot.links:
         if link.inertia.mass or link.inertia.tensor.any():
@@ -43,7 +43,7 @@ def from_urdf(robot: Robot) -> Neutral:
         index[robot.root] = 0
         zero = np.zeros(3)
         own = pieces.get(robot.root, ())
-        parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Pose()))
+        parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Transform()))
     walked: list[str] = []
     lumped: dict[str, list[str]] = {}  # by carrier, the links that its joints move
     front = [robot.root]
@@ -84,7 +84,7 @@ def from_urdf(robot: Robot) -> Neutral:
             rest = float(sum(np.linalg.norm(b.xyz - a.xyz) for a, b in pairwise(path)))
         terms = {term.joint: term.coef for term in tendon.terms}
         cables.append(
-            Cable(tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest))
+            NeutralTendon(tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest))
         )
     motors = tuple(
         Motor(a.name, f"tendon:{a.tendon}", a.gear, a.lower, a.upper) for a in robot.actuators

@@ -16,14 +16,16 @@ from softdyn.description.inertia import Inertia
 from softdyn.validation.mjcf.comparison.bodies import find_body, vector
 from softdyn.validation.mjcf.comparison.finding import Finding
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Pose
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
 from softdyn.validation.mjcf.comparison.terms import rotations
 
 CLOSE = 1e-4  # m, rad: what the votes on a displacement take for agreement
 NOTHING = 1e-12  # m, rad
 SHOWN = 1e-9  # m, rad: what less is, is rounding
 DEPTH = 3  # how many joints further the votes look
-Vote = tuple[float, Callable[[Pose], float]]  # weight, and the error (m, rad) a displacement leaves
+Vote = tuple[
+    float, Callable[[Transform], float]
+]  # weight, and the error (m, rad) a displacement leaves
 
 
 def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
@@ -56,7 +58,7 @@ def _base(a: Neutral, b: Neutral) -> Iterator[Finding]:
     roots = a.children(WORLD)
     pairs = _frame_pairs(a, b, WORLD)
     own = [a.parts[k].pose for k in roots], [b.parts[k].pose for k in roots]
-    candidates = [Pose(), *(_between(p, q) for p, q in [*pairs, *zip(*own, strict=True)])]
+    candidates = [Transform(), *(_between(p, q) for p, q in [*pairs, *zip(*own, strict=True)])]
     frames = [_turn_error(p, q) for p, q in pairs]
     frames += [_pose_error(p, q) for p, q in _cable_points(a, b, WORLD)]
     carried: list[Vote] = []
@@ -65,11 +67,11 @@ def _base(a: Neutral, b: Neutral) -> Iterator[Finding]:
     move = _elect(candidates, [*((1.0, error) for error in frames), *carried])
     # a base that moved takes some of the root's own frames along, and what the root carries
     if frames and min(error(move) for error in frames) > CLOSE:
-        move = Pose()
+        move = Transform()
     if not _is_some(_elect([move], carried)):
-        move = Pose()
+        move = Transform()
     if not frames and len(roots) == 1 and _zero_of(a.parts[roots[0]], move) is not None:
-        move = Pose()  # it is the first joint's zero as well
+        move = Transform()  # it is the first joint's zero as well
     if _is_some(move):
         back = move.inverse
         yield Finding(
@@ -86,18 +88,18 @@ def _displacement(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
     """How B's part k, and all that it carries, is displaced at zero."""
     one, other = a.parts[k], b.parts[k]
     votes = list(_votes(a, b, k))
-    turns = [Pose()]
+    turns = [Transform()]
     solid = _first_solid(a, k)
     frames = _own_frames(a, b, k) or _own_frames(a, b, solid)
     moves = [_between(p, q) for p, q in frames]
-    moves += [Pose(translation=q.translation - p.translation) for p, q in frames]
+    moves += [Transform(translation=q.translation - p.translation) for p, q in frames]
     if one.kind in ("hinge", "slide", "ball"):
         turns += _zeros(a, b, k)
     for child in a.children(k):
         turns += _zeros(a, b, k, child)
     bodies = a.parts[solid].inertia, b.parts[solid].inertia
     if all(body.mass for body in bodies):
-        moves.append(Pose(translation=bodies[1].com - bodies[0].com))
+        moves.append(Transform(translation=bodies[1].com - bodies[0].com))
     # a pose takes the joint's own axis along, a zero does not change it
     own = _line_votes(one, other, 1.5) if one.kind != "free" else []
     move = _elect([*turns, *moves], [*votes, *own])
@@ -118,7 +120,7 @@ def _displacement(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
         )  # fmt: skip
     else:
         along = sum(error(move) for _, error in own) < 10 * CLOSE
-        link = [_pose_error(p, q)(Pose()) for p, q in _own_frames(a, b, k)]
+        link = [_pose_error(p, q)(Transform()) for p, q in _own_frames(a, b, k)]
         bare = not link and solid != k and len(a.children(k)) == 1
         if not along and (bare or (link and max(link) < SHOWN)):
             return  # neither the axis nor the link moved: what it carries did
@@ -180,7 +182,7 @@ def _off_line(part: Part, point: np.ndarray) -> float:
     return 0.0 if part.kind in ("slide", "free") else float(np.linalg.norm(gap))
 
 
-def _zero_of(part: Part, move: Pose) -> float | None:
+def _zero_of(part: Part, move: Transform) -> float | None:
     """The joint coordinate that `move` is; None where it is not one of this joint."""
     if part.kind == "slide":
         amount = float(move.translation @ part.axis)
@@ -198,12 +200,12 @@ def _zero_of(part: Part, move: Pose) -> float | None:
     return math.atan2(along, cosine) if np.linalg.norm(turned) < CLOSE else None
 
 
-def _off_fixed(part: Part, move: Pose) -> float:
+def _off_fixed(part: Part, move: Transform) -> float:
     """How far (m) a displacement moves the joint's own point."""
     return float(np.linalg.norm(move.at(part.point) - part.point))
 
 
-def _zeros(a: Neutral, b: Neutral, k: int, child: int | None = None) -> list[Pose]:
+def _zeros(a: Neutral, b: Neutral, k: int, child: int | None = None) -> list[Transform]:
     """Displacements by joint k alone that bring one feature of what it carries together."""
     one = a.parts[k]
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
@@ -216,7 +218,7 @@ def _zeros(a: Neutral, b: Neutral, k: int, child: int | None = None) -> list[Pos
         pairs.append((both[0].inertia.com, both[1].inertia.com))
     if one.kind == "slide":
         shifts = [float((q - p) @ one.axis) for p, q in pairs]
-        return [Pose(translation=shift * one.axis) for shift in shifts]
+        return [Transform(translation=shift * one.axis) for shift in shifts]
     if one.kind != "hinge":
         return []
     directions = [(p - one.point, q - one.point) for p, q in pairs]
@@ -230,17 +232,17 @@ def _zeros(a: Neutral, b: Neutral, k: int, child: int | None = None) -> list[Pos
         if min(np.linalg.norm(p), np.linalg.norm(q)) > CLOSE:
             angle = math.atan2(float(np.cross(p, q) @ one.axis), float(p @ q))
             turn = rotations(angle * one.axis)
-            found.append(Pose(turn, one.point - turn @ one.point))
+            found.append(Transform(turn, one.point - turn @ one.point))
     return found
 
 
-def _elect(candidates: list[Pose], votes: list[Vote]) -> Pose:
+def _elect(candidates: list[Transform], votes: list[Vote]) -> Transform:
     """The candidate with most votes; of equals the first, the identity before all."""
 
-    def count(pose: Pose) -> float:
+    def count(pose: Transform) -> float:
         return sum(weight / (1.0 + (error(pose) / CLOSE) ** 2) for weight, error in votes)
 
-    best, most = Pose(), count(Pose()) + 0.3
+    best, most = Transform(), count(Transform()) + 0.3
     for pose in candidates:
         votes_for = count(pose)
         if votes_for > most + 1e-3:
@@ -263,14 +265,14 @@ def _votes(a: Neutral, b: Neutral, k: int) -> Iterator[Vote]:
         front = [child for m in front for child in a.children(m)]
 
 
-def _own_frames(a: Neutral, b: Neutral, k: int) -> list[tuple[Pose, Pose]]:
+def _own_frames(a: Neutral, b: Neutral, k: int) -> list[tuple[Transform, Transform]]:
     """The link frames of part k, and at most three other frames of the same names."""
     one, other = a.parts[k], b.parts[k]
     own = [(one.pose, other.pose)] if one.link and other.link and one.kind != "free" else []
     return own + _frame_pairs(a, b, k)[:3]
 
 
-def _frame_pairs(a: Neutral, b: Neutral, k: int) -> list[tuple[Pose, Pose]]:
+def _frame_pairs(a: Neutral, b: Neutral, k: int) -> list[tuple[Transform, Transform]]:
     """Named frames of part k, or of the root, that both files have."""
     theirs = {plain_name(name): f.pose for name, f in b.frames.items() if f.part == k}
     return [
@@ -280,12 +282,12 @@ def _frame_pairs(a: Neutral, b: Neutral, k: int) -> list[tuple[Pose, Pose]]:
     ]
 
 
-def _pose_error(p: Pose, q: Pose) -> Callable[[Pose], float]:
+def _pose_error(p: Transform, q: Transform) -> Callable[[Transform], float]:
     # origins alone: how a frame is turned on its link is a convention that nothing depends on
     return lambda move: float(np.linalg.norm(move.at(p.translation) - q.translation))
 
 
-def _turn_error(p: Pose, q: Pose) -> Callable[[Pose], float]:
+def _turn_error(p: Transform, q: Transform) -> Callable[[Transform], float]:
     """As `_pose_error`, with the rotation: the root's frame is what its file says the base is."""
     origin = _pose_error(p, q)
     return lambda move: (
@@ -293,11 +295,11 @@ def _turn_error(p: Pose, q: Pose) -> Callable[[Pose], float]:
     )
 
 
-def _cable_points(a: Neutral, b: Neutral, k: int) -> list[tuple[Pose, Pose]]:
+def _cable_points(a: Neutral, b: Neutral, k: int) -> list[tuple[Transform, Transform]]:
     """Points of part k, or of the root, that cables of the same name run through."""
     theirs = {cable.name: cable.path for cable in b.cables}
     return [
-        (Pose(translation=p.xyz), Pose(translation=q.xyz))
+        (Transform(translation=p.xyz), Transform(translation=q.xyz))
         for cable in a.cables
         for p, q in zip(cable.path, theirs.get(cable.name, ()), strict=False)
         if p.part == q.part == k
@@ -308,7 +310,7 @@ def _line_votes(one: Part, other: Part, weight: float) -> list[Vote]:
     if one.kind == "free":
         return []
 
-    def error(move: Pose) -> float:
+    def error(move: Transform) -> float:
         axis = move.rotation @ one.axis
         moved = replace(one, axis=axis, point=move.at(one.point))
         return _off_line(moved, other.point) + float(np.linalg.norm(np.cross(axis, other.axis)))
@@ -330,15 +332,15 @@ def _body_votes(one: Inertia, other: Inertia, weight: float) -> Iterator[Vote]:
         )
 
 
-def _between(p: Pose, q: Pose) -> Pose:
+def _between(p: Transform, q: Transform) -> Transform:
     return q @ p.inverse
 
 
-def _is_some(move: Pose) -> bool:
+def _is_some(move: Transform) -> bool:
     return move.angle > NOTHING or float(np.linalg.norm(move.translation)) > NOTHING
 
 
-def _described(move: Pose) -> str:
+def _described(move: Transform) -> str:
     """A displacement in words."""
     words = []
     if move.angle > SHOWN:
@@ -348,6 +350,6 @@ def _described(move: Pose) -> str:
     return ", ".join(words)
 
 
-def _numbers(move: Pose) -> list[float]:
+def _numbers(move: Transform) -> list[float]:
     """Rotation, row by row, and translation."""
     return vector(np.concatenate((move.rotation.ravel(), move.translation)))

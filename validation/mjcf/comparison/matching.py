@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from softdyn.exceptions import InputError
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Pose
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
 
 PLAUSIBLE = 0.6  # the largest cost of a pair that is one
 NOISE_WORDS = ("joint", "jnt", "link", "dof")
@@ -160,7 +160,7 @@ def _contradictions(a: Neutral, b: Neutral, found: dict[int, int]) -> list[int]:
 
 
 def _by_kinematics(a: Neutral, b: Neutral, found: dict[int, int]) -> list[tuple[int, int]]:
-    turns = [Pose()] if found else [Pose(turn) for turn in _turns()]
+    turns = [Transform()] if found else [Transform(turn) for turn in _turns()]
     best: tuple[float, dict[int, int]] = (np.inf, {})
     for turn in turns:
         pairs, cost = _walk(a, b, found, turn)
@@ -187,7 +187,7 @@ def _turns() -> list[np.ndarray]:
 
 
 def _walk(
-    a: Neutral, b: Neutral, found: dict[int, int], turn: Pose
+    a: Neutral, b: Neutral, found: dict[int, int], turn: Transform
 ) -> tuple[dict[int, int], float]:
     """Pairs of children of pairs, root to leaf, and what they cost."""
     matched = {WORLD: WORLD} | found
@@ -209,7 +209,7 @@ def _walk(
     return pairs, total
 
 
-def _cost(a: Neutral, b: Neutral, i: int, j: int, turn: Pose, size: float) -> float:
+def _cost(a: Neutral, b: Neutral, i: int, j: int, turn: Transform, size: float) -> float:
     """How unlike two parts are: 0 for twins, more than `PLAUSIBLE` for what is no pair."""
     one, other = a.parts[i], b.parts[j]
     if one.kind != other.kind:

@@ -22,23 +22,23 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Transform:
     """A rigid displacement x → rotation x + translation (3, 3), (3,)."""
 
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.rotation @ other.rotation, self.at(other.translation))
+    def __matmul__(self, other: Transform) -> Transform:
+        return Transform(self.rotation @ other.rotation, self.at(other.translation))
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """Where a point (…, 3) goes."""
         return point @ self.rotation.T + self.translation
 
     @property
-    def inverse(self) -> Pose:
+    def inverse(self) -> Transform:
         """The displacement back."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+        return Transform(self.rotation.T, -self.rotation.T @ self.translation)
 
     @property
     def angle(self) -> float:
@@ -75,7 +75,7 @@ class Part:
     axis: np.ndarray
     point: np.ndarray
     pieces: tuple[tuple[str, Inertia], ...]
-    pose: Pose
+    pose: Transform
     lower: float = -math.inf
     upper: float = math.inf
     effort: float = math.inf
@@ -90,7 +90,7 @@ class Part:
         """Of the whole body."""
         return sum((piece for _, piece in self.pieces), Inertia.zero())
 
-    def moved(self, by: Pose, *, joint: bool = True) -> Part:
+    def moved(self, by: Transform, *, joint: bool = True) -> Part:
         """The same part displaced; with `joint` False its axis stays."""
         pieces = tuple(
             (name, piece.moved(by.rotation, by.translation)) for name, piece in self.pieces
@@ -106,7 +106,7 @@ class Frame:
     """A named frame or site on a part, or on the root."""
 
     part: int
-    pose: Pose
+    pose: Transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Cable:
+class NeutralTendon:
     """A tendon: fixed (`terms`: joint → coefficient) or along `path`."""
 
     name: str
@@ -175,7 +175,7 @@ class Neutral:
     format: str
     parts: tuple[Part, ...]
     frames: dict[str, Frame] = field(default_factory=dict)
-    cables: tuple[Cable, ...] = ()
+    cables: tuple[NeutralTendon, ...] = ()
     motors: tuple[Motor, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     gravity: np.ndarray = field(default_factory=lambda: GRAVITY)
@@ -210,11 +210,11 @@ class Neutral:
         """The robot with one part replaced."""
         return replace(self, parts=(*self.parts[:index], part, *self.parts[index + 1 :]))
 
-    def displaced(self, index: int, by: Pose, *, joint: bool = True) -> Neutral:
+    def displaced(self, index: int, by: Transform, *, joint: bool = True) -> Neutral:
         """All that a part carries displaced; with `joint` False its own axis stays."""
         moving = set(self.subtree(index)) | {index}
 
-        def place(part: int, pose: Pose) -> Pose:
+        def place(part: int, pose: Transform) -> Transform:
             return by @ pose if part in moving else pose
 
         parts = tuple(

@@ -16,7 +16,7 @@ import numpy as np
 from softdyn.validation.mjcf.comparison.bodies import vector
 from softdyn.validation.mjcf.comparison.finding import Finding
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import Cable, Coupling, Motor, Neutral
+from softdyn.validation.mjcf.comparison.neutral import Coupling, Motor, Neutral, NeutralTendon
 from softdyn.validation.mjcf.comparison.terms import States, lengths
 
 SAME = 1e-6  # relative
@@ -25,7 +25,7 @@ FRAMES = 1e-6  # m
 NOTHING = 1e-12  # m
 ONLY = "only in one file"
 SCALARS = ("armature", "damping", "friction", "stiffness")
-Named = TypeVar("Named", Cable, Motor)
+Named = TypeVar("Named", NeutralTendon, Motor)
 Turns = dict[str, tuple[float, float]]  # by joint: sense and zero, q_A = sense · q_B + zero
 
 
@@ -186,7 +186,7 @@ def _cables(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Fi
             )  # fmt: skip
 
 
-def _drives(cable: Cable | None, robot: Neutral) -> bool:
+def _drives(cable: NeutralTendon | None, robot: Neutral) -> bool:
     """Whether a tendon says no more than its actuators do: it is plain, and over one joint."""
     if cable is None or len(cable.terms) != 1 or cable.stiffness or cable.damping:
         return False
@@ -199,7 +199,7 @@ def _same_terms(ours: dict[str, float], theirs: dict[str, float]) -> bool:
     )
 
 
-def _with_cable(name: str, cable: Cable) -> Callable[[Neutral], Neutral]:
+def _with_cable(name: str, cable: NeutralTendon) -> Callable[[Neutral], Neutral]:
     def repair(robot: Neutral) -> Neutral:
         cables = tuple(replace(cable, name=c.name) if c.name == name else c for c in robot.cables)
         return replace(robot, cables=cables)
@@ -207,13 +207,13 @@ def _with_cable(name: str, cable: Cable) -> Callable[[Neutral], Neutral]:
     return repair
 
 
-def _cable_words(cable: Cable) -> str:
+def _cable_words(cable: NeutralTendon) -> str:
     if cable.terms:
         return " + ".join(f"{coefficient:g} {joint}" for joint, coefficient in cable.terms.items())
     return f"{len(cable.path)} points"
 
 
-def _path_words(one: Cable, other: Cable) -> str:
+def _path_words(one: NeutralTendon, other: NeutralTendon) -> str:
     """Which points of two paths are apart, and how far."""
     if len(one.path) != len(other.path):
         return "another number of points"

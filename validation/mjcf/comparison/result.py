@@ -46,7 +46,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Step:
+class RepairStep:
     """What is left of the difference after a repair: relative errors of `QUANTITIES`."""
 
     repaired: str
@@ -78,7 +78,7 @@ class Comparison:
         Joints that only ``a`` or only ``b`` has.
     causes : tuple of Cause
         The largest effect first; the one-sided last.
-    waterfall : tuple of Step
+    waterfall : tuple of RepairStep
         As it is, then with each kind of cause repaired in turn.
     residual : dict[str, float]
         What is left in the end.
@@ -100,7 +100,7 @@ class Comparison:
     how: dict[str, str]
     unmatched: dict[str, list[str]]
     causes: tuple[Cause, ...]
-    waterfall: tuple[Step, ...]
+    waterfall: tuple[RepairStep, ...]
     residual: dict[str, float]
     strict: bool
     notes: tuple[str, ...] = ()
