@@ -10,6 +10,7 @@ from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn.validation.mjcf.comparison.result import Comparison
+    from softdyn.validation.mjcf.comparison.side import Side
 
 EPILOG = """\
 A and B are URDFs or MJCFs in any combination, or names as everywhere. Joints are matched by name,
@@ -50,6 +51,7 @@ def command(arguments: cli.Arguments) -> int:
     """Compare, report."""
     from softdyn import InputError
     from softdyn.validation import compare
+    from softdyn.validation.mjcf.comparison.side import Side
 
     cli.check_outputs(
         arguments.json,
@@ -66,9 +68,9 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.markdown is not None:
         raise InputError("--markdown", "--catalogue", "two files")
     mapping = None if arguments.map is None else read_map(arguments.map)
+    sides = Side.of(arguments.a), Side.of(arguments.b)
     result = compare(
-        arguments.a,
-        arguments.b,
+        *sides,
         mapping=mapping,
         strict=arguments.strict,
         samples=arguments.samples,
@@ -76,21 +78,20 @@ def command(arguments: cli.Arguments) -> int:
     )
     report, said = result.to_dict(), str(result)
     if arguments.engines:
-        figures, text = engines(arguments)
+        figures, text = engines(*sides, arguments)
         report["engines"] = figures
         said += f"\n\n{text}"
     cli.write_report(report, arguments.json, said)
     if arguments.html is not None or arguments.view:
-        show(result, arguments)
+        show(result, *sides, arguments)
     return cli.PASSED if result.passed else cli.FAILED
 
 
-def show(result: Comparison, arguments: cli.Arguments) -> None:
+def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None:
     """The page of both robots, as a file or in the browser until somebody ends it."""
-    from softdyn.validation.mjcf.comparison.comparison import neutral_pair
     from softdyn.validation.report.pair_page import pair_page
 
-    page = pair_page(*neutral_pair(arguments.a, arguments.b), result)
+    page = pair_page(a, b, result)
     if arguments.html is not None:
         page.save(arguments.html)
     if arguments.view:
@@ -103,35 +104,32 @@ def show(result: Comparison, arguments: cli.Arguments) -> None:
             cli.serve_until(over)
 
 
-def engines(arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """Each file in its own engine, one against the other, and Pinocchio's reading of an MJCF."""
     from softdyn import InputError, SoftdynError
-    from softdyn.description.library import find
     from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
-    from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf
     from softdyn.validation.mjcf.readers import pinocchio_reads
 
     options = {"samples": arguments.samples, "seed": arguments.seed}
     report: dict[str, Any] = {}
     said = []
-    for side in ("a", "b"):
-        file = getattr(arguments, side)
-        report[side] = found = engine_errors(file, **options)
+    for key, side in (("a", a), ("b", b)):
+        report[key] = found = engine_errors(side, **options)
         words = ", ".join(f"{name} {error:.1e}" for name, error in found.items())
-        said.append(f"{side.upper()} in its own engine: {words or 'mimic joints, not asked'}")
-        if is_mjcf(find(file)):
+        said.append(f"{key.upper()} in its own engine: {words or 'mimic joints, not asked'}")
+        if side.is_mjcf:
             try:
-                read = pinocchio_reads(find(file))
+                read = pinocchio_reads(side)
             except SoftdynError as error:
                 said.append(
-                    f"{side.upper()} through Pinocchio's own MJCF reader: not asked, {error}"
+                    f"{key.upper()} through Pinocchio's own MJCF reader: not asked, {error}"
                 )
                 continue
-            report[f"{side}_by_pinocchio"] = read.to_dict()
+            report[f"{key}_by_pinocchio"] = read.to_dict()
             words = "exact" if read.exact else read.why
-            said.append(f"{side.upper()} through Pinocchio's own MJCF reader: {words}")
+            said.append(f"{key.upper()} through Pinocchio's own MJCF reader: {words}")
     try:
-        pair = side_by_side(arguments.a, arguments.b, **options)
+        pair = side_by_side(a, b, **options)
     except InputError as error:
         report["pair"] = {"reason": str(error)}
         said.append(f"one engine against the other: not asked, {error}")

@@ -237,7 +237,7 @@ def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def moving_link_of(robot: Robot) -> dict[str, str]:
-    """For every link the link it is welded to that a joint moves, or the root: maybe itself."""
+    """By link, the link that it moves with: one that a joint moves, or the root; maybe itself."""
     above = {joint.child: joint for joint in robot.joints}
     found = {}
     for link in robot.links:

@@ -131,13 +131,23 @@ def read(path: Path, what: str = "URDF") -> Element:
     UrdfError
         Unreadable, empty, too large, malformed or truncated, or with a DTD.
     """
+    return read_bytes(path, content(path, what))
+
+
+def content(path: Path, what: str = "URDF") -> bytes:
+    """The bytes of a file, of which one that is too large is cut behind `MAX_BYTES`.
+
+    Raises
+    ------
+    UrdfError
+        Unreadable.
+    """
     try:
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            return file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         reason = getattr(error, "strerror", None) or error
         raise UrdfError(path, "file", f"a readable {what} file", reason) from None
-    return read_bytes(path, data)
 
 
 def read_bytes(path: Path, data: bytes) -> Element:

@@ -56,6 +56,7 @@ JUDGED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 def parse(
     path: str | Path,
     *,
+    content: bytes | None = None,
     annotations: str | Path | None = None,
     floating: bool = False,
     repair_inertia: bool = False,
@@ -66,6 +67,8 @@ def parse(
     ----------
     path : str or Path
         The URDF file.
+    content : bytes, optional
+        What the file holds; it is opened unless given.
     annotations : str or Path, optional
         A file that holds the ``<softdyn>`` block, for a URDF without one.
     floating : bool
@@ -81,7 +84,8 @@ def parse(
     """
     path = Path(path)
     overlay = None if annotations is None else partial(read, Path(annotations), "annotations")
-    robot = _robot(read(path), overlay, floating, repair_inertia)
+    root = read(path) if content is None else read_bytes(path, content)
+    robot = _robot(root, overlay, floating, repair_inertia)
     return robot if annotations is None else replace(robot, overlay=Path(annotations))
 
 

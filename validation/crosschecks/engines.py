@@ -6,34 +6,33 @@ file in its own engine go. `side_by_side` asks both engines directly, as the cro
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from softdyn.description.library import find
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.loading import load
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.result import CrossCheck
-from softdyn.validation.mjcf.comparison.comparison import neutral, stands_free
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
-from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import Terms, evaluate, random_states, rotations
 from softdyn.validation.mjcf.scene import Scene
 
 Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
 
-def engine_errors(source: str | Path, *, samples: int = 8, seed: int = 0) -> dict[str, float]:
+def engine_errors(
+    source: str | Path | Side, *, samples: int = 8, seed: int = 0
+) -> dict[str, float]:
     """How far an engine that reads the file is from the neutral form.
 
     Parameters
     ----------
-    source : str or Path
+    source : str, Path or Side
         A URDF without mimic joints, for Pinocchio; an MJCF, for MuJoCo.
     samples, seed : int
         Number of random states, and their seed.
@@ -49,23 +48,26 @@ def engine_errors(source: str | Path, *, samples: int = 8, seed: int = 0) -> dic
     UrdfError, InputError
         For a file that cannot be used.
     """
-    path, robot = find(source), neutral(source)
+    side = Side.of(source)
+    robot = side.neutral
     if robot.format == "urdf" and robot.couplings:
         return {}
     states = random_states(robot, samples, seed)
     terms = evaluate(robot, states)
-    if is_mjcf(path):
-        judge = _Mujoco(robot, compile_mjcf(read_mjcf(path)))
+    if side.is_mjcf:
+        judge = _Mujoco(robot, copy.copy(side.compiled))
         answers = [judge.at([q[k] for q in states.q], states.v[k]) for k in range(samples)]
     else:
-        model = load(path)
         answers = [
-            _pinocchio(model, robot, [q[k] for q in states.q], states.v[k]) for k in range(samples)
+            _pinocchio(side.model, robot, [q[k] for q in states.q], states.v[k])
+            for k in range(samples)
         ]
     return _errors(terms, answers)
 
 
-def side_by_side(a: str | Path, b: str | Path, *, samples: int = 8, seed: int = 0) -> CrossCheck:
+def side_by_side(
+    a: str | Path | Side, b: str | Path | Side, *, samples: int = 8, seed: int = 0
+) -> CrossCheck:
     """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
 
     What only one file states of its joints (armature, damping, springs) is the URDF's in both, so
@@ -73,7 +75,7 @@ def side_by_side(a: str | Path, b: str | Path, *, samples: int = 8, seed: int = 
 
     Parameters
     ----------
-    a, b : str or Path
+    a, b : str, Path or Side
         A URDF and an MJCF, in any order.
     samples, seed : int
         Number of random states, and their seed.
@@ -85,11 +87,13 @@ def side_by_side(a: str | Path, b: str | Path, *, samples: int = 8, seed: int = 
     InputError
         For two files of one format, and an MJCF that has not all joints or inputs of the URDF.
     """
-    files = sorted((find(a), find(b)), key=is_mjcf)
-    if [is_mjcf(path) for path in files] != [False, True]:
-        raise InputError("engines", "a URDF and an MJCF", f"{files[0].name}, {files[1].name}")
-    model = load(files[0], floating=stands_free(neutral(files[1])))
-    scene = Scene(model, files[1])
+    sides = sorted((Side.of(a), Side.of(b)), key=lambda side: side.is_mjcf)
+    if [side.is_mjcf for side in sides] != [False, True]:
+        names = ", ".join(side.path.name for side in sides)
+        raise InputError("engines", "a URDF and an MJCF", names)
+    urdf, mjcf = sides
+    model = urdf.beside(mjcf).model
+    scene = Scene(model, mjcf)
     _settle_one_sided(scene)
     found = crosscheck(model, scene, samples=samples, seed=seed)
     # what the rest of a scene weighs is in its energy

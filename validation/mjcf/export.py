@@ -8,10 +8,11 @@ from pathlib import Path
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.validation.files import write_text
-from softdyn.validation.mjcf.comparison.comparison import compare_neutral, neutral
+from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.result import Comparison
+from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
 

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from softdyn.description.inertia import Inertia
-from softdyn.description.strict_xml import read
 from softdyn.dynamics.mjcf_reader import read_mjcf_by_pinocchio
 from softdyn.exceptions import SoftdynError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
-from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, judge_paths, read_mjcf
+from softdyn.validation.mjcf.comparison.mjcf_file import judge_paths
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
 from softdyn.validation.mjcf.comparison.result import QUANTITIES, Comparison
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.tables import columns, pipes
 
 EXACT = 1e-9
@@ -120,22 +119,24 @@ class ReaderVerdict:
         return {"file": self.file, "exact": self.exact, "errors": errors, "why": self.why}
 
 
-def pinocchio_reads(path: Path, label: str = "") -> ReaderVerdict:
+def pinocchio_reads(source: str | Path | Side, label: str = "") -> ReaderVerdict:
     """Read an MJCF by MuJoCo and by Pinocchio, and compare.
+
+    Pinocchio opens the file itself: what it includes is found from the path alone.
 
     Raises
     ------
     UrdfError
         For a file that cannot be used, or that names files outside its folder.
     """
-    label = label or str(path)
-    judge_paths(path)
-    ours = from_mjcf(path, compile_mjcf(read_mjcf(path)))
-    main = read(path, "MJCF")
+    side = Side.of(source)
+    label = label or str(side.path)
+    judge_paths(side.path, side.contents)
+    ours, main = side.neutral, side.contents.xml(side.path)
     own = {node.get("name") for node in main.node.iter("joint", "freejoint")}
     includes = main.node.find("include") is not None
     try:
-        theirs = from_pinocchio(path)
+        theirs = from_pinocchio(side.path)
     except SoftdynError as error:
         bodies = main.node.find(".//body") is not None
         return ReaderVerdict(
@@ -216,9 +217,9 @@ def survey_readers(folders: Sequence[str]) -> Readers:
         for path in sorted(Path(folder).rglob("*.xml")):
             label = "/".join(path.parts[-2:])
             try:
-                if not is_mjcf(path):
+                if not (side := Side(path)).is_mjcf:
                     continue
-                verdict = pinocchio_reads(path, label)
+                verdict = pinocchio_reads(side, label)
             except SoftdynError:
                 refused.append(label)
                 continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,10 @@ from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
+from softdyn.validation.mjcf.comparison.from_mjcf import from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
 from softdyn.validation.twin.bodies import Freedom
 from softdyn.validation.twin.state_map import StateMap
@@ -35,7 +36,7 @@ class Scene:
     ----------
     model : SoftModel
         The law's.
-    source : str or Path
+    source : str, Path or Side
         An MJCF. It is read strictly: includes and meshes from its own folder only.
     timestep : float, optional
         Integration step (s); the file's by default.
@@ -72,13 +73,14 @@ class Scene:
     def __init__(
         self,
         model: SoftModel,
-        source: str | Path,
+        source: str | Path | Side,
         *,
         timestep: float | None = None,
         mapping: Mapping[str, str] | None = None,
     ) -> None:
-        self.path = Path(source)
-        self.model = compile_mjcf(read_mjcf(self.path, whole=True))
+        side = source if isinstance(source, Side) else Side(Path(source))
+        self.path = side.path
+        self.model = copy.copy(side.scene)
         ours, theirs = from_urdf(model.robot), from_mjcf(self.path, self.model)
         self.comparison = compare_neutral(
             ours, theirs, mapping=None if mapping is None else dict(mapping)

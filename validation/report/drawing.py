@@ -10,13 +10,11 @@ import mujoco
 import numpy as np
 
 from softdyn.description.inertia import rotation_rpy
-from softdyn.description.robot import moving_link_of, poses
-from softdyn.description.urdf import parse
+from softdyn.description.robot import Robot, moving_link_of, poses
 from softdyn.description.visuals import Cylinder, Rgba, Sphere, Visual, visuals
 from softdyn.exceptions import UrdfError
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
-from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import rotations
 from softdyn.validation.mjcf.scenery import geom_visuals
 from softdyn.view.scene import columns, shape_data
@@ -39,16 +37,16 @@ class Drawing:
     problem: str = ""
 
     @classmethod
-    def of(cls, robot: Neutral) -> Drawing:
+    def of(cls, side: Side) -> Drawing:
         """The drawing of a robot with the shapes of its file; sticks where those cannot be had."""
+        robot = side.neutral
         found: tuple[tuple[int, Visual], ...] = ()
         problem, rest = "", {}
         try:
-            if robot.format == "urdf":
-                found = tuple(_of_urdf(robot))
+            if side.is_mjcf:
+                found, rest = tuple(_of_mjcf(robot, side.scene)), _rest(robot, side.scene)
             else:
-                model = compile_mjcf(read_mjcf(robot.path, whole=True))
-                found, rest = tuple(_of_mjcf(robot, model)), _rest(robot, model)
+                found = tuple(_of_urdf(robot, side.robot))
         except UrdfError as error:
             problem = str(error)
         return cls(robot.path.stem, robot, found or tuple(_sticks(robot)), rest, problem)
@@ -142,9 +140,7 @@ def _angles(rotation: np.ndarray) -> np.ndarray:
     return np.array([x, y, np.arctan2(-rotation[0, 1], rotation[0, 0])])
 
 
-def _of_urdf(robot: Neutral) -> Iterator[tuple[int, Visual]]:
-    floating = any(part.kind == "free" for part in robot.parts)
-    parsed = parse(robot.path, floating=floating)
+def _of_urdf(robot: Neutral, parsed: Robot) -> Iterator[tuple[int, Visual]]:
     carrier = moving_link_of(parsed)
     index = {part.link: k for k, part in enumerate(robot.parts)}
     for shape in visuals(parsed)[0]:

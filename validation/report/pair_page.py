@@ -9,6 +9,7 @@ import numpy as np
 from softdyn.description.visuals import Rgba
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.comparison.result import Cause, Comparison, Worst
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.report.drawing import Drawing
 from softdyn.view.page import Page, Run, Track
 
@@ -24,38 +25,38 @@ MOST = 4  # states shown
 ROWS = 12  # causes listed
 
 
-def pair_page(a: Neutral, b: Neutral, found: Comparison) -> Page:
+def pair_page(one: Side, other: Side, found: Comparison) -> Page:
     """The page of a comparison.
 
     Parameters
     ----------
-    a, b : Neutral
-        The robots.
+    one, other : Side
+        The files; a URDF floats where the other file's robot does.
     found : Comparison
         How they differ.
     """
-    names = found.matched
-    numbers = [{part.name: k for k, part in enumerate(robot.parts)} for robot in (a, b)]
+    sides = one.beside(other), other.beside(one)
+    a, names = sides[0].neutral, found.matched
+    numbers = [{part.name: k for k, part in enumerate(side.neutral.parts)} for side in sides]
     colours: tuple[dict[int, Rgba], dict[int, Rgba]] = ({}, {})
     for cause in reversed(found.causes):  # the largest effect last
         for k in () if cause.one_sided else _parts(a, cause):
-            other = WORLD if k == WORLD else numbers[1].get(names.get(a.parts[k].name, ""))
+            there = WORLD if k == WORLD else numbers[1].get(names.get(a.parts[k].name, ""))
             colours[0][k] = DIFFERS if cause.weight else VALUES
-            if other is not None:
-                colours[1][other] = colours[0][k]
+            if there is not None:
+                colours[1][there] = colours[0][k]
     for place, key in enumerate(("a", "b")):
         colours[place].update({numbers[place][joint]: ALONE for joint in found.unmatched[key]})
     drawings = [
-        Drawing.of(robot).painted(paint, PLAIN)
-        for robot, paint in zip((a, b), colours, strict=True)
+        Drawing.of(side).painted(paint, PLAIN) for side, paint in zip(sides, colours, strict=True)
     ]
     states = _states(found.worst)
     times = [k * (MOVE + HOLD) - (MOVE if k else 0.0) for k in range(len(states))]
     motion = []
-    for drawing, side in zip(drawings, ("a", "b"), strict=True):
-        there = {name: names[name] if side == "b" else name for name in names}
+    for drawing, key in zip(drawings, ("a", "b"), strict=True):
+        called = {name: names[name] if key == "b" else name for name in names}
         poses = [
-            drawing.coordinates({there[name]: q.get(name, [0.0]) for name in names})
+            drawing.coordinates({called[name]: q.get(name, [0.0]) for name in names})
             for _, q in states
         ]
         motion.append(_frames(np.array(poses)))

@@ -7,7 +7,7 @@ import pytest
 import softdyn
 from softdyn.validation import Twin, compare
 from softdyn.validation.mjcf import export, to_mjcf
-from softdyn.validation.mjcf.comparison.comparison import neutral
+from softdyn.validation.mjcf.comparison.side import neutral
 from tests.support import micro, pair_robots
 from tests.support.command import command
 

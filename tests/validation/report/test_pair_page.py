@@ -9,7 +9,7 @@ from lxml import etree
 
 from softdyn.commands import compare as command
 from softdyn.validation import compare
-from softdyn.validation.mjcf.comparison.comparison import neutral, neutral_pair
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import States, place
 from softdyn.validation.report.drawing import Drawing
 from softdyn.validation.report.pair_page import ALONE, DIFFERS, PLAIN, VALUES, pair_page
@@ -50,7 +50,7 @@ def test_hinges_and_slides_stand_where_mujoco_has_them(tmp_path):
     data = mujoco.MjData(model)
     data.qpos[:] = q = [0.3, -0.7, 0.1]
     mujoco.mj_kinematics(model, data)
-    drawing = Drawing.of(neutral(file))
+    drawing = Drawing.of(Side(file))
     names = [part.name for part in drawing.robot.parts]
     row = drawing.coordinates({name: [x] for name, x in zip(names, q, strict=True)})
     shapes = posed(drawing.data, row)
@@ -62,8 +62,8 @@ def test_hinges_and_slides_stand_where_mujoco_has_them(tmp_path):
 def test_balls_and_free_bodies_turn_as_in_the_neutral_form(tmp_path):
     file = tmp_path / "balls.xml"
     file.write_text(BALLS)
-    robot = neutral(file)
-    drawing = Drawing.of(robot)
+    drawing = Drawing.of(Side(file))
+    robot = drawing.robot
     q = ([0.1, -0.2, 0.3, 0.5, -0.8, 0.4], [0.9, 0.2, -0.6])
     row = drawing.coordinates({p.name: v for p, v in zip(robot.parts, q, strict=True)})
     there = place(robot, States(tuple(np.array([v]) for v in q), np.zeros((1, robot.nv))))
@@ -108,8 +108,8 @@ def test_the_page_of_a_pair(tmp_path, capsys):
 def test_values_that_move_nothing_have_a_colour_of_their_own_and_sticks_stand_for_shapes(tmp_path):
     (tmp_path / "pair.urdf").write_text(pair_robots.URDF)
     (tmp_path / "pair.xml").write_text(pair_robots.MJCF.replace('damping="0.3"', 'damping="0.4"'))
-    files = tmp_path / "pair.urdf", tmp_path / "pair.xml"
-    page = pair_page(*neutral_pair(*files), compare(*files))
+    files = Side(tmp_path / "pair.urdf"), Side(tmp_path / "pair.xml")
+    page = pair_page(*files, compare(*files))
     found = [colours(figure.data) for figure in page.figures]
     assert [set(paint) for paint in found] == [{VALUES, PLAIN}] * 2
     assert len(page.runs[0].tracks[0].frames) == 1  # they agree in M, g and tips: zero alone
@@ -123,6 +123,6 @@ def test_a_file_whose_meshes_are_gone_is_drawn_as_sticks(tmp_path):
         '<inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/></body>'
         "</worldbody></mujoco>"
     )
-    drawing = Drawing.of(neutral(file))
+    drawing = Drawing.of(Side(file))
     assert "expected a mesh to read" in drawing.problem
     assert len(drawing.shapes) == 2

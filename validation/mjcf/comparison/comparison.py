@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
-from softdyn.description.library import find
-from softdyn.description.urdf import parse
 from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.finding import KINDS, Finding
-from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
-from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
 from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
-from softdyn.validation.mjcf.comparison.mjcf_file import is_mjcf, read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import Turns, find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
@@ -27,6 +21,7 @@ from softdyn.validation.mjcf.comparison.result import (
     RepairStep,
     Worst,
 )
+from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, random_states
 
 # what enters M, bias, g or a tip; the others are measured by their values alone
@@ -34,36 +29,9 @@ DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
 NAMED = 1e-6  # the effect, or the relative difference of a value, from which on a cause is named
 
 
-def neutral(source: str | Path, *, floating: bool = False) -> Neutral:
-    """The neutral form of a URDF or an MJCF.
-
-    Parameters
-    ----------
-    source : str or Path
-        A path, or what `softdyn.load` takes.
-    floating : bool
-        Whether a URDF's root link moves freely, which the format cannot say.
-
-    Raises
-    ------
-    UrdfError
-        For a file that cannot be used.
-    InputError
-        For a name that is no robot's.
-    """
-    path = find(source)
-    if is_mjcf(path):
-        file = read_mjcf(path)
-        robot = from_mjcf(path, compile_mjcf(file))
-        # models attached through MuJoCo's specification come after the bodies beside them
-        note = "attached models: the order of joints is not compared"
-        return replace(robot, orders=(), notes=(*robot.notes, note)) if file.attached else robot
-    return from_urdf(parse(path, floating=floating))
-
-
 def compare(
-    a: str | Path,
-    b: str | Path,
+    a: str | Path | Side,
+    b: str | Path | Side,
     *,
     mapping: dict[str, str] | None = None,
     strict: bool = False,
@@ -74,8 +42,8 @@ def compare(
 
     Parameters
     ----------
-    a, b : str or Path
-        Paths, or what `softdyn.load` takes.
+    a, b : str, Path or Side
+        Paths, or what `softdyn.load` takes. A URDF floats where the other file's robot does.
     mapping : dict[str, str] or None
         Joints of A → joints of B, for those that names and kinematics get wrong.
     strict : bool
@@ -98,26 +66,11 @@ def compare(
     begin = time.perf_counter()
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
+    one, other = Side.of(a), Side.of(b)
     return compare_neutral(
-        *neutral_pair(a, b), mapping=mapping, strict=strict, samples=samples, seed=seed, begin=begin
-    )
-
-
-def neutral_pair(a: str | Path, b: str | Path) -> tuple[Neutral, Neutral]:
-    """Both robots in the neutral form; a URDF floats where the other file's robot does."""
-    one, other = neutral(a), neutral(b)
-    free = [stands_free(robot) for robot in (one, other)]
-    if free == [False, True] and one.format == "urdf":
-        one = neutral(a, floating=True)
-    if free == [True, False] and other.format == "urdf":
-        other = neutral(b, floating=True)
-    return one, other
-
-
-def stands_free(robot: Neutral) -> bool:
-    """Whether the robot is on a free base; a free body beside others is an object of the scene."""
-    free = [k for k, part in enumerate(robot.parts) if part.kind == "free"]
-    return any(len(robot.subtree(k)) > 1 or len(robot.parts) == 1 for k in free)
+        one.beside(other).neutral, other.beside(one).neutral, mapping=mapping, strict=strict,
+        samples=samples, seed=seed, begin=begin,
+    )  # fmt: skip
 
 
 def compare_neutral(

@@ -17,7 +17,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from lxml import etree
 
-from softdyn.description.strict_xml import MAX_BYTES, Element, read
+from softdyn.description.strict_xml import MAX_BYTES, Element, content, read_bytes
 from softdyn.exceptions import UrdfError, one_line
 
 MAX_ELEMENTS = 100_000
@@ -55,12 +55,36 @@ class Attached:
     prefix: str
 
 
-def is_mjcf(path: Path) -> bool:
+class Contents(dict[Path, bytes]):
+    """Files by path, each opened once however often it is asked for."""
+
+    def xml(self, path: Path, what: str = "MJCF") -> Element:
+        """The root element, parsed strictly; a tree of its own at every call."""
+        if path not in self:
+            self[path] = content(path, what)
+        return read_bytes(path, self[path])
+
+    def mesh(self, element: Element, path: Path, most: int) -> bytes:
+        """The bytes of a mesh that `element` names, of at most `most`."""
+        if path not in self:
+            try:
+                with path.open("rb") as file:
+                    found = file.read(most + 1)
+            except OSError as error:
+                raise element.error("a mesh to read", error.strerror or error) from None
+            if len(found) > most:
+                raise element.error(f"meshes of at most {MAX_MESHES} bytes", "more")
+            self[path] = found
+        return self[path]
+
+
+def is_mjcf(path: Path, contents: Contents | None = None) -> bool:
     """Whether the root element is MJCF's; any other file is for the URDF reader to judge."""
-    return read(path, "URDF or MJCF").tag == "mujoco"
+    contents = Contents() if contents is None else contents
+    return contents.xml(path, "URDF or MJCF").tag == "mujoco"
 
 
-def read_mjcf(path: Path, *, whole: bool = False) -> Mjcf:
+def read_mjcf(path: Path, *, whole: bool = False, contents: Contents | None = None) -> Mjcf:
     """Read an MJCF with its includes.
 
     Parameters
@@ -69,6 +93,8 @@ def read_mjcf(path: Path, *, whole: bool = False) -> Mjcf:
         The file.
     whole : bool
         Whether to keep all shapes and contacts, which a simulation needs and a comparison does not.
+    contents : Contents, optional
+        Files that have been opened already, to which those that are opened here are added.
 
     Raises
     ------
@@ -76,26 +102,28 @@ def read_mjcf(path: Path, *, whole: bool = False) -> Mjcf:
         Malformed, too large, a number that is not finite, an include or a needed mesh that is
         missing or lies outside the file's folder, or what a comparison does not support.
     """
-    return _read(path, whole, (), [])
+    return _read(path, whole, (), [], Contents() if contents is None else contents)
 
 
-def _read(path: Path, whole: bool, above: tuple[Path, ...], count: list[Path]) -> Mjcf:
+def _read(
+    path: Path, whole: bool, above: tuple[Path, ...], count: list[Path], contents: Contents
+) -> Mjcf:
     """A file that those `above` attach; `count` are all that were attached so far."""
-    root = read(path, "MJCF")
+    root = contents.xml(path)
     if root.tag != "mujoco":
         raise root.error("the root element <mujoco>", f"<{root.tag}>")
-    _include(root.node, path, path.resolve().parent, [path.resolve()])
+    _include(root.node, path, path.resolve().parent, [path.resolve()], contents)
     main = Element(path, root.node, "<mujoco>")
     _judge(main)
-    attached = tuple(_attached(main, whole, (*above, path.resolve()), count))
+    attached = tuple(_attached(main, whole, (*above, path.resolve()), count, contents))
     folder, strip = _mesh_folder(root.node)
     _strip(root.node, whole, moving=bool(above))
-    meshes = _meshes(main, folder, strip)
+    meshes = _meshes(main, folder, strip, contents)
     return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached)
 
 
 def _attached(
-    root: Element, whole: bool, above: tuple[Path, ...], count: list[Path]
+    root: Element, whole: bool, above: tuple[Path, ...], count: list[Path], contents: Contents
 ) -> Iterator[Attached]:
     """The models of a file, read; a frame stands where each belongs."""
     models: dict[str, Path] = {}
@@ -115,14 +143,14 @@ def _attached(
         count.append(models[model])
         if len(count) > MAX_ATTACHED:
             raise element.error(f"at most {MAX_ATTACHED} attached models", "more")
-        child = _read(models[model], whole, above, count)
+        child = _read(models[model], whole, above, count, contents)
         yield Attached(PLACE.format(k), child, node.get("body", ""), node.get("prefix", ""))
         node.tag = "frame"
         node.attrib.clear()
         node.set("name", PLACE.format(k))
 
 
-def judge_paths(path: Path) -> None:
+def judge_paths(path: Path, contents: Contents) -> None:
     """Refuse a file that names any other outside its folder, for a parser that opens them itself.
 
     Raises
@@ -130,9 +158,9 @@ def judge_paths(path: Path) -> None:
     UrdfError
         As `read_mjcf`; what does not exist is not missed.
     """
-    root = read(path, "MJCF")
+    root = contents.xml(path)
     base = path.resolve().parent
-    _include(root.node, path, base, [path.resolve()])
+    _include(root.node, path, base, [path.resolve()], contents)
     folders = {""} | {
         str(value)
         for compiler in root.node.iter("compiler")
@@ -159,7 +187,9 @@ def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
     return target
 
 
-def _include(node: etree._Element, path: Path, folder: Path, opened: list[Path]) -> None:
+def _include(
+    node: etree._Element, path: Path, folder: Path, opened: list[Path], contents: Contents
+) -> None:
     """Replace every <include> by the children of the root element of its file."""
     for place in list(node.iter("include")):
         element = Element(path, place, one_line(f'<include file="{place.get("file")}">'))
@@ -169,13 +199,13 @@ def _include(node: etree._Element, path: Path, folder: Path, opened: list[Path])
         if len(opened) >= MAX_FILES:
             raise element.error(f"at most {MAX_FILES} files", "more")
         opened.append(target)
-        content = read(target, "MJCF").node
-        _include(content, target, folder, opened)
+        included = contents.xml(target).node
+        _include(included, target, folder, opened, contents)
         parent = place.getparent()
         if parent is None:
             raise element.error("the root element <mujoco>", "<include>")
         at = parent.index(place)
-        parent[at : at + 1] = list(content)
+        parent[at : at + 1] = list(included)
 
 
 def _judge(root: Element) -> None:
@@ -303,7 +333,7 @@ def _remove(node: etree._Element) -> None:
         above.remove(node)
 
 
-def _meshes(root: Element, folder: str, strip: bool) -> dict[str, bytes]:
+def _meshes(root: Element, folder: str, strip: bool, contents: Contents) -> dict[str, bytes]:
     """Content of the meshes still named, which get names of their own in the text."""
     found: dict[str, bytes] = {}
     size = 0
@@ -316,20 +346,14 @@ def _meshes(root: Element, folder: str, strip: bool) -> dict[str, bytes]:
         if strip:
             name = PurePosixPath(name).name
         target = inside(root.file, element, base, str(PurePosixPath(folder) / name))
-        try:
-            with target.open("rb") as file:
-                content = file.read(MAX_MESHES - size + 1)
-        except OSError as error:
-            raise element.error("a mesh to read", error.strerror or error) from None
-        size += len(content)
-        if size > MAX_MESHES:
-            raise element.error(f"meshes of at most {MAX_MESHES} bytes", "more")
+        mesh = contents.mesh(element, target, MAX_MESHES - size)
+        size += len(mesh)
         # one name for one file, whichever model needs it
         key = hashlib.sha256(str(target).encode()).hexdigest()[:24] + target.suffix.lower()
         if node.get("name") is None:
             node.set("name", PurePosixPath(name).stem)
         node.set("file", key)
-        found[key] = content
+        found[key] = mesh
     return found
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn.validation.mjcf.comparison.comparison import compare, neutral
+from softdyn.validation.mjcf.comparison.comparison import compare
+from softdyn.validation.mjcf.comparison.side import neutral
 from tests.support import SCRIPTS, pair_robots
 
 BODY = '<body><joint name="j"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>{}</body>'
