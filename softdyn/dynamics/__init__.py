@@ -10,5 +10,6 @@
 - `coordinates`: where the numbers of q stand: continuous joints, floating bases;
 - `derivatives`: of accelerations and forces by q, q̇ and u; tangent and gravity stiffness;
 - `mjcf_reader`: what Pinocchio's own reader makes of an MJCF, for a comparison alone;
+- `text`: what ``print`` shows of a model or a State;
 - `integrators`: one time step, Runge–Kutta or with implicit damping.
 """

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from softdyn.checks import array
 from softdyn.description.robot import Robot
+from softdyn.dynamics import text
 from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
 
@@ -81,8 +81,7 @@ class SoftModel(Protocol):
         return f"<softdyn model of {self.name!r}: nq {self.nq}, nv {self.nv}, nu {self.nu}>"
 
     def __str__(self) -> str:
-        # the statics, which know where it rests, stand on models: found when a text is asked for
-        return str(import_module("softdyn.statics.text").model_text(self))
+        return text.model_text(self)
 
     def state(self, q: np.ndarray, v: np.ndarray) -> State:
         """Every term of the dynamics at (q, v).
@@ -241,7 +240,7 @@ class State:
         return f"<State of {self.model.name!r}: tip at {' '.join(f'{x:.4f}' for x in self.y)} m>"
 
     def __str__(self) -> str:
-        return str(import_module("softdyn.statics.text").state_text(self))
+        return text.state_text(self)
 
     @staticmethod
     def trusted(**terms: Any) -> State:

@@ -34,10 +34,8 @@ tip_search
     `inputs_for_tip`: all of these together.
 zero_dynamics
     Rank of B, stiffness against gravity where no input acts; the zero dynamics' poles.
-doubts
+suspicious_values
     Numbers in a file that look wrong.
-text
-    What ``print`` shows of a model or a State.
 diagnosis
     `diagnose`: both of these as a text.
 """

@@ -1,4 +1,4 @@
-"""What a robot's file amounts to: joints, tendons, inputs, stiffness against gravity, doubts.
+"""A robot's file explained: joints, tendons, inputs, stiffness against gravity, doubtful numbers.
 
 print(diagnose(softdyn.load("finger")))
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.exceptions import InputError
-from softdyn.statics.doubts import doubts, fast_springs, shape_doubts
-from softdyn.statics.text import head, joint_lines
+from softdyn.dynamics.text import head, joint_lines, numbers
+from softdyn.exceptions import InputError, SoftdynError
+from softdyn.statics.equilibria import rest
+from softdyn.statics.equilibrium import Equilibrium
+from softdyn.statics.suspicious_values import fast_springs, suspicious_shapes, suspicious_values
 from softdyn.statics.zero_dynamics import Pose, find_boundary, sample_poses
 
 JOINT = ("name", "kind", "lower", "upper", "stiffness", "rest", "damping", "armature")
@@ -35,6 +38,8 @@ class Diagnosis:
         All that were examined, q = 0 first.
     boundary : tuple of float and Pose, or None
         Where gravity begins to win on the way to the weakest pose, as a share of it.
+    equilibrium : Equilibrium or None
+        Under the least input, downhill of q = 0; None where there is none.
     warnings : tuple of str
         What the file's readers remarked.
     doubts : tuple of str
@@ -44,6 +49,7 @@ class Diagnosis:
     model: SoftModel
     poses: tuple[Pose, ...]
     boundary: tuple[float, Pose] | None
+    equilibrium: Equilibrium | None
     warnings: tuple[str, ...]
     doubts: tuple[str, ...]
 
@@ -116,9 +122,16 @@ class Diagnosis:
             "poses_where_gravity_wins": len(self.gravity_wins),
             "weakest": place(self.weakest) | {"stiffness": self.weakest.least},
             "ceases": ceases,
+            "equilibrium": self._equilibrium(),
             "warnings": list(self.warnings),
             "doubts": list(self.doubts),
         }
+
+    def _equilibrium(self) -> dict[str, Any] | None:
+        found = self.equilibrium
+        if found is None:
+            return None
+        return {"u": found.u.tolist(), "tip": found.y.tolist(), "stable": found.stable}
 
     def _tendons(self) -> Iterator[dict[str, Any]]:
         robot = self.model.robot
@@ -137,14 +150,23 @@ class Diagnosis:
         count = len(self.doubts)
         return "\n".join((
             head(self.model),
-            "", *joint_lines(self.model),
+            "", *joint_lines(self.model.robot),
             "", *self._tendon_lines(),
             "", *self._actuation_lines(),
             "", *self._stability_lines(),
+            "", self._equilibrium_line(),
             *(f"warning: {text}" for text in self.warnings),
             "", *(f"doubtful: {text}" for text in self.doubts),
             f"looks wrong in {count} ways" if count else "nothing looks wrong",
         ))  # fmt: skip
+
+    def _equilibrium_line(self) -> str:
+        found = self.equilibrium
+        if found is None:
+            return "no equilibrium was found from q = 0 under the least input"
+        given = "the least input" if found.u.any() else "no input"
+        firmly = "" if found.stable else ", in no firm balance"
+        return f"rests with its tip at {numbers(found.y)} m under {given}{firmly}"
 
     def _tendon_lines(self) -> Iterator[str]:
         yield f"tendons: {len(self.model.robot.tendons)}"
@@ -215,12 +237,16 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
         what = "a floating base" if robot.floating else "mimic joints"
         raise InputError("robot", "a fixed base and independent joints", what)
     poses = tuple(sample_poses(model, samples, seed))
-    outsize, unreadable = shape_doubts(robot)
+    outsize, unreadable = suspicious_shapes(robot)
+    equilibrium = None
+    with suppress(SoftdynError), np.errstate(all="ignore"):  # of a joint that nothing holds
+        equilibrium = rest(model)
     fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
     return Diagnosis(
         model,
         poses,
         find_boundary(model, min(poses, key=lambda pose: pose.least)),
+        equilibrium,
         (*robot.warnings, *unreadable),
-        (*doubts(robot), *([fast] if fast else []), *outsize),
+        (*suspicious_values(robot), *([fast] if fast else []), *outsize),
     )

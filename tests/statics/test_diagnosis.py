@@ -13,8 +13,8 @@ import pytest
 import softdyn
 from softdyn import SoftModel, parse
 from softdyn.commands import check
-from softdyn.statics import diagnose, zero_dynamics
-from softdyn.statics.doubts import doubts, shape_doubts
+from softdyn.statics import diagnose, rest, zero_dynamics
+from softdyn.statics.suspicious_values import suspicious_shapes, suspicious_values
 from softdyn.statics.zero_dynamics import examine, find_boundary, sample_poses
 from tests.support import CORPUS
 from tests.support.control_cases import robot
@@ -137,6 +137,25 @@ def test_poses_where_gravity_wins_are_counted(tmp_path: Path) -> None:
     assert f"gravity wins at {sum(falls)} of {len(falls)} poses" in str(found)
 
 
+def test_where_the_robot_rests_is_said(tmp_path: Path) -> None:
+    found = diagnose(load(tmp_path, links(1, True, 2 * MASS * G * LEVER)), 1)
+    assert "rests with its tip at 0.0000 0.0000 0.0000 m under no input" in str(found)
+    assert found.to_dict()["equilibrium"] == {"u": [], "tip": [0.0, 0.0, 0.0], "stable": True}
+    model = load(tmp_path, links(2, True, 0.5 * MASS * G * LEVER, actuated=(1,)))
+    found, there = diagnose(model, 1).to_dict()["equilibrium"], rest(model)
+    assert abs(there.y[0]) > 0.1  # it falls to one side
+    np.testing.assert_allclose(found["tip"], there.y)
+    unheld = (
+        links(1, False, STIFFNESS)
+        .replace('"revolute"', '"prismatic"')
+        .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
+        .replace("stiffness", "friction")
+    )
+    found = diagnose(load(tmp_path, unheld), 1)
+    assert found.to_dict()["equilibrium"] is None
+    assert "no equilibrium was found" in str(found)
+
+
 def test_joints_without_limits_are_tried_half_a_turn_either_way() -> None:
     at_zero, lower, upper = sample_poses(robot("sliding and turning"), 0)
     assert not at_zero.coordinates.any()
@@ -172,10 +191,10 @@ DOUBTS = [
 def test_what_looks_wrong_is_named(change: tuple[str, str], doubt: str, tmp_path: Path) -> None:
     path = tmp_path / "gripper.urdf"
     path.write_text(SOUND)
-    assert doubts(parse(path)) == ()
+    assert suspicious_values(parse(path)) == ()
     assert SOUND.count(change[0]) == 1
     path.write_text(SOUND.replace(*change))
-    found = doubts(parse(path))
+    found = suspicious_values(parse(path))
     assert any(doubt in text for text in found), found
 
 
@@ -189,12 +208,12 @@ def test_how_dense_a_body_may_be(tmp_path: Path) -> None:
         text = links(1, False, STIFFNESS)
         start, end = text.index("<mass"), text.index("</inertial>")
         path.write_text(text[:start] + ball.format(mass, *[moment] * 3) + text[end:])
-        assert any("kg/m³" in found for found in doubts(parse(path))) is wrong, density
+        assert any("kg/m³" in found for found in suspicious_values(parse(path))) is wrong, density
 
 
 @pytest.mark.parametrize("name", softdyn.bundled_names())
 def test_bundled_robots_look_right(name: str) -> None:
-    assert doubts(robot(name).robot) == ()
+    assert suspicious_values(robot(name).robot) == ()
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01])
@@ -207,13 +226,13 @@ def test_a_spring_too_fast_for_the_plant(share: float, tmp_path: Path) -> None:
 
 def test_what_no_spring_holds_and_no_actuator_pulls(tmp_path: Path) -> None:
     soft = load(tmp_path, links(2, False, STIFFNESS, actuated=(1,))).robot
-    assert not [line for line in doubts(soft) if "springs" in line or "tendon" in line]
-    (line,) = [x for x in doubts(load(tmp_path, links(2, False, 0.0, actuated=(1,))).robot)
-               if "springs" in x]  # fmt: skip
+    assert not [x for x in suspicious_values(soft) if "springs" in x or "tendon" in x]
+    bare = load(tmp_path, links(2, False, 0.0, actuated=(1,))).robot
+    (line,) = [x for x in suspicious_values(bare) if "springs" in x]
     assert line.startswith("no springs at all: ")
     assert "--annotations" in line
     idle = replace(soft.tendons[0], name="spare")
-    found = doubts(replace(soft, tendons=(*soft.tendons, idle)))
+    found = suspicious_values(replace(soft, tendons=(*soft.tendons, idle)))
     assert "tendon 'spare' does nothing: no actuator, no stiffness, no damping" in found
 
 
@@ -229,7 +248,7 @@ def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
     ):
         base = f'<link name="l0">{shape.format(name, scale)}</link>'
         path.write_text(links(1, False, STIFFNESS).replace('<link name="l0"/>', base))
-        found_wrong, unreadable = shape_doubts(parse(path))
+        found_wrong, unreadable = suspicious_shapes(parse(path))
         assert (len(found_wrong), len(unreadable)) == found
         assert all("a mesh in mm" in text for text in found_wrong)
     (tmp_path / "small.obj").write_text(corners.replace("80", "20"))
@@ -237,7 +256,7 @@ def test_a_mesh_in_millimetres(tmp_path: Path) -> None:
     path.write_text(
         links(1, False, STIFFNESS).replace('<link name="l0"/>', f'<link name="l0">{two}</link>')
     )
-    ((wide,), _) = shape_doubts(parse(path))  # the widest of a link counts, in any order
+    ((wide,), _) = suspicious_shapes(parse(path))  # the widest of a link counts, in any order
     assert "its mesh is 80 m wide" in wide
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import in_degrees
-from softdyn.statics.doubts import fast_springs
+from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.mjcf.scene import Scene
 

@@ -1,46 +1,31 @@
-"""What a person wants to know of a model or a State: what ``print`` shows of them."""
+"""The text of a model or a State, which ``print`` shows. It solves nothing."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softdyn.dynamics.model import SoftModel, State
-from softdyn.exceptions import SoftdynError
-from softdyn.statics.equilibria import rest
+from softdyn.description.robot import Robot
 
-PRINTED = 64  # degrees of freedom at most that a text finds the rest of: milliseconds
+if TYPE_CHECKING:
+    from softdyn.dynamics.model import SoftModel, State
+
 LISTED = 12  # joints or inputs at most that a text has a line for
 
 
 def model_text(model: SoftModel) -> str:
-    """A few lines: sizes, joints, inputs, tip, where it rests."""
-    origin = f"{model.robot.path}{' (bundled)' if model.bundled else ''}"
+    """A few lines: sizes, file, joints, inputs."""
+    robot = model.robot
     return "\n".join((
         head(model),
-        f"  file    {origin}",
-        *(f"  {line}" for line in joint_lines(model)),
-        *(f"  {line}" for line in _input_lines(model)),
-        f"  rests   {rest_text(model)}",
+        f"  file    {robot.path}{' (bundled)' if model.bundled else ''}",
+        *(f"  {line}" for line in joint_lines(robot)),
+        *(f"  {line}" for line in _input_lines(robot)),
     ))  # fmt: skip
-
-
-def rest_text(model: SoftModel) -> str:
-    """Where the robot rests in words, for ``print(model)``: never an error, and never long."""
-    if model.robot.floating:
-        return "nowhere by itself: its base floats"
-    if model.nv > PRINTED:
-        return "softdyn.statics.rest(model) finds where"
-    try:
-        found = rest(model)
-    except SoftdynError as error:  # mimic joints, or a joint that nothing holds
-        return f"not found: {error}"
-    input = "no input" if not found.u.any() else "the least input"
-    firmly = "" if found.stable else ", in no firm balance"
-    return f"with its tip at {numbers(found.y)} m under {input}{firmly}"
 
 
 def head(model: SoftModel) -> str:
@@ -54,13 +39,13 @@ def head(model: SoftModel) -> str:
     )
 
 
-def joint_lines(model: SoftModel) -> Iterator[str]:
+def joint_lines(robot: Robot) -> Iterator[str]:
     """How many joints of which kind, their springs and dampers; each one where they are few."""
-    joints = model.robot.moving_joints
+    joints = robot.moving_joints
     kinds = [f"{n} {kind}" for kind, n in Counter(joint.kind for joint in joints).items()]
-    if model.robot.followers:
-        kinds.append(f"{len(model.robot.followers)} of them follow another")
-    if model.robot.floating:
+    if robot.followers:
+        kinds.append(f"{len(robot.followers)} of them follow another")
+    if robot.floating:
         kinds.insert(0, "a floating base")
     yield f"joints: {', '.join(kinds)}"
     for part, key in (("spring", "stiffness"), ("damper", "damping")):
@@ -117,8 +102,8 @@ def _units(model: SoftModel) -> list[str]:
     return ["m"] * 3 + units[3:] if model.robot.floating else units
 
 
-def _input_lines(model: SoftModel) -> Iterator[str]:
-    actuators = model.robot.actuators
+def _input_lines(robot: Robot) -> Iterator[str]:
+    actuators = robot.actuators
     if not actuators:
         yield "inputs: none"
         return

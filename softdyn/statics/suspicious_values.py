@@ -1,4 +1,4 @@
-"""Numbers in a robot's description that are legal and look wrong, by their likely cause."""
+"""Legal numbers of a robot's description that look wrong, each with its likely cause."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from softdyn.dynamics.model import SoftModel
 
 PLANT_STEP = 5e-4  # s, the coarsest of closed loops
 
-DENSE, LIGHT = 25_000.0, 1.0  # kg/m³: heavier than gold is near, lighter than any solid foam
+DENSE, LIGHT = (
+    25_000.0,
+    1.0,
+)  # kg/m³: denser than gold, or lighter than any solid foam: a unit error
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
 DEGREES = 3 * 2 * math.pi  # rad: three turns
 OUTSIZE = 20.0  # width of a mesh over the robot's length
 BULKY = 3.0  # radius of gyration over the distance to the next joint
 
 
-def doubts(robot: Robot) -> tuple[str, ...]:
-    """A line for each number that looks wrong, shapes left out."""
+def suspicious_values(robot: Robot) -> tuple[str, ...]:
+    """One line for each number that looks wrong; shapes are left out."""
     return (*_sizes(robot), *_limits(robot), *_bodies(robot), *_springs(robot))
 
 
-def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The same of visual shapes, and a line for each shape that cannot be read.
+def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The same for visual shapes, and one line for each shape that cannot be read.
 
     Raises
     ------
@@ -51,7 +54,7 @@ def shape_doubts(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) -> str | None:
-    """What is said of a spring that swings faster than plant steps (s) can follow.
+    """One line about the spring that swings fastest, if plant steps (s) cannot follow it.
 
     Explicit springs are unstable from λ h² = 4 on, λ = k (M⁻¹)_ii the square of the frequency.
     """
