@@ -53,7 +53,8 @@ cli.add_json(parser)
 def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
-    from softdyn.validation.studies import benchmark, benchmark_table
+    from softdyn.validation.studies import benchmark
+    from softdyn.validation.studies.benchmark_table import benchmark_table, write_benchmark
     from softdyn.validation.studies.engine import executors
 
     began = perf_counter()
@@ -78,14 +79,14 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.ensemble:
         kept = {**kept, **cli.distributions(arguments, benchmark.cells(cases))}
     report = benchmark.report(cases, out, kept)
-    benchmark_table.write(report["rows"], out)
+    write_benchmark(report["rows"], out)
     where = f"Table, figures and logs: {out}/"
     if not arguments.no_plots:
         from softdyn.validation.report.index import draw_all
 
         where = f"The whole result: {draw_all(cases, out, jobs)['report']}\n\n{where}"
     report["wall_s"] = perf_counter() - began
-    text = benchmark_table.text(report["rows"])
+    text = benchmark_table(report["rows"]).text()
     cli.write_report(report, arguments.json, f"{text}\n\n{where}\n{report['wall_s']:.0f} s")
     return cli.PASSED
 

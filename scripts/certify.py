@@ -35,7 +35,7 @@ def command(arguments: cli.Arguments) -> int:
     import softdyn
     from softdyn.validation.files import write_text
     from softdyn.validation.paper import certificates
-    from softdyn.validation.tables import aligned, cells, pipes
+    from softdyn.validation.tables import Table
 
     cli.make_folder(arguments.out)
     cli.check_outputs(arguments.json)
@@ -49,9 +49,9 @@ def command(arguments: cli.Arguments) -> int:
             rows += [row for _, row in found]
             picture = arguments.out / f"certificates_{robot}.png"
             certificates.draw(picture, softdyn.load(robot), [log for log, _ in found[:2]])
-    table = pipes(cells(certificates.COLUMNS, rows))
-    write_text(arguments.out / "certificates.md", "\n".join(table) + "\n")
-    cli.write_report({"rows": rows}, arguments.json, aligned(certificates.COLUMNS, rows))
+    table = Table.of(certificates.COLUMNS, rows)
+    write_text(arguments.out / "certificates.md", table.markdown() + "\n")
+    cli.write_report({"rows": rows}, arguments.json, table.text())
     return cli.PASSED
 
 

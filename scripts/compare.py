@@ -157,7 +157,7 @@ def catalogue(arguments: cli.Arguments) -> int:
 
     survey = public_pairs.survey(arguments.catalogue, arguments.samples, arguments.seed)
     if arguments.markdown is not None:
-        write_text(arguments.markdown, survey.markdown())
+        write_text(arguments.markdown, survey.document())
     cli.write_report(survey.to_dict(), arguments.json, str(survey))
     return cli.PASSED if survey.passed else cli.FAILED
 

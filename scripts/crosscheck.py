@@ -87,11 +87,11 @@ def many(arguments: cli.Arguments) -> int:
     if arguments.markdown is not None:
         given = [" --repair-inertia"] * arguments.repair_inertia
         given += [" --floating"] * arguments.floating
-        write_text(arguments.markdown, survey.markdown("".join([COMMAND, *given])))
+        write_text(arguments.markdown, survey.document("".join([COMMAND, *given])))
     # of random robots only those worth a look
     shown = [row for row in survey.rows if arguments.catalogue or not row.passed]
     report = {"samples": arguments.samples, "seed": arguments.seed, **survey.to_dict()}
-    cli.write_report(report, arguments.json, survey.text(shown))
+    cli.write_report(report, arguments.json, survey.text_of(shown))
     return cli.PASSED if survey.passed else cli.FAILED
 
 

@@ -163,7 +163,7 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter
     for k, opinion in enumerate(opinions):
         rows[k]["second_opinion"] = opinion.report()
     report |= {"summary": study.summary(trials), "trials": rows}
-    text = "\n\n".join(map(str, [study.table(trials), *opinions]))
+    text = "\n\n".join([study.trial_table(trials).text(), *map(str, opinions)])
     cli.write_report(report, arguments.json, text)
     known = all(one.identified for trial in trials for one in trial.found.estimates)
     return cli.PASSED if known else cli.FAILED

@@ -52,12 +52,13 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.paper import reproduction
     from softdyn.validation.studies import benchmark
     from softdyn.validation.studies.engine import executors
-    from softdyn.validation.tables import columns
+    from softdyn.validation.tables import Table
 
     if arguments.list:
         known = {name: change.what for name, change in reproduction.CHANGES.items()}
         known |= reproduction.ALIASES
-        cli.write_report({"experiments": known}, arguments.json, columns(list(known.items())))
+        table = Table((), list(known.items()))
+        cli.write_report({"experiments": known}, arguments.json, table.text())
         return cli.PASSED
     if arguments.records is not None:
         return one_step_table(arguments)
@@ -87,8 +88,8 @@ def command(arguments: cli.Arguments) -> int:
     ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
     rows = reproduction.rows(wanted, out, grid)
-    write_text(out / "table.md", reproduction.markdown(rows))
-    cli.write_report({"rows": rows}, arguments.json, reproduction.text(rows))
+    write_text(out / "table.md", reproduction.reproduction_document(rows))
+    cli.write_report({"rows": rows}, arguments.json, reproduction.reproduction_table(rows).text())
     return cli.PASSED
 
 
@@ -104,6 +105,7 @@ def one_step_table(arguments: cli.Arguments) -> int:
     from softdyn import InputError
     from softdyn.validation.files import write_text
     from softdyn.validation.paper import one_step
+    from softdyn.validation.tables import Table
 
     cli.check_outputs(arguments.json)
     asked = [
@@ -122,8 +124,9 @@ def one_step_table(arguments: cli.Arguments) -> int:
         one_step.row(record, name, files(arguments))
         for record, name in tqdm(asked, disable=None, leave=False, unit="run")
     ]
-    write_text(out / "one_step.md", one_step.markdown(rows))
-    cli.write_report({"rows": rows}, arguments.json, one_step.table(rows))
+    table = Table.of(one_step.COLUMNS, rows)
+    write_text(out / "one_step.md", table.markdown() + "\n")
+    cli.write_report({"rows": rows}, arguments.json, table.text())
     return cli.PASSED
 
 

@@ -131,10 +131,10 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     step_figures.bars(report["rows"], out / "step_time")
     if arguments.scaling:
         step_figures.growth(report["scaling"], out / "scaling")
-    write_text(out / "step_time.md", step_report.markdown(report))
+    write_text(out / "step_time.md", step_report.step_document(report))
     write_text(out / "step_time.json", to_json(report) + "\n")
     where = f"\nTables, figures, states: {out}/"
-    cli.write_report(report, arguments.json, step_report.text(report) + where)
+    cli.write_report(report, arguments.json, step_report.step_text(report) + where)
     return cli.PASSED
 
 

@@ -1,51 +1,131 @@
-"""Tables of text: Markdown for documents, aligned columns for a terminal."""
+"""The one writer of tables: columns for a terminal, Markdown, LaTeX, HTML and CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
 from typing import Any
 
-
-def columns(lines: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Lines of as many cells each, as columns of text; those in `numbers` end on the right."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    sides = [">" if k in numbers else "<" for k in range(len(widths))]
-    return "\n".join(
-        "  ".join(
-            f"{cell:{side}{width}}" for cell, side, width in zip(line, sides, widths, strict=True)
-        ).rstrip()
-        for line in lines
-    )
-
-
 Column = tuple[str, str, str]
-"""Title, key of the rows, format; one without a format is words."""
+"""Title, key of the rows, format; a column without a format holds words."""
+
+_TEX = str.maketrans({
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "_": r"\_", "&": r"\&", "%": r"\%",
+    "#": r"\#", "$": r"\$", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
+    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ",
+    "±": r"$\pm$", "²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "ω": r"$\omega$",
+})  # fmt: skip
 
 
-def cells(shown: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
-    """The titles, then a line for each of the rows; what is None there is a dash."""
+@dataclass(frozen=True)
+class Table:
+    """Titled columns and rows of values.
 
-    def cell(value: Any, form: str) -> str:
-        return "-" if value is None else format(value, form)
+    A cell is its value in the column's format. Text stays as it is, and None is a dash.
 
-    return [
-        [title for title, _, _ in shown],
-        *([cell(row[key], form) for _, key, form in shown] for row in rows),
-    ]
+    Attributes
+    ----------
+    titles : sequence of str
+        Empty for a table without a first line.
+    rows : sequence of sequence
+        Values in the order of the titles.
+    formats : sequence of str
+        One a column, empty for words; all columns are words by default. `text` aligns the others on
+        the right.
+    """
+
+    titles: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    formats: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, columns: Iterable[Column], rows: Iterable[Mapping[str, Any]]) -> Table:
+        """The table of these columns, from rows that hold their keys."""
+        titles, keys, formats = zip(*columns, strict=True)
+        return cls(titles, [[row[key] for key in keys] for row in rows], formats)
+
+    @property
+    def lines(self) -> list[list[str]]:
+        """The titles, if there are any, then the cells of every row."""
+        made = [list(self.titles)] if self.titles else []
+        for row in self.rows:
+            formats = self.formats or [""] * len(row)
+            made.append([_cell(x, form) for x, form in zip(row, formats, strict=True)])
+        return made
+
+    def text(self) -> str:
+        """Aligned columns for a terminal."""
+        columns = []
+        for k, column in enumerate(zip(*self.lines, strict=True)):
+            width = max(map(len, column))
+            right = self.formats and self.formats[k]
+            columns.append([x.rjust(width) if right else x.ljust(width) for x in column])
+        return "\n".join("  ".join(line).rstrip() for line in zip(*columns, strict=True))
+
+    def markdown(self) -> str:
+        """Every cell on one line, shown as it is."""
+        made = [" | ".join(inline(cell).replace("|", r"\|") for cell in line)
+                for line in self.lines]  # fmt: skip
+        made[1:1] = [" | ".join("---" for _ in self.titles)]
+        return "\n".join(f"| {line} |" for line in made)
+
+    def latex(self, sides: str) -> str:
+        """A booktabs table, a rule above each new first cell; `sides` as tabular takes them."""
+        titles, *lines = ([cell.translate(_TEX) for cell in line] for line in self.lines)
+        made = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", " & ".join(titles) + r" \\"]
+        for line, new in _grouped(lines):
+            made += [r"\midrule"] if new else []
+            made.append(" & ".join(line if new else ["", *line[1:]]) + r" \\")
+        return "\n".join([*made, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+    def html(self, bad: Sequence[Collection[int]]) -> str:
+        """A table whose rows with a new first cell are of class ``first``.
+
+        Parameters
+        ----------
+        bad : sequence of collection of int
+            For each row the columns of class ``bad``.
+        """
+        titles, *lines = ([escape(cell) for cell in line] for line in self.lines)
+        made = ["<tr><th>" + "</th><th>".join(titles) + "</th></tr>"]
+        for (line, new), marked in zip(_grouped(lines), bad, strict=True):
+            classes = [' class="bad"' if k in marked else "" for k in range(len(line))]
+            cells = (f"<td{kind}>{x}</td>" for kind, x in zip(classes, line, strict=True))
+            made.append(('<tr class="first">' if new else "<tr>") + "".join(cells) + "</tr>")
+        return "<table>" + "\n".join(made) + "\n</table>"
+
+    def csv(self) -> str:
+        """The values themselves: numbers in full, None as an empty field."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.titles)
+        for row in self.rows:
+            writer.writerow([str(x).lower() if isinstance(x, bool) else x for x in row])
+        return out.getvalue()
 
 
-def aligned(shown: Sequence[Column], rows: Sequence[Mapping[str, Any]]) -> str:
-    """The same as columns of text, numbers on the right."""
-    return columns(cells(shown, rows), [k for k, (_, _, form) in enumerate(shown) if form])
-
-
-def pipes(lines: Sequence[Sequence[Any]]) -> list[str]:
-    """The lines of a Markdown table, the first its titles; each cell on one line, as it is."""
-    made = ["| " + " | ".join(inline(cell).replace("|", r"\|") for cell in line) + " |"
-            for line in lines]  # fmt: skip
-    return [made[0], "|" + " --- |" * len(lines[0]), *made[1:]]
+def document(*blocks: str) -> str:
+    """Headings, paragraphs and tables as a Markdown file; empty blocks are left out."""
+    return "\n\n".join(filter(None, blocks)) + "\n"
 
 
 def inline(text: Any) -> str:
     """Text on one line that Markdown shows as it is."""
     return " ".join(str(text).split()).replace("<", "&lt;")
+
+
+def _cell(value: Any, form: str) -> str:
+    if value is None:
+        return "-"
+    return value if isinstance(value, str) else format(value, form)
+
+
+def _grouped(lines: Iterable[Sequence[str]]) -> Iterator[tuple[Sequence[str], bool]]:
+    """Each line, and whether its first cell is another than the one above."""
+    above = None
+    for line in lines:
+        yield line, line[0] != above
+        above = line[0]

@@ -39,7 +39,7 @@ def command(arguments: cli.Arguments) -> int:
     import softdyn
     from softdyn.controllers import find_controller
     from softdyn.validation.timing.recording import recorded
-    from tests.proof.timing.comparison import compare, table
+    from tests.proof.timing.comparison import compare, comparison_table
 
     cli.make_folder(arguments.out / "states")
     cli.check_outputs(arguments.json)
@@ -52,7 +52,7 @@ def command(arguments: cli.Arguments) -> int:
             arguments.old, states, list(dict.fromkeys(arguments.controllers)),
             pairs=arguments.pairs, rounds=arguments.rounds, tick=bar.update,
         )  # fmt: skip
-    cli.write_report({"rows": rows}, arguments.json, table(rows))
+    cli.write_report({"rows": rows}, arguments.json, comparison_table(rows).text())
     return cli.PASSED if all(row["passed"] for row in rows) else cli.FAILED
 
 

@@ -25,7 +25,7 @@ def command(arguments: cli.Arguments) -> int:
     cli.check_outputs(arguments.json)
     found = peer.compare(sorted({n for n in arguments.segments if n <= peer.MOST}))
     report = {**found, "ladders": [ladder.to_dict() for ladder in found["ladders"]]}
-    cli.write_report(report, arguments.json, peer.markdown(found))
+    cli.write_report(report, arguments.json, peer.peer_table(found))
     return cli.PASSED
 
 

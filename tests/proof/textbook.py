@@ -26,7 +26,7 @@ def command(arguments: cli.Arguments) -> int:
     from tqdm import tqdm
 
     import softdyn
-    from softdyn.validation.tables import aligned
+    from softdyn.validation.tables import Table
     from tests.proof.laws.agreement import COLUMNS, compare
 
     cli.check_outputs(arguments.json)
@@ -37,7 +37,7 @@ def command(arguments: cli.Arguments) -> int:
             for robot in arguments.robots
             for law in arguments.controllers
         ]
-    cli.write_report({"rows": rows}, arguments.json, aligned(COLUMNS, rows))
+    cli.write_report({"rows": rows}, arguments.json, Table.of(COLUMNS, rows).text())
     return cli.PASSED if all(row["passed"] for row in rows) else cli.FAILED
 
 

@@ -41,14 +41,14 @@ parser.add_argument("cases", nargs="*", metavar="CASE", help="default: all of th
 def command(arguments: cli.Arguments) -> int:
     """Case by case, each written when it is there."""
     from softdyn.validation.files import read_json, write_json
-    from softdyn.validation.identification.trials import summary, table, trial
+    from softdyn.validation.identification.trials import summary, trial, trial_table
     from softdyn.validation.studies.benchmark import MEASURED
 
     path = MEASURED / "identification.json"
     for case in arguments.cases or CASES:
         options = identify.parser.parse_args(case.split())
         trials = identify.each_twin(trial, options, *identify.asked(options))
-        print(case, table(trials), sep="\n", flush=True)
+        print(case, trial_table(trials).text(), sep="\n", flush=True)
         rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
         rows = [row for row in rows if row["case"] != case]
         rows += [{"case": case, **row} for row in summary(trials)]

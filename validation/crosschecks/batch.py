@@ -18,7 +18,7 @@ from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.random_robots import write_robot
 from softdyn.validation.crosschecks.result import finite
 from softdyn.validation.processes import in_order
-from softdyn.validation.tables import columns, inline, pipes
+from softdyn.validation.tables import Table, document, inline
 
 FIXED, REPAIRED, FLOATING = "fixed base", "fixed base, inertia repaired", "floating base"
 
@@ -87,16 +87,9 @@ class BatchRow:
         return ", ".join(filter(None, parts)) or "ok"
 
     @property
-    def cells(self) -> tuple[str, ...]:
-        """Robot, nv, worst error, the quantity it is of, cond(M), seconds, verdict."""
-
-        def text(value: float | None, form: str) -> str:
-            return "-" if value is None else format(value, form)
-
-        return (
-            self.name, text(self.nv, "d"), text(self.max_error, ".1e"), self.quantity or "-",
-            text(self.condition, ".0e"), f"{self.seconds:.1f}", self.verdict,
-        )  # fmt: skip
+    def shown(self) -> dict[str, Any]:
+        """The row as `COLUMNS` take it."""
+        return vars(self) | {"quantity": self.quantity or None, "verdict": self.verdict}
 
 
 @dataclass(frozen=True)
@@ -125,36 +118,42 @@ class BatchReport:
         return {"passed": self.passed, "counts": self.counts, "rows": rows}
 
     def __str__(self) -> str:
-        return self.text(self.rows)
+        return self.text_of(self.rows)
 
-    def text(self, rows: Sequence[BatchRow]) -> str:
+    def text_of(self, rows: Sequence[BatchRow]) -> str:
         """A line for each of `rows`, and how many there are of each kind in all."""
-        lines = [(*row.cells[:6], f"{row.variant}: {row.verdict}") for row in rows]
+        lines = [row.shown | {"verdict": f"{row.variant}: {row.verdict}"} for row in rows]
+        table = replace(Table.of(COLUMNS, lines), titles=())
         tallies = [
             f"{variant}: " + ", ".join(f"{n} {word}" for word, n in count.items())
             for variant, count in self.counts.items()
         ]
-        return "\n".join([*([columns(lines)] if lines else []), *tallies])
+        return "\n".join([*([table.text()] if lines else []), *tallies])
 
-    def markdown(self, command: str) -> str:
+    def document(self, command: str) -> str:
         """The rows as a document, a table for each variant; `command` wrote it."""
-        lines = [DOCUMENT.format(command)]
+        blocks = [DOCUMENT.format(command)]
         rows = sorted(self.rows, key=lambda row: row.variant)
         for variant, group in groupby(rows, lambda row: row.variant):
             members, tally = list(group), self.counts[variant]
-            lines += [
-                f"\n## {variant.capitalize()}\n",
+            blocks += [
+                f"## {variant.capitalize()}",
                 f"{tally['passed']} of {len(members)} pass, {tally['failed']} fail, "
-                f"{tally['unsupported']} are not supported.\n",
-                *pipes([TITLES, *(row.cells for row in members)]),
+                f"{tally['unsupported']} are not supported.",
+                Table.of(COLUMNS, (row.shown for row in members)).markdown(),
             ]
         repairs = sorted({repair for row in rows for repair in row.repairs})
         if repairs:
-            lines += ["\n## What was repaired\n", *(f"- {inline(text)}" for text in repairs)]
-        return "\n".join(lines) + "\n"
+            listed = "\n".join(f"- {inline(text)}" for text in repairs)
+            blocks += ["## What was repaired", listed]
+        return document(*blocks)
 
 
-TITLES = ("robot", "nv", "worst error", "of", "cond(M)", "s", "")
+COLUMNS = (
+    ("robot", "name", ""), ("nv", "nv", "d"), ("worst error", "max_error", ".1e"),
+    ("of", "quantity", ""), ("cond(M)", "condition", ".0e"), ("s", "seconds", ".1f"),
+    ("", "verdict", ""),
+)  # fmt: skip
 DOCUMENT = """\
 # The catalogue: every URDF of example-robot-data through the cross-check
 

@@ -6,7 +6,20 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import Table
+
+CHECKS = (
+    ("quantity", "quantity", ""), ("max error", "max_error", ".1e"),
+    ("tolerance", "tolerance", ".0e"), ("", "verdict", ""), ("relative to at least", "about", ""),
+)  # fmt: skip
+RUNS = (
+    ("trajectory", "name", ""), ("scheme", "scheme", ""), ("step s", "step", ".2g"),
+    ("length s", "duration", ".3g"), ("error", "max_error", ".1e"), ("", "why", ""),
+)  # fmt: skip
+RUNGS = (
+    ("", "margin", ""), ("step s", "step", ".2g"), ("engines differ", "engine_error", ".1e"),
+    ("from the limit", "truncation_error", ".1e"), ("order", "order", ".2f"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -142,33 +155,25 @@ class CrossCheck:
         return data | {"passed": self.passed, "condition": finite(self.condition)}
 
     def __str__(self) -> str:
-        lines = [["quantity", "max error", "tolerance", "", "relative to at least"]]
-        for check in self.checks:
-            figures = [f"{check.max_error:.1e}", f"{check.tolerance:.0e}"]
-            verdict = ["ok" if check.passed else "FAILED", check.reason or check.scale]
-            lines.append([check.quantity, *figures, *verdict])
+        verdicts = {True: "ok", False: "FAILED"}
+        checks = (
+            {**vars(c), "verdict": verdicts[c.passed], "about": c.reason or c.scale}
+            for c in self.checks
+        )
         parts = [
             f"{self.robot}: {self.nv} degrees of freedom, {self.nu} inputs; "
             f"{self.samples} random states, seed {self.seed}",
-            columns(lines, (1, 2)),
+            Table.of(CHECKS, checks).text(),
         ]
         if self.runs:
-            lines = [["trajectory", "scheme", "step s", "length s", "error", ""]]
-            for run in self.runs:
-                figures = [f"{run.step:.2g}", f"{run.duration:.3g}", f"{run.max_error:.1e}"]
-                lines.append([run.name, run.scheme, *figures, run.why])
-            parts.append(columns(lines, (2, 3, 4)))
+            parts.append(Table.of(RUNS, map(vars, self.runs)).text())
         for ladder in self.ladders:
-            lines = [["", "step s", "engines differ", "from the limit", "order"]]
-            for rung in ladder.rungs:
-                errors = [f"{rung.engine_error:.1e}", f"{rung.truncation_error:.1e}"]
-                order = "-" if rung.order is None else f"{rung.order:.2f}"
-                lines.append(["", f"{rung.step:.2g}", *errors, order])
             head = (
                 f"step halving, {ladder.scheme} over {ladder.duration:.2g} s, "
                 f"expected order {ladder.expected_order}"
             )
-            parts.append(f"{head}\n{columns(lines, range(5))}")
+            rungs = ({"margin": "", **vars(rung)} for rung in ladder.rungs)
+            parts.append(f"{head}\n{Table.of(RUNGS, rungs).text()}")
         failed = ", ".join(self.failures)
         parts.append(f"FAILED: {failed}" if failed else "the two engines agree")
         return "\n\n".join(parts)

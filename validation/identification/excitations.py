@@ -24,7 +24,7 @@ from softdyn.validation.identification.trials import (
     twin_data,
 )
 from softdyn.validation.processes import in_order
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import Table
 
 REACHES = (0.02, 0.06, 0.2, 0.6)  # of the inputs' ranges
 KNOTS = (0.1, 0.3, 1.0)  # s
@@ -100,17 +100,17 @@ def _tried(
 def comparison(unknowns: Sequence[Parameter], candidates: Sequence[Candidate]) -> str:
     """A table, best first, and the options that give the best."""
     kinds = list(dict.fromkeys(one.kind.name for one in unknowns))
-    rows = [["reach", "knots (s)", "told", *(f"worst {kind}" for kind in kinds)]]
+    rows = []
     for one in candidates:
         worst = []
         for kind in kinds:
             use = one.told & [unknown.kind.name == kind for unknown in unknowns]
-            worst.append(f"{one.relative[use].max():.2%}" if use.any() else "-")
-        told = f"{one.told.sum()} of {len(unknowns)}"
-        row = [f"{one.excitation.reach:g}", f"{one.excitation.knots:g}", told, *worst]
-        rows.append(row if not one.refused else [*row[:2], "none", *worst])
+            worst.append(one.relative[use].max() if use.any() else None)
+        told = "none" if one.refused else f"{one.told.sum()} of {len(unknowns)}"
+        rows.append([one.excitation.reach, one.excitation.knots, told, *worst])
     best = candidates[0]
-    table = columns(rows, range(len(rows[0])))
+    titles = ["reach", "knots (s)", "told", *(f"worst {kind}" for kind in kinds)]
+    table = Table(titles, rows, ["g", "g", ">", *[".2%"] * len(kinds)]).text()
     if not best.told.any():
         return f"{table}\nnone of them tells anything: {best.refused}"
     untold = [one.label for one, yes in zip(unknowns, best.told, strict=True) if not yes]

@@ -33,7 +33,7 @@ from softdyn.validation.identification.trials import (
     scale_mass,
     twin_data,
 )
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import Table
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
@@ -120,19 +120,17 @@ class Opinion:
         ]  # fmt: skip
 
     def __str__(self) -> str:
-        rows = [["", "ours", "95 %", "MuJoCo's", "95 %", "difference"]]
-        for a, b, difference in zip(self.ours, self.theirs, self.differences, strict=True):
-            cells = [f(one) for one in (a, b) for f in (_value, _interval)]
-            rows.append([a.parameter.label, *cells, f"{difference:+.2f}"])
-        lines = [columns(rows, range(1, 6)), "difference: in our standard deviations"]
+        titles = ["", "ours", "95 %", "MuJoCo's", "95 %", "difference"]
+        rows = [
+            [a.parameter.label, a.value, _interval(a), b.value, _interval(b), difference]
+            for a, b, difference in zip(self.ours, self.theirs, self.differences, strict=True)
+        ]
+        table = Table(titles, rows, ["", ".6g", ">", ".6g", ">", "+.2f"])
+        lines = [table.text(), "difference: in our standard deviations"]
         lines += [f"not identified, held at the file's value: {label}" for label in self.untold]
         if self.left > UNFINISHED:
             lines.append(f"MuJoCo's optimiser stopped {self.left:.2g} deviations before its end")
         return "\n".join(lines)
-
-
-def _value(one: Estimate) -> str:
-    return f"{one.value:.6g}"
 
 
 def _interval(one: Estimate) -> str:

@@ -22,7 +22,7 @@ from softdyn.identification.fit import least_deviations
 from softdyn.identification.parameters import Parameter, member_values, with_values
 from softdyn.identification.problem import measured
 from softdyn.statics.equilibria import settle
-from softdyn.validation.tables import aligned
+from softdyn.validation.tables import Table
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -268,7 +268,7 @@ SHOWN = (
     ("worst (%)", "worst_percent", ".2g"),
     ("truth in 95 %", "inside", ".0%"),
     ("widest", "widest", ".2f"),
-)  # as `columns` takes them: title, key, format
+)
 
 
 def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
@@ -299,6 +299,6 @@ def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     return rows
 
 
-def table(trials: Sequence[Trial]) -> str:
+def trial_table(trials: Sequence[Trial]) -> Table:
     """The summary, for people."""
-    return aligned(SHOWN, summary(trials))
+    return Table.of(SHOWN, summary(trials))

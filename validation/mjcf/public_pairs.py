@@ -16,7 +16,7 @@ from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.readers import Readers, survey_readers
-from softdyn.validation.tables import columns, pipes
+from softdyn.validation.tables import Table, document
 
 # Ends of paths: of example-robot-data, or of a file below the user's folders.
 PAIRS = (
@@ -57,7 +57,7 @@ class PairRow:
     error: str = ""
 
     @property
-    def cells(self) -> list[str]:
+    def cells(self) -> list[Any]:
         """The row of a table."""
         if self.result is None:
             return [self.a, self.b, "", "", "", self.error, ""]
@@ -67,7 +67,7 @@ class PairRow:
         total = len(found.matched) + max(len(names) for names in found.unmatched.values())
         return [
             self.a, self.b, f"{len(found.matched)} of {total}", found.verdict, words,
-            f"{max(found.residual.values(), default=0.0):.0e}", f"{found.seconds:.1f}",
+            max(found.residual.values(), default=0.0), found.seconds,
         ]  # fmt: skip
 
 
@@ -85,10 +85,11 @@ class PairReport:
         return all(row.result is not None and row.result.explained for row in self.rows)
 
     @property
-    def lines(self) -> list[list[str]]:
-        """The table, its titles first."""
+    def table(self) -> Table:
+        """A row a pair."""
         titles = ["A", "B", "joints", "verdict", "largest causes", "left", "s"]
-        return [titles, *(row.cells for row in self.rows)]
+        formats = ["", "", "", "", "", ".0e", ".1f"]
+        return Table(titles, [row.cells for row in self.rows], formats)
 
     def to_dict(self) -> dict[str, Any]:
         """The survey as plain data."""
@@ -99,24 +100,24 @@ class PairReport:
         found = {"passed": self.passed, "rows": rows, "missing": list(self.missing)}
         return found | {"pinocchio": self.readers.to_dict()}
 
-    def markdown(self) -> str:
+    def document(self) -> str:
         """The tables as a document."""
-        head = [
-            "# Public pairs", "",
-            f"Made by `{COMMAND}`; what the words mean: [two files, one robot](compare.md).", "",
+        return document(
+            "# Public pairs",
+            f"Made by `{COMMAND}`; what the words mean: [two files, one robot](compare.md).",
             "*left*: the largest relative error of M, bias, g and J at random states once every "
-            "cause is repaired.", "",
-        ]  # fmt: skip
-        reader = [
-            "", "## Pinocchio's MJCF reader", "",
+            "cause is repaired.",
+            self.table.markdown(),
+            "## Pinocchio's MJCF reader",
             "`pin.buildModelFromMJCF` on every MJCF of these repositories that is a robot, against "
             "MuJoCo's reading: relative errors of M, bias, g and J at random states, and what is "
-            "read wrong. Springs, dampers and tendons are not asked for.", "",
-        ]  # fmt: skip
-        return "\n".join([*head, *pipes(self.lines), *reader, *self.readers.markdown(), ""])
+            "read wrong. Springs, dampers and tendons are not asked for.",
+            f"{self.readers.summary}.",
+            self.readers.table.markdown(),
+        )
 
     def __str__(self) -> str:
-        lines = [columns(self.lines, (5, 6)), str(self.readers)]
+        lines = [self.table.text(), str(self.readers)]
         if self.missing:
             lines.append("not found: " + ", ".join(self.missing))
         return "\n\n".join(lines)

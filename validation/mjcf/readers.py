@@ -17,7 +17,7 @@ from softdyn.validation.mjcf.comparison.mjcf_file import judge_paths
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
 from softdyn.validation.mjcf.comparison.result import QUANTITIES, Comparison
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.tables import columns, pipes
+from softdyn.validation.tables import Table
 
 EXACT = 1e-9
 READ = {"base", "pose", "zero", "axis", "mass", "centre", "inertia", "armature", "gravity"}
@@ -172,25 +172,26 @@ class Readers:
         return sum(verdict.exact for verdict in self.verdicts)
 
     def __str__(self) -> str:
-        return "\n\n".join([self.summary, columns(self.lines, (1, 2, 3, 4))])
+        return "\n\n".join([self.summary, self.table.text()])
 
     @property
-    def lines(self) -> list[list[str]]:
-        """A table of what is not exact, its titles first; what is wrong alike is one row."""
+    def table(self) -> Table:
+        """What is not exact; what is wrong alike is one row."""
         groups: dict[str, list[ReaderVerdict]] = {}
         for verdict in self.verdicts:
             if not verdict.exact:
                 groups.setdefault(verdict.why, []).append(verdict)
-        rows = [["files", *QUANTITIES, "why"]]
+        rows = []
         for why, group in groups.items():
             files = ", ".join(verdict.file for verdict in group[:2])
             files += f" and {len(group) - 2} more" if len(group) > 2 else ""
             found = group[0].result
-            figures = [""] * len(QUANTITIES)
+            figures: list[Any] = [""] * len(QUANTITIES)
             if found is not None and found.waterfall and not group[0].includes:
-                figures = [f"{found.waterfall[0].left[name]:.0e}" for name in QUANTITIES]
+                figures = [found.waterfall[0].left[name] for name in QUANTITIES]
             rows.append([files, *figures, why])
-        return rows
+        formats = ["", *[".0e"] * len(QUANTITIES), ""]
+        return Table(["files", *QUANTITIES, "why"], rows, formats)
 
     @property
     def summary(self) -> str:
@@ -199,10 +200,6 @@ class Readers:
             f"{len(self.verdicts)} MJCFs that MuJoCo reads: {self.exact} exact in Pinocchio, "
             f"{len(self.verdicts) - self.exact} not; {len(self.refused)} not asked"
         )
-
-    def markdown(self) -> list[str]:
-        """A section of a document."""
-        return [self.summary + ".", "", *pipes(self.lines)]
 
     def to_dict(self) -> dict[str, Any]:
         """The survey as plain data."""

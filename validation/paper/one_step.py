@@ -9,7 +9,7 @@ of an emulation in this table is what it lacks.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,6 @@ from softdyn.validation.paper.reproduction import changed
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.names import experiment_title
-from softdyn.validation.tables import aligned, cells, pipes
 from softdyn.validation.twin.state_map import StateMap
 
 # A record's robot → the grid's, what its commit has, the base above the ground (m), and how the
@@ -36,7 +35,7 @@ ROBOTS: Mapping[str, tuple[str, str, float, list[int], float]] = {
 }
 KINDS = {"theta": "set_point", "omega": "tracking"}
 SAME_INPUT, SAME_STATE = 1e-6, 1e-9  # of the input's range; rad, rad/s, m, m/s
-TABLE = (
+COLUMNS = (
     ("Robot", "robot", ""), ("Controller", "controller", ""), ("Run", "run", ""),
     ("Experiment", "experiment", ""), ("Steps", "steps", ""), ("Target", "target_m", ".0e"),
     ("u median", "input_median", ".1e"), ("max", "input_max", ".1e"),
@@ -188,16 +187,6 @@ def state_differences(record: Record, case: Case, model: SoftModel) -> tuple[np.
         q, v = states.from_twin(data.qpos, data.qvel)
         found[k] = max(np.abs(q - record.q[k + 1]).max(), np.abs(v - record.v[k + 1]).max())
     return found, touching
-
-
-def table(rows: Iterable[Mapping[str, Any]]) -> str:
-    """The rows in aligned columns."""
-    return aligned(TABLE, list(rows))
-
-
-def markdown(rows: Iterable[Mapping[str, Any]]) -> str:
-    """The rows as a table for a document."""
-    return "\n".join(pipes(cells(TABLE, list(rows)))) + "\n"
 
 
 def _summary(name: str, found: np.ndarray, same: float, first: int) -> dict[str, Any]:

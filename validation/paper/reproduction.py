@@ -20,18 +20,22 @@ from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.paper import reference_laws
-from softdyn.validation.studies import benchmark, benchmark_table, experiments
-from softdyn.validation.studies.benchmark_table import TITLES
+from softdyn.validation.studies import benchmark, experiments
+from softdyn.validation.studies.benchmark_table import benchmark_cells
 from softdyn.validation.studies.engine import executors
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.deviations import View
 from softdyn.validation.studies.names import cell_title
-from softdyn.validation.tables import columns, pipes
+from softdyn.validation.tables import Table, document
 
 QP = ("clf-qp", "soft-id-clf-qp", "ic-qp")
 CLOSED = ("ic", "uic")
 PAPER = ("clf-qp", "soft-id-clf-qp", "ic", "uic", "ic-qp")
 ROBOTS = ("finger", "helix", "spirob")
+TITLES = (
+    "Experiment", "Robot", "Controller", "SP (cm)", "SP, ours", "SP, paper", "TT (cm²)",
+    "TT, ours", "TT, paper", "Failed runs",
+)  # fmt: skip
 
 
 def seen(state: State, **changes: Any) -> State:
@@ -359,34 +363,27 @@ def rows(wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path) -> list[d
     return found
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    """One row of the table as text: ours between the experiment's and the paper's figures."""
-    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = benchmark_table.cells(row)
-    _, _, our_sp, _, our_tt, *_ = benchmark_table.cells(row["ours"])
+def reproduction_table(rows: list[dict[str, Any]]) -> Table:
+    """Each experiment's figures, with ours and the paper's after them."""
+    return Table(TITLES, [_reproduction_cells(row) for row in rows])
+
+
+def _reproduction_cells(row: dict[str, Any]) -> list[str]:
+    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = benchmark_cells(row)
+    _, _, our_sp, _, our_tt, *_ = benchmark_cells(row["ours"])
     # no run of a kind: nothing to show
     points = (sp, our_sp, sp_paper) if row["set_points_cm"] else ("-",) * 3
     rates = (tt, our_tt, tt_paper) if row["trajectories_cm2"] else ("-",) * 3
     return [row["experiment"], robot, controller, *points, *rates, failed]
 
 
-def _lines(rows: list[dict[str, Any]]) -> list[list[str]]:
-    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = TITLES
-    titles = [robot, controller, sp, "SP, ours", sp_paper, tt, "TT, ours", tt_paper, failed]
-    return [["Experiment", *titles], *map(_cells, rows)]
-
-
-def text(rows: list[dict[str, Any]]) -> str:
-    """The table in aligned columns for a terminal."""
-    return columns(_lines(rows))
-
-
-def markdown(rows: list[dict[str, Any]]) -> str:
+def reproduction_document(rows: list[dict[str, Any]]) -> str:
     """The table, then every run's figure and the reasons of the failed ones."""
-    parts = ["# Reproduction", "", *pipes(_lines(rows)), ""]
+    lines = []
     for row in rows:
         runs = {cell_title("set_point", float(k)): v for k, v in row["set_points_cm"].items()}
         runs |= {cell_title("tracking", float(k)): v for k, v in row["trajectories_cm2"].items()}
         shown = ", ".join(f"{k}: {'-' if v is None else f'{v:.3g}'}" for k, v in runs.items())
-        parts.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
-        parts += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
-    return "\n".join(parts) + "\n"
+        lines.append(f"- {row['experiment']}, {row['robot']}, {row['controller']}: {shown}")
+        lines += [f"  - {f['value']:g}π: {f['reason']}" for f in row["failed"]]
+    return document("# Reproduction", reproduction_table(rows).markdown(), "\n".join(lines))

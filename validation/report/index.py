@@ -22,9 +22,16 @@ from softdyn.validation.files import safe, write_text
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import benchmark
-from softdyn.validation.studies import benchmark_table as tables
+from softdyn.validation.studies.benchmark_table import (
+    TITLES,
+    benchmark_cells,
+    benchmark_table,
+    every_run_table,
+)
 from softdyn.validation.studies.engine.case import Case, number_text
+from softdyn.validation.studies.engine.distribution import NOTE
 from softdyn.validation.studies.names import controller_title, experiment_title, robot_title
+from softdyn.validation.tables import Table
 from softdyn.view.page import library_file
 
 PAGE = "index.html"
@@ -212,14 +219,13 @@ def html(
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> str:
-    lines = [tables.TITLES, *(tables.cells(row) for row in rows)]
-    last = len(tables.TITLES) - 1
+    last = len(TITLES) - 1
     note = (
         '<p class="quiet">SP: final error of the set points. TT: time-mean of the squared error of '
         "the trajectories. Mean ± population standard deviation over all runs, failed ones "
-        f'included; "none" where a run ended before its time. {tables.NOTE}</p>'
+        f'included; "none" where a run ended before its time. {NOTE}</p>'
     )
-    return _html_table(lines, [{last} if row["failed"] else set() for row in rows]) + note
+    return _wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note
 
 
 def _gallery(
@@ -233,7 +239,7 @@ def _gallery(
             robot = row["robot"]
             parts.append(f'<h3>{escape(robot_title(robot))}</h3><div class="grid">')
         cases = groups[row["robot"], row["controller"]]
-        cells = tables.cells(row)
+        cells = benchmark_cells(row)
         bad = f'<span class="bad">{len(row["failed"])} of {len(cases)} failed</span>'
         parts.append(
             f'<a href="{_url(replay_path(cases[0]))}#run={chosen(cases)}">'
@@ -251,6 +257,7 @@ def _failures(
     items = []
     for row in rows:
         cases = groups[row["robot"], row["controller"]]
+        pair = f"{robot_title(row['robot'])}, {benchmark_cells(row)[1]}"
         for run in row["failed"]:
             at = next(
                 i for i, c in enumerate(cases) if (c.kind, c.value) == (run["kind"], run["value"])
@@ -258,8 +265,7 @@ def _failures(
             name = experiment_title(run["kind"], run["value"])
             items.append(
                 f'<li><a href="{_url(replay_path(cases[0]))}#run={at}">'
-                f"{escape(robot_title(row['robot']))}, {escape(tables.cells(row)[1])}, {name}</a>: "
-                f"{escape(str(run['reason']))}</li>"
+                f"{escape(pair)}, {name}</a>: {escape(str(run['reason']))}</li>"
             )
     return ["<h2>Failed runs</h2><ul>", *items, "</ul>"] if items else []
 
@@ -289,25 +295,12 @@ def _runs(rows: Sequence[dict[str, Any]]) -> str:
         {2 + keys.index((f["kind"], number_text(f["value"]))) for f in row["failed"]}
         for row in rows
     ]
-    return _html_table(tables.every_run(list(rows)), bad)
+    return _wide(every_run_table(rows), bad)
 
 
-def _html_table(lines: Sequence[Sequence[str]], bad: Sequence[set[int]]) -> str:
-    """A table, its titles first, a line above each robot; `bad` are the columns marked in a row."""
-    titles, robot = "".join(f"<th>{escape(title)}</th>" for title in lines[0]), ""
-    made = [f"<tr>{titles}</tr>"]
-    for cells, marked in zip(lines[1:], bad, strict=True):
-        inside = "".join(
-            f"<td{_class('bad' if k in marked else '')}>{escape(cell)}</td>"
-            for k, cell in enumerate(cells)
-        )
-        made.append(f"<tr{_class('first' if cells[0] != robot else '')}>{inside}</tr>")
-        robot = cells[0]
-    return '<div class="wide"><table>' + "\n".join(made) + "\n</table></div>"
-
-
-def _class(name: str) -> str:
-    return f' class="{name}"' if name else ""
+def _wide(table: Table, bad: Sequence[set[int]]) -> str:
+    """A table that scrolls where the window is narrow; `bad` are the columns marked in a row."""
+    return f'<div class="wide">{table.html(bad)}</div>'
 
 
 def _url(path: Path | str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from softdyn import design
 from softdyn.validation.rods.arms import counts_for, frequencies, model_of, refined, tip
 from softdyn.validation.rods.ladder import Ladder
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import Table
 
 BEND = math.pi / 2
 """Angle (rad) to which the shape under a cable is taken, where the cable can pull so hard."""
@@ -50,19 +50,11 @@ class Convergence:
     def __str__(self) -> str:
         counts = self.ladders[0].counts
         titles = ["error of", *(f"n = {n}" for n in counts), "order", f"n for {self.tolerance:g}"]
-        lines = [titles]
-        for ladder in self.ladders:
-            order, needed = ladder.order, ladder.needed(self.tolerance)
-            lines.append(
-                [
-                    ladder.name,
-                    *(f"{error:.1e}" for error in ladder.errors),
-                    "-" if order is None else f"{order:.1f}",
-                    "-" if needed is None else str(needed),
-                ]
-            )
+        rows = [
+            [one.name, *one.errors, one.order, one.needed(self.tolerance)] for one in self.ladders
+        ]
+        table = Table(titles, rows, ["", *[".1e"] * len(counts), ".1f", "d"]).text()
         verdict = f"joints in each section for {self.tolerance:g}: {self.needed or 'unknown'}"
-        table = columns(lines, range(1, len(titles)))
         return f"{table}\nerrors against the extrapolated limit\n{verdict}"
 
 

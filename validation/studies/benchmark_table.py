@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,20 +10,21 @@ from softdyn.validation.files import write_json, write_text
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.distribution import NOTE, number
 from softdyn.validation.studies.names import CONTROLLERS, cell_title
-from softdyn.validation.tables import columns, pipes
+from softdyn.validation.tables import Table, document
 
 TITLES = (
     "Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Inputs (1/s)",
     "Failed runs",
 )  # fmt: skip
+ABOUT = (
+    "SP: mean ± population standard deviation over the set points of the final error. "
+    "TT: the same over the trajectories of the time-mean of the squared error. Means contain "
+    'every run; "none" where one of them ended before its time. Inputs: how much they change '
+    f"a second, over their range, mean over the inputs and the runs. {NOTE}"
+)
 
 
-def spread(mean: float | None, std: float | None) -> str:
-    """Mean ± standard deviation; "none" for a mean over a run that did not reach its end."""
-    return "none" if mean is None or std is None else f"{number(mean)} ± {number(std)}"
-
-
-def cells(row: dict[str, Any]) -> tuple[str, ...]:
+def benchmark_cells(row: dict[str, Any]) -> tuple[str, ...]:
     """One row of the table as text; a dash for what was not asked for or not published."""
     published = row["paper"]
 
@@ -30,14 +32,15 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
         chaotic = row.get("ensemble", {}).get(f"{kind}_mean_{unit}")
         if chaotic is not None:
             return str(chaotic["text"])
+        if not row[runs]:
+            return "-"
         mean, std = (row[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
-        return spread(mean, std) if row[runs] else "-"
+        return "none" if mean is None or std is None else f"{number(mean)} ± {number(std)}"
 
     def theirs(kind: str, unit: str) -> str:
         if published is None:
             return "-"
-        mean, std = (published[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
-        return experiments.spread(mean, std)
+        return experiments.spread(*(published[f"{kind}_{what}_{unit}"] for what in ("mean", "std")))
 
     return (
         row["robot"],
@@ -51,56 +54,20 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def write(rows: list[dict[str, Any]], folder: Path) -> None:
-    """The table below a folder, as Markdown, LaTeX and JSON."""
-    write_text(folder / "table.md", markdown(rows))
-    write_text(folder / "table.tex", latex(rows))
-    write_json(folder / "results.json", {"rows": rows})
+def benchmark_table(rows: Sequence[dict[str, Any]]) -> Table:
+    """Ours beside the published values, a row for each robot and controller."""
+    return Table(TITLES, [benchmark_cells(row) for row in rows])
 
 
-def text(rows: list[dict[str, Any]]) -> str:
-    """Aligned columns for a terminal."""
-    return columns([TITLES, *(cells(row) for row in rows)])
-
-
-def markdown(rows: list[dict[str, Any]]) -> str:
-    """The table, every run's figure, what the solver did, and the failed runs' reasons."""
-    parts = ["# Benchmark", "", *pipes([TITLES, *(cells(row) for row in rows)])]
-    parts += [
-        "",
-        "SP: mean ± population standard deviation over the set points of the final error. "
-        "TT: the same over the trajectories of the time-mean of the squared error. Means contain "
-        'every run; "none" where one of them ended before its time. Inputs: how much they change '
-        "a second, over their range, mean over the inputs and the runs. " + NOTE,
-        "",
-    ]
-    parts += ["## Every run", "", *pipes(every_run(rows))]
-    apart = [
-        f"- {row['robot']}, {cells(row)[1]}: {', '.join(row['outside'])}"
-        for row in rows
-        if row.get("outside")
-    ]
-    if apart:
-        parts += ["", "## Outside the committed ensembles", "", *apart]
-    failures = [
-        f"- {row['robot']}, {cells(row)[1]}, {cell_title(f['kind'], f['value'])}: {f['reason']}"
-        for row in rows
-        for f in row["failed"]
-    ]
-    if failures:
-        parts += ["", "## Failed runs", "", *failures]
-    return "\n".join(parts) + "\n"
-
-
-def every_run(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Titles, then for each row the figure of every run and what the solver did."""
+def every_run_table(rows: Sequence[dict[str, Any]]) -> Table:
+    """For each robot and controller the figure of every run and what the solver did."""
     points = list(rows[0]["set_points_cm"]) if rows else []
     rates = list(rows[0]["trajectories_cm2"]) if rows else []
     titles = [
         "Robot", "Controller", *(f"θ = {x}π (cm)" for x in points),
         *(f"ω = {x}π (cm²)" for x in rates), "Not solved", "Fallbacks", "Bounds exceeded by",
     ]  # fmt: skip
-    lines = [titles]
+    lines = []
     for row in rows:
         shown = []
         for every in ("set_points_cm", "trajectories_cm2"):
@@ -109,36 +76,29 @@ def every_run(rows: list[dict[str, Any]]) -> list[list[str]]:
                 usual = "none" if found is None else number(found)
                 shown.append(chaotic[value]["text"] if value in chaotic else usual)
         shown += [f"{row[key]:g}" for key in ("not_solved", "fallbacks", "max_bound_violation")]
-        lines.append([*cells(row)[:2], *shown])
-    return lines
+        lines.append([*benchmark_cells(row)[:2], *shown])
+    return Table(titles, lines)
 
 
-def latex(rows: list[dict[str, Any]]) -> str:
-    """A booktabs table in the paper's layout, ours beside the published values."""
-    lines = [
-        r"\begin{tabular}{llrrrrrl}",
-        r"\toprule",
-        " & ".join(_tex(title) for title in TITLES) + r" \\",
+def benchmark_document(rows: Sequence[dict[str, Any]]) -> str:
+    """The table, every run's figure, what the solver did, and the failed runs' reasons."""
+    named = [(", ".join((row["robot"], benchmark_cells(row)[1])), row) for row in rows]
+    apart = [f"- {name}: {', '.join(row['outside'])}" for name, row in named if row.get("outside")]
+    failures = [
+        f"- {name}, {cell_title(f['kind'], f['value'])}: {f['reason']}"
+        for name, row in named
+        for f in row["failed"]
     ]
-    robot = None
-    for row in rows:
-        shown = [_tex(cell) for cell in cells(row)]
-        if row["robot"] != robot:
-            lines.append(r"\midrule")
-        else:
-            shown[0] = ""
-        robot = row["robot"]
-        lines.append(" & ".join(shown) + r" \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+    return document(
+        "# Benchmark", benchmark_table(rows).markdown(), ABOUT,
+        "## Every run", every_run_table(rows).markdown(),
+        *(["## Outside the committed ensembles", "\n".join(apart)] if apart else []),
+        *(["## Failed runs", "\n".join(failures)] if failures else []),
+    )  # fmt: skip
 
 
-_TEX = str.maketrans({
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "_": r"\_", "&": r"\&", "%": r"\%",
-    "#": r"\#", "$": r"\$", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}",
-    "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ",
-    "±": r"$\pm$", "²": "$^2$", "π": r"$\pi$", "θ": r"$\theta$", "ω": r"$\omega$",
-})  # fmt: skip
-
-
-def _tex(text: str) -> str:
-    return text.translate(_TEX)
+def write_benchmark(rows: Sequence[dict[str, Any]], folder: Path) -> None:
+    """The table below a folder, as Markdown, LaTeX and JSON."""
+    write_text(folder / "table.md", benchmark_document(rows))
+    write_text(folder / "table.tex", benchmark_table(rows).latex("llrrrrrl"))
+    write_json(folder / "results.json", {"rows": list(rows)})

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +15,7 @@ from softdyn.validation.studies.engine.store import OUTCOMES, Store
 from softdyn.validation.studies.engine.worker import Task
 from softdyn.validation.studies.names import cell_title
 from softdyn.validation.studies.sweep import FIGURES, PLANT, Sweep, inputs, parameter
-from softdyn.validation.tables import inline, pipes
+from softdyn.validation.tables import Table, document, inline
 
 BEST = 10
 SHOWN_REASONS = 20
@@ -167,29 +165,19 @@ def to_csv(found: list[Row]) -> str:
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
     plant = [f"plant.{name}" for name in PLANT]
     titles = ["robot", "controller", "theta", "omega", *"xyz", *gains, *PLANT, "sample", *RESULTS]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*titles, "file"])
+    lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
         named = (parameter(case, name) for name in ("theta", "omega"))
         varied = (parameter(case, name) for name in (*gains, *plant))
         figures = (result.get(name) for name in RESULTS)
-        cells = (case.robot, case.controller, *named, *point, *varied, case.sample, *figures)
-        writer.writerow([*map(_cell, cells), _file(case)])
-    return text.getvalue()
+        about = (case.robot, case.controller, *named, *point, *varied, case.sample)
+        lines.append([*about, *figures, _file(case)])
+    return Table([*titles, "file"], lines).csv()
 
 
 def _file(case: Case) -> str:
     return f"cases/{case.name}.json"
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, float) else str(value)
 
 
 # -- Markdown --------------------------------------------------------------------------------------
@@ -197,14 +185,13 @@ def _cell(value: Any) -> str:
 
 def to_markdown(sweep: Sweep, found: list[Row]) -> str:
     """What varied, how the cases ended, the best of every robot, and why cases failed."""
-    total = len(sweep.cases)
-    parts = [f"# Sweep {inline(sweep.path.name)}", "", _counts(found, total), "", *_varied(sweep)]
+    blocks = [f"# Sweep {inline(sweep.path.name)}", _counts(found, len(sweep.cases))]
+    blocks.append("\n".join(_varied(sweep)))
     for robot in sweep.robots:
         of_robot = [row for row in found if row[0].robot == robot]
         if of_robot:
-            parts += _best(sweep, robot, of_robot)
-    parts += _reasons(sweep, found)
-    return "\n".join(parts) + "\n"
+            blocks += _best(sweep, robot, of_robot)
+    return document(*blocks, *_reasons(sweep, found))
 
 
 def _counts(found: list[Row], total: int) -> str:
@@ -234,19 +221,22 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
     figure = FIGURES[sweep.figure]
     names = _columns(sweep)
     made = settings(found, sweep.figure)
-    parts = ["", f"## {inline(robot)}"]
+    blocks = [f"## {inline(robot)}"]
     if any(len(setting.rows) > 1 for setting in made):
-        lines = [["", *names, f"mean {figure}", "worst", "failed"]]
+        lines = []
         for i, setting in enumerate(made[:BEST], 1):
             failed = f"{setting.failed} of {len(setting.rows)}"
             figures = map(_value, (setting.mean, setting.worst))
-            lines.append([str(i), *_inputs(setting.case, names), *figures, failed])
-        parts += ["", f"Best settings by the mean {figure} over their targets.", "", *pipes(lines)]
-    lines = [["", *names, "target", figure, "outcome", "file"]]
+            lines.append([i, *_inputs(setting.case, names), *figures, failed])
+        table = Table(["", *names, f"mean {figure}", "worst", "failed"], lines)
+        title = f"Best settings by the mean {figure} over their targets."
+        blocks += [title, table.markdown()]
+    lines = []
     for i, (case, result) in enumerate(ranked(found, sweep.figure), 1):
         ended = (_value(result.get(sweep.figure)), _words(result["outcome"]))
-        lines.append([str(i), *_inputs(case, names), _target(case), *ended, _file(case)])
-    return [*parts, "", f"Best cases by {figure}.", "", *pipes(lines)]
+        lines.append([i, *_inputs(case, names), _target(case), *ended, _file(case)])
+    table = Table(["", *names, "target", figure, "outcome", "file"], lines)
+    return [*blocks, f"Best cases by {figure}.", table.markdown()]
 
 
 def ranked(found: Iterable[Row], figure: str) -> list[Row]:
@@ -283,14 +273,15 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     if not failures:
         return []
     names = _columns(sweep)
-    parts = ["", "## Cases that did not end well", ""]
+    parts = []
     for case, result in failures[:SHOWN_REASONS]:
         inputs = [f"{n} = {v}" for n, v in zip(names, _inputs(case, names), strict=True)]
         words = ", ".join([case.robot, *inputs, _target(case)])
         parts.append(f"- {inline(words)}: {_words(result['outcome'])}, "
                      f"{inline(result['reason'])}")  # fmt: skip
     more = len(failures) - SHOWN_REASONS
-    return [*parts, *([f"- and {more} more: see sweep.csv"] if more > 0 else [])]
+    parts += [f"- and {more} more: see sweep.csv"] if more > 0 else []
+    return ["## Cases that did not end well", "\n".join(parts)]
 
 
 def label(name: str) -> str:

@@ -17,7 +17,7 @@ from softdyn.validation.live.channel import Channel
 from softdyn.validation.live.pacing import Clock
 from softdyn.validation.live.playing import drive, stage
 from softdyn.validation.live.session import Session
-from softdyn.validation.tables import aligned
+from softdyn.validation.tables import Table
 
 PAGES = 2
 WARM = 1.0  # s before a measurement
@@ -152,7 +152,7 @@ def text(report: Mapping[str, Any]) -> str:
     least, largest = report["rows"][1]["ratios"]
     return (
         f"{report['robot']}, {report['law']}; load {report['load']:.1f}\n"
-        f"{aligned(COLUMNS, report['rows'])}\n"
+        f"{Table.of(COLUMNS, report['rows']).text()}\n"
         f"step time with two readers {report['rows'][1]['ratio']:.2f} x "
         f"({least:.2f} to {largest:.2f}), limit {RATIO:g} x"
     )

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from softdyn.validation import tables
+from softdyn.validation.tables import Table, document
 
 ENGINES = ("pin", "proxsuite", "mujoco", "numpy", "numba")
 
@@ -46,7 +45,6 @@ THROUGHPUT = (
     ("MuJoCo", "mujoco_s", ".3f"),
     ("bookkeeping", "bookkeeping_s", ".3f"),
 )
-Columns = Sequence[tables.Column]
 
 
 def machine() -> dict[str, Any]:
@@ -60,26 +58,25 @@ def machine() -> dict[str, Any]:
     }
 
 
-def text(report: dict[str, Any]) -> str:
-    """Aligned tables for a terminal."""
-    parts = [tables.aligned(columns, rows) for _, columns, rows in _tables(report)]
-    return "\n\n".join([*parts, _machine(report)])
-
-
-def markdown(report: dict[str, Any]) -> str:
-    """The tables with headings."""
-    parts = ["# Step times", "", _machine(report)]
-    for title, columns, rows in _tables(report):
-        parts += ["", f"## {title}", "", *tables.pipes(tables.cells(columns, rows))]
-    return "\n".join(parts) + "\n"
-
-
-def _tables(report: dict[str, Any]) -> Iterable[tuple[str, Columns, list[dict[str, Any]]]]:
-    yield "One control step", STEP, report["rows"]
+def step_tables(report: dict[str, Any]) -> dict[str, Table]:
+    """The tables of a report by their headings."""
+    found = {"One control step": Table.of(STEP, report["rows"])}
     for axis, rows in report.get("scaling", {}).items():
-        yield f"Against {axis}", SCALING, rows
+        found[f"Against {axis}"] = Table.of(SCALING, rows)
     if "throughput" in report:
-        yield "Closed loops", THROUGHPUT, report["throughput"]
+        found["Closed loops"] = Table.of(THROUGHPUT, report["throughput"])
+    return found
+
+
+def step_text(report: dict[str, Any]) -> str:
+    """Aligned tables for a terminal."""
+    return "\n\n".join([*(t.text() for t in step_tables(report).values()), _machine(report)])
+
+
+def step_document(report: dict[str, Any]) -> str:
+    """The tables with headings."""
+    parts = [f"## {title}\n\n{t.markdown()}" for title, t in step_tables(report).items()]
+    return document("# Step times", _machine(report), *parts)
 
 
 def _machine(report: dict[str, Any]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.validation.tables import aligned
+from softdyn.validation.tables import Table
 from softdyn.validation.timing import hostile
 
 LIMIT_US = 5000.0
@@ -89,10 +89,10 @@ def survey(
     }  # fmt: skip
 
 
-def table(report: Mapping[str, Any]) -> str:
+def worst_step_text(report: Mapping[str, Any]) -> str:
     """The report for a terminal."""
     return (
-        f"{aligned(COLUMNS, report['rows'])}\n"
+        f"{Table.of(COLUMNS, report['rows']).text()}\n"
         f"slowest step {report['worst_us'] / 1e3:.2f} ms, limit {LIMIT_US / 1e3:g} ms; "
         f"{report['wrong']} answers not finite or out of bounds"
     )

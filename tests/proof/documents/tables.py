@@ -32,8 +32,7 @@ from softdyn.validation.studies.engine.distribution import (
     read,
 )  # fmt: skip
 from softdyn.validation.studies.names import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
-from softdyn.validation.tables import cells as lines_of
-from softdyn.validation.tables import pipes
+from softdyn.validation.tables import Table
 
 MARKED = re.compile(
     r"^<!-- table (?P<name>[\w-]+): written by tests/proof/tables\.py -->\n.*?"
@@ -124,7 +123,8 @@ def _noted(table: str) -> str:
 
 
 def _benchmark() -> str:
-    lines = [["robot", "controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper"]]
+    titles = ["robot", "controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper"]
+    lines = []
     for robot in PAPER_ROBOTS:
         for controller in GRID:
             ours = []
@@ -133,7 +133,7 @@ def _benchmark() -> str:
                 ours.append(mean.text(std))
             row = experiments.published(robot, controller)
             theirs = (
-                ["-", "-"]
+                [None, None]
                 if row is None
                 else [
                     experiments.spread(row.sp_mean_cm, row.sp_std_cm),
@@ -141,17 +141,17 @@ def _benchmark() -> str:
                 ]
             )
             lines.append([robot, _title(controller), ours[0], theirs[0], ours[1], theirs[1]])
-    return _noted("\n".join(pipes(lines)))
+    return _noted(Table(titles, lines).markdown())
 
 
 def _runs(controllers: Iterable[str]) -> str:
     titles = [cell_title(kind, x) for kind, values in VALUES.items() for x in values]
-    lines = [["robot", "controller", *titles]]
+    lines = []
     for robot in PAPER_ROBOTS:
         for controller in controllers:
             found = [cell.text() for kind in SYMBOLS for cell in _grid(robot, controller, kind)]
             lines.append([robot, _title(controller), *found])
-    return "\n".join(pipes(lines))
+    return Table(["robot", "controller", *titles], lines).markdown()
 
 
 def _every_run() -> str:
@@ -164,7 +164,7 @@ def _seeds() -> str:
     runs = [f"{min(n)} to {max(n)}" if min(n) < max(n) else min(n) for n in counts]
     titles = ["cells", "runs of seed 1", "of seed 2", "ranges apart", "p below 5 %", "by chance"]
     apart = [len(found.disjoint), len(found.apart), f"up to {found.allowed}"]
-    return "\n".join(pipes([titles, [len(found.cells), *runs, *apart]]))
+    return Table(titles, [[len(found.cells), *runs, *apart]]).markdown()
 
 
 def _hard() -> str:
@@ -210,13 +210,14 @@ def _hold() -> str:
 
 
 def _one_step() -> str:
-    return one_step.markdown(_rows("one_step"))
+    return Table.of(one_step.COLUMNS, _rows("one_step")).markdown()
 
 
 def _statics() -> str:
     """Where the tip can rest near the set points, as `scripts/statics.py` found it."""
-    lines = [["robot", "θ", "closest (cm)", "stable", "λ", "s (1/s)", "drift (cm)", "u",
-              "closest stable (cm)", "λ", "drift (cm)", "law (cm)"]]  # fmt: skip
+    titles = ["robot", "θ", "closest (cm)", "stable", "λ", "s (1/s)", "drift (cm)", "u",
+              "closest stable (cm)", "λ", "drift (cm)", "law (cm)"]  # fmt: skip
+    lines = []
     for row in _rows("statics"):
         cell = f"{row['robot']}/{LAW}/{cell_title('set_point', row['theta'])}"
         near, stable = row["closest"], row["closest_stable"]  # none where the closest is stable
@@ -225,33 +226,35 @@ def _statics() -> str:
             row["robot"], f"{row['theta']:g}π", number(near["distance_cm"]),
             "yes" if near["stable"] else "no", *(f"{near[key]:.2g}" for key in keys),
             ", ".join(f"{x:.2f}" for x in near["u"]),
-            *(["-"] * 3 if stable is None else
+            *([None] * 3 if stable is None else
               [number(stable["distance_cm"]), *(f"{stable[key]:.2g}" for key in keys[::2])]),
             benchmark.committed()[cell].text(),
         ])  # fmt: skip
-    return _noted("\n".join(pipes(lines)))
+    return _noted(Table(titles, lines).markdown())
 
 
 def _identification() -> str:
     """What twins tell, as `tests/proof/twins.py` found it."""
     shown = [("`softdyn identify …`", "case", ""), *SHOWN]
-    return "\n".join(pipes(lines_of(shown, _rows("identification"))))
+    return Table.of(shown, _rows("identification")).markdown()
 
 
 def _gains() -> str:
     names = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
-    lines = [["robot", "controller", *names]]
+    lines = []
     for robot in PAPER_ROBOTS:
         for controller, used in USED.items():
             gains = PUBLISHED[robot][controller]
-            values = [f"{getattr(gains, name):g}" if name in used else "-" for name in names]
+            values = [getattr(gains, name) if name in used else None for name in names]
             lines.append([robot, _title(controller), *values])
-    return "\n".join(pipes(lines))
+    formats = ["", "", *["g"] * len(names)]
+    return Table(["robot", "controller", *names], lines, formats).markdown()
 
 
 def _published() -> str:
     """Each published cell: the logs it is the mean of, and the same runs by the emulation."""
-    lines = [["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]]
+    titles = ["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]
+    lines = []
     for cell in _rows("published"):
         made_by = cell["experiment"]  # one for all, or each column's own
         each = [made_by] * len(cell["columns"]) if isinstance(made_by, str) else made_by
@@ -273,19 +276,19 @@ def _published() -> str:
             ", ".join(f"`{name}`" for name in dict.fromkeys(each)),
             verdict(cell["published"], cell["logs"], emulated),
         ])  # fmt: skip
-    return _noted("\n".join(pipes(lines)))
+    return _noted(Table(titles, lines).markdown())
 
 
 def _engines() -> str:
     """The helix' trajectories by the engine that ran them: the reference itself, and we."""
-    lines = [["controller", "ω", "its log", *ENGINES]]
+    lines = []
     for row in _rows("engines"):
         lines.append([
             _title(row["controller"]), f"{row['omega']:g}π", f"{row['log']:.2f}",
-            *("-" if row[name] is None else " to ".join(f"{x:.2f}" for x in row[name])
+            *(None if row[name] is None else " to ".join(f"{x:.2f}" for x in row[name])
               for name in ENGINES),
         ])  # fmt: skip
-    return "\n".join(pipes(lines))
+    return Table(["controller", "ω", "its log", *ENGINES], lines).markdown()
 
 
 def verdict(

@@ -17,7 +17,7 @@ import softdyn
 from softdyn import InputError, design, statics
 from softdyn.validation.rods.arms import model_of, refined
 from softdyn.validation.rods.ladder import Ladder
-from softdyn.validation.tables import pipes
+from softdyn.validation.tables import Table
 
 RUBBER = design.Material(0.25e6, 0.49, 1070.0)
 ARM = design.Arm(
@@ -135,20 +135,22 @@ def compare(counts: Sequence[int], arm: design.Arm = ARM, seed: int = 0) -> dict
     }
 
 
-def markdown(found: dict[str, Any]) -> str:
+def peer_table(found: dict[str, Any]) -> str:
     """The comparison as a table and a line of times."""
     ladders: list[Ladder] = found["ladders"]
-    lines = [["against the peer", *(f"n = {n}" for n in ladders[0].counts), "order"]]
-    for ladder in ladders:
-        order = "-" if ladder.order is None else f"{ladder.order:.1f}"
-        lines.append([ladder.name, *(f"{error:.1e}" for error in ladder.errors), order])
+    counts = ladders[0].counts
+    table = Table(
+        ["against the peer", *(f"n = {n}" for n in counts), "order"],
+        [[one.name, *one.errors, one.order] for one in ladders],
+        ["", *[".1e"] * len(counts), ".1f"],
+    )
     times = (
         f"One evaluation: peer {found['peer_us']:.0f} µs at {found['peer_coordinates']}"
         f" coordinates, after {found['compiling_s']:.0f} s of compiling;"
         f" `state` {found['state_us']:.0f} µs at {found['joints']} joints,"
         f" reduced {found['reduced_us']:.0f} µs."
     )
-    return "\n".join(pipes(lines)) + "\n\n" + times
+    return f"{table.markdown()}\n\n{times}"
 
 
 def _sag(terms: Callable[..., Any], size: int) -> np.ndarray:

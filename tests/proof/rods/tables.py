@@ -13,7 +13,7 @@ from softdyn import design, statics
 from softdyn.design.quadrature import RULES, Rule
 from softdyn.validation.rods.arms import frequencies, model_of, tip, tip_under
 from softdyn.validation.rods.ladder import Ladder
-from softdyn.validation.tables import pipes
+from softdyn.validation.tables import Table
 from tests.proof.rods import closed_forms
 from tests.proof.rods.closed_forms import Rod
 
@@ -113,22 +113,22 @@ def fastest(counts: Sequence[int], rule: Rule) -> list[float]:
     return [float(layout.rates[-1] / layout.rates[0]) for layout in layouts]
 
 
-def markdown(found: Mapping[str, list[Ladder]]) -> str:
+def rod_tables(found: Mapping[str, list[Ladder]]) -> str:
     """The tables of docs/design.md, from what `run` returns."""
     counts = next(iter(found.values()))[0].counts
+    numbers = [f"n = {n}" for n in counts]
+    forms = [".1e"] * len(counts)
     parts = []
     for rule, ladders in found.items():
-        lines = [[f"joints by {rule}", *(f"n = {n}" for n in counts), "order"]]
-        for ladder in ladders:
-            order = ladder.order
-            cells = [f"{error:.1e}" for error in ladder.errors]
-            lines.append([ladder.name, *cells, "exact" if order is None else f"{order:.1f}"])
-        speeds = fastest(counts, RULES[rule])
-        lines.append(["fastest mode over the first", *(f"{x:.0f}" for x in speeds), ""])
-        parts.append("\n".join(pipes(lines)))
-    lines = [["straight cables between n discs", *(f"n = {n}" for n in counts)]]
-    lines.append(["bend at 60° of a channel's", *(f"{x:+.1%}" for x in disc_excess(counts))])
-    parts.append("\n".join(pipes(lines)))
+        rows = [
+            [one.name, *one.errors, "exact" if one.order is None else one.order] for one in ladders
+        ]
+        speeds = (f"{x:.0f}" for x in fastest(counts, RULES[rule]))
+        rows.append(["fastest mode over the first", *speeds, ""])
+        table = Table([f"joints by {rule}", *numbers, "order"], rows, ["", *forms, ".1f"])
+        parts.append(table.markdown())
+    excess = ["bend at 60° of a channel's", *(f"{x:+.1%}" for x in disc_excess(counts))]
+    parts.append(Table(["straight cables between n discs", *numbers], [excess]).markdown())
     share = 1 - closed_forms.tip_compliance(THICK) / closed_forms.timoshenko_compliance(THICK)
     parts.append(f"Without `shear`, the rod of r/L 0.1 is {share:.1%} too stiff.")
     return "\n\n".join(parts)

@@ -18,7 +18,7 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError
-from softdyn.validation.tables import aligned
+from softdyn.validation.tables import Table
 from tests.proof.timing import checkout
 
 HERE = Path(softdyn.__file__).resolve().parents[1]
@@ -120,6 +120,6 @@ def ratio(base: np.ndarray, new: np.ndarray, limit: float, draws: int = 10_000) 
     }  # fmt: skip
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The rows for a terminal."""
-    return aligned(COLUMNS, [row | {"verdict": VERDICTS[row["passed"]]} for row in rows])
+def comparison_table(rows: Sequence[dict[str, Any]]) -> Table:
+    """The rows with their verdicts in words."""
+    return Table.of(COLUMNS, [row | {"verdict": VERDICTS[row["passed"]]} for row in rows])

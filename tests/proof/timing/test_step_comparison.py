@@ -54,7 +54,7 @@ def test_processes_alternate_and_the_first_pair_only_warms(tmp_path, monkeypatch
         ("old", 0.5), ("old", 1.0), ("soft-id-clf-qp", 1.1),
     ]  # fmt: skip
     assert all(row["passed"] for row in rows)
-    assert len(comparison.table(rows).splitlines()) == 4
+    assert len(comparison.comparison_table(rows).lines) == 4
 
 
 def test_the_interval_is_of_the_ratio_of_pairs():

@@ -53,7 +53,7 @@ def test_rows_pass_or_say_why_not():
     assert '<link name="RShoulderYawLink">' in rows["romeo_small", FIXED].reason
     assert len(rows["romeo_small", REPAIRED].repairs) == 2
     assert json.loads(to_json(vars(rows["ur3", FIXED])))["max_error"] is None
-    page = catalogue.BatchReport(tuple(rows.values())).markdown("COMMAND")
+    page = catalogue.BatchReport(tuple(rows.values())).document("COMMAND")
     assert "Written by `COMMAND`" in page
     assert "1 of 4 pass, 0 fail, 3 are not supported" in page
     assert "&lt;link name" in page
@@ -71,7 +71,7 @@ def test_a_disagreement_is_a_failed_row():
     assert not survey.passed
     assert "FAILED, qdd: too far" in str(survey)
     assert "unsupported: no joint" in str(survey)
-    assert "good" not in survey.text(rows[1:])
+    assert "good" not in survey.text_of(rows[1:])
 
 
 def test_rows_come_in_the_order_of_their_jobs(monkeypatch):

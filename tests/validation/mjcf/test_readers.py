@@ -48,7 +48,7 @@ def test_a_folder_of_files(tmp_path):
         "scene.xml": "a top-level <include> is passed over"
     }
     assert len(found.refused) == 1
-    assert "2 MJCFs that MuJoCo reads: 1 exact" in found.markdown()[0]
+    assert "2 MJCFs that MuJoCo reads: 1 exact" in found.summary
 
 
 def test_pinocchio_opens_no_file_outside_the_folder(tmp_path):

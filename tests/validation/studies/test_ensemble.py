@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation.studies import benchmark, benchmark_table
+from softdyn.validation.studies import benchmark
+from softdyn.validation.studies.benchmark_table import benchmark_document
 from softdyn.validation.studies.engine import distribution, ensemble
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Agreement, Distribution
@@ -145,7 +146,7 @@ def test_the_table_is_marked() -> None:
         "set_points_cm": {"0.5": 0.5}, "trajectories_cm2": {"0.5": None}, "fallbacks": 0,
         "max_bound_violation": 0.0, **found,
     }  # fmt: skip
-    text = benchmark_table.markdown([row])
+    text = benchmark_document([row])
     assert "| 0.50 ± 0.00 | - | ~4.00 ± 0.00 [3.00, 5.00] | - |" in text
     assert "| 0.50 | ~4.00 [3.00, 5.00] | 0 |" in text
     assert "- finger, IC: θ = 0.5π, ω = 0.5π" in text

@@ -6,9 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from softdyn.validation.tables import columns
+from softdyn.validation.tables import Table
 
 QUANTITIES = ("M", "bias", "g", "J")
+CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
+CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
 EXPLAINED = 1e-9  # what may be left once every cause is repaired
 
 
@@ -186,26 +188,22 @@ class Comparison:
             causes = [cause for cause in self.causes if cause.one_sided == one_sided]
             rows = _grouped(causes) if one_sided else [_row(cause) for cause in causes]
             if rows:
-                titles = ["M", "g", "tip", "kind", "where", "A", "B", ""]
-                parts.append(f"{title}\n{columns([titles, *rows], (0, 1, 2))}")
+                parts.append(f"{title}\n{Table(CAUSE_TITLES, rows, CAUSE_FORMATS).text()}")
         if self.waterfall:
-            rows = [["error left in", *QUANTITIES]]
-            rows += [
-                [step.repaired, *(f"{step.left[name]:.1e}" for name in QUANTITIES)]
-                for step in self.waterfall
-            ]
-            parts.append(columns(rows, range(1, 5)))
+            left = [("error left in", "", ""), *((name, name, ".1e") for name in QUANTITIES)]
+            steps = ({"": step.repaired, **step.left} for step in self.waterfall)
+            parts.append(Table.of(left, steps).text())
         parts += [f"note: {note}" for note in self.notes]
         parts.append(self.verdict)
         return "\n\n".join(parts)
 
 
-def _row(cause: Cause) -> list[str]:
-    figures = [_figure(cause.effect.get(name, 0.0)) for name in ("M", "g", "tip")]
+def _row(cause: Cause) -> list[Any]:
+    figures = [cause.effect.get(name) or None for name in ("M", "g", "tip")]
     return [*figures, cause.kind, cause.where, _value(cause.a), _value(cause.b), cause.detail]
 
 
-def _grouped(causes: list[Cause]) -> list[list[str]]:
+def _grouped(causes: list[Cause]) -> list[list[Any]]:
     """One row for all that one file states alike, the largest effect of them."""
     groups: dict[tuple[str, ...], list[Cause]] = {}
     for cause in causes:
@@ -220,10 +218,6 @@ def _grouped(causes: list[Cause]) -> list[list[str]]:
             row[4] = f"{len(group)}: {group[0].where} …"
         rows.append(row)
     return rows
-
-
-def _figure(value: float) -> str:
-    return f"{value:.1e}" if value else "-"
 
 
 def _value(value: Any) -> str:

@@ -19,7 +19,7 @@ from scipy.stats import binom, mannwhitneyu
 
 from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
-from softdyn.validation.tables import pipes
+from softdyn.validation.tables import Table
 
 LEVEL = 0.05  # of a test of two seeds
 MARK = "~"  # before a figure that stands for a distribution
@@ -175,13 +175,13 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
         *row, column = label.split("/")
         rows.setdefault(tuple(row), {})[column] = cell
     columns = list(dict.fromkeys(column for found in rows.values() for column in found))
-    lines = [[*titles, *columns, *([mean] if mean else [])]]
+    lines = []
     for row_, found in rows.items():
-        lines.append([*row_, *(found[c].text() if c in found else "-" for c in columns)])
+        lines.append([*row_, *(found[c].text() if c in found else None for c in columns)])
         if mean:
             average, std = over(list(found.values()))
             lines[-1].append(average.text(std))
-    return "\n".join(pipes(lines))
+    return Table([*titles, *columns, *([mean] if mean else [])], lines).markdown()
 
 
 def read(path: Path) -> dict[str, Distribution]:

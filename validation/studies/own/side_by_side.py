@@ -11,7 +11,7 @@ import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.benchmark import row
-from softdyn.validation.studies.benchmark_table import markdown, text
+from softdyn.validation.studies.benchmark_table import benchmark_document, benchmark_table
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
 from softdyn.validation.studies.study_targets import study_targets
@@ -36,10 +36,10 @@ class Benchmark:
         return {"rows": list(self.rows)}
 
     def __str__(self) -> str:
-        return text(list(self.rows))
+        return benchmark_table(self.rows).text()
 
     def _repr_markdown_(self) -> str:
-        return markdown(list(self.rows))
+        return benchmark_document(self.rows)
 
 
 @dataclass(frozen=True)

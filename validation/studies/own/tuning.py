@@ -24,7 +24,7 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
 from softdyn.validation.studies.own.budget import Budget, Generations, Tell, seconds
 from softdyn.validation.studies.own.tasks import Tasks
-from softdyn.validation.tables import aligned
+from softdyn.validation.tables import Table
 
 RMS, FINAL = 0.1, 0.01  # of the length: a mean and a final error that cost 1
 DRAWN = 24  # candidates of the first search
@@ -271,7 +271,7 @@ def text(tasks: Tasks, found: Mapping[str, Any]) -> str:
         f"{tasks.model.name}: {points} targets and {paths} paths, found by its statics",
         f"{found['candidates']} candidates in {found['seconds']:.0f} s; least costs: {costs}",
         f"on {tested} that no step of the search saw:",
-        aligned(COLUMNS, found["rows"]),
+        Table.of(COLUMNS, found["rows"]).text(),
         verdict,
     ))  # fmt: skip
 
