@@ -57,8 +57,8 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.list:
         known = {name: change.what for name, change in reproduction.CHANGES.items()}
         known |= reproduction.ALIASES
-        table = Table((), list(known.items()))
-        cli.write_report({"experiments": known}, arguments.json, table.text())
+        listed = Table((), list(known.items())).text()
+        cli.write_report({"experiments": known}, arguments.json, listed)
         return cli.PASSED
     if arguments.records is not None:
         return one_step_table(arguments)
