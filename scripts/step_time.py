@@ -80,11 +80,11 @@ def hostile_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[
     """Time the slowest step of each controller, print the table."""
     from tqdm import tqdm
 
-    from softdyn.validation.timing.worst_step import survey, table
+    from softdyn.validation.timing.worst_step import survey, worst_step_text
 
     with tqdm(total=len(models) * len(makes), disable=None, leave=False) as bar:
         report = survey(models, makes, arguments.rounds or HOSTILE_ROUNDS, bar.update)
-    cli.write_report(report, arguments.json, table(report))
+    cli.write_report(report, arguments.json, worst_step_text(report))
     return cli.PASSED if report["passed"] else cli.FAILED
 
 
