@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.description.visuals import Visual
     from softdyn.validation import Log
-    from softdyn.validation.live.watching import Shown
+    from softdyn.validation.live.watching import ViewerCost
     from softdyn.validation.loop.closed_loop import ClosedLoop
     from softdyn.validation.mjcf.scene import Scene
 
@@ -127,7 +127,7 @@ def command(arguments: cli.Arguments) -> int:
             name=arguments.controller,
         )
         if arguments.view:
-            log, shown = watch(loop, arguments)
+            log, shown = watch(loop, plant, arguments)
         else:
             log = loop.run(progress=True)
     if arguments.log is not None:
@@ -173,27 +173,31 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
     )
 
 
-def watch(loop: ClosedLoop, arguments: cli.Arguments) -> tuple[Log, Shown]:
+def watch(
+    loop: ClosedLoop, plant: Scene | None, arguments: cli.Arguments
+) -> tuple[Log, ViewerCost]:
     """Run the loop while the browser shows it."""
     from softdyn.validation.live import watching
     from softdyn.validation.report.replay import replay
 
-    with watching.watched(loop, arguments.port) as channel:
+    shapes = around(plant)
+    with watching.open_watch_page(loop, arguments.port, shapes) as channel:
         print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
             channel.open()
         channel.wait(watching.WAIT)
         log, shown = watching.watch(loop, channel, arguments.speed)
-        channel.leave(replay(log, loop.model, around(loop.plant)).html())
+        channel.leave(replay(log, loop.model, shapes).html())
     return log, shown
 
 
-def around(plant: Any) -> Sequence[Visual]:
-    """What a user's scene shows around the robot."""
-    from softdyn.validation.mjcf.scene import Scene
+def around(plant: Scene | None) -> Sequence[Visual]:
+    """The shapes around the robot in a user's scene."""
+    if plant is None:
+        return ()
     from softdyn.validation.mjcf.scenery import scenery
 
-    return scenery(plant) if isinstance(plant, Scene) else ()
+    return scenery(plant)
 
 
 def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:

@@ -27,3 +27,9 @@ def test_the_package_needs_no_judge_no_plots_and_no_server(statement):
 def test_a_model_needs_neither_scipy_spatial_nor_the_judge():
     modules = loaded("import softdyn\nmodel = softdyn.load('finger')\nmodel.state(model.q0, [0]*4)")
     assert modules.isdisjoint((*HEAVY, "scipy.spatial"))
+
+
+def test_a_closed_loop_needs_no_mjcf_reader_and_no_figures():
+    modules = loaded("import softdyn.validation.loop.closed_loop")
+    rooms = {name.split(".")[2] for name in modules if name.startswith("softdyn.validation.")}
+    assert rooms.isdisjoint({"mjcf", "report", "studies", "live"})

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
 
+from softdyn.description.visuals import Visual
 from softdyn.validation.live.channel import Channel
 from softdyn.validation.live.frames import Columns
 from softdyn.validation.live.pacing import RATE, Clock
 from softdyn.validation.live.page import live_page
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
-from softdyn.validation.mjcf.scene import Scene
-from softdyn.validation.mjcf.scenery import scenery
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.names import controller_title
 from softdyn.view.scene import Figure
@@ -24,8 +24,8 @@ WAIT = 10.0  # s that a loop waits for a page before it starts
 
 
 @dataclass(frozen=True)
-class Shown:
-    """What showing a loop cost, and how its clock was kept.
+class ViewerCost:
+    """The cost of showing a loop, and how well its clock was kept.
 
     Attributes
     ----------
@@ -53,7 +53,9 @@ class Shown:
         )
 
 
-def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
+def open_watch_page(
+    loop: ClosedLoop, port: int | None = None, scenery: Sequence[Visual] = ()
+) -> Channel:
     """The pages of a loop that is about to run; they say nothing.
 
     Parameters
@@ -62,14 +64,16 @@ def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
         Not yet begun.
     port : int, optional
         By default a free one from 7000 on.
+    scenery : Sequence of Visual
+        The shapes around the robot, in the world.
     """
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
-    figure, robot = Figure.of(model), model.bundled or model.name
+    robot = model.bundled or model.name
+    figure = replace(Figure.of(model), scenery=tuple(scenery))
     title = f"{robot}, {controller_title(loop.name)}"
-    if isinstance(loop.plant, Scene):
-        figure = replace(figure, scenery=scenery(loop.plant))
-        title += f", in {loop.plant.path.name}"
+    if loop.plant_file is not None:
+        title += f", in {loop.plant_file}"
     page = live_page(
         figure, "watch", title=title, period=loop.grid.period,
         path=experiments.ellipse_points(model) if on_ellipse else None,
@@ -77,7 +81,7 @@ def watched(loop: ClosedLoop, port: int | None = None) -> Channel:
     return Channel(page, figure, replayed=Columns(model).replayed, title=robot, port=port)
 
 
-def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, Shown]:
+def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, ViewerCost]:
     """Run a loop while pages show it.
 
     Parameters
@@ -85,13 +89,13 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     loop : ClosedLoop
         Not yet begun.
     channel : Channel
-        Its `watched`.
+        Its `open_watch_page`.
     speed : float
         Simulated seconds per second of the clock.
 
     Returns
     -------
-    tuple[Log, Shown]
+    tuple[Log, ViewerCost]
         The run, and what showing it cost.
     """
     model, columns, shown = loop.model, Columns(loop.model), 0
@@ -100,18 +104,18 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     while True:
         clock.wait()
         began = perf_counter_ns()
-        moment = loop.control()
+        step = loop.control()
         spent = (perf_counter_ns() - began) / 1e3
-        if moment is None:
+        if step is None:
             break
         if clock.frame(RATE):
-            state, answer = moment.state, moment.answer
-            u: Any = getattr(answer, "u", answer)
+            state, output = step.state, step.output
+            u: Any = getattr(output, "u", output)
             channel.frame(
                 columns.frame(
-                    t=moment.t, q=model.coordinates(state.q), y=state.y,
-                    u=np.clip(u, model.u_min, model.u_max), y_ref=loop.reference(moment.t).y,
-                    V=getattr(answer, "V", float("nan")), misses=clock.misses, pace=clock.pace,
+                    t=step.t, q=model.coordinates(state.q), y=state.y,
+                    u=np.clip(u, model.u_min, model.u_max), y_ref=loop.reference(step.t).y,
+                    V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
                     step_us=clock.worst_step, wake_us=clock.worst_wake,
                 )
             )  # fmt: skip
@@ -121,4 +125,4 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
         clock.done(spent)
     kept = clock.kept()
     channel.state({"notice": loop.reason or "done", "paused": True})
-    return loop.log(), Shown(shown, channel.dropped, kept.pace, kept.misses, kept.wake_us)
+    return loop.log(), ViewerCost(shown, channel.dropped, kept.pace, kept.misses, kept.wake_us)

@@ -1,4 +1,4 @@
-"""What a closed loop is given, checked: its reference, its plant, the controller's name."""
+"""Checks of a closed loop's arguments: its reference, plant, controller and initial pose."""
 
 from __future__ import annotations
 
@@ -14,27 +14,30 @@ from softdyn import InputError, Reference, SoftModel
 from softdyn.checks import in_degrees
 from softdyn.statics.suspicious_values import fast_springs
 from softdyn.validation.loop.experiment import Experiment
-from softdyn.validation.mjcf.scene import Scene
+from softdyn.validation.twin.state_map import MappedPlant
 
 ReferenceLike = Experiment | Callable[[float], Reference]
 
 
-def scene_of(model: SoftModel, plant: str | Path | Scene, settings: bool) -> Scene:
-    """The plant from the user's file; one that differs from the model's is warned of."""
+def mapped_plant(model: SoftModel, plant: str | Path | MappedPlant, settings: bool) -> MappedPlant:
+    """The user's own plant, made from an MJCF file if it is a path.
+
+    A file that differs from the model's is warned of.
+    """
     if settings:
         raise InputError("contacts, friction", "none beside a plant whose file says so", "True")
-    if isinstance(plant, Scene):
-        if plant.robot.digest != model.robot.digest:
-            raise InputError(
-                "plant", f"a scene for {model.name!r}", f"one for {plant.robot.name!r}"
-            )
-        return plant
-    if not isinstance(plant, str | Path):
+    if isinstance(plant, str | Path):
+        from softdyn.validation.mjcf.scene import Scene  # most loops need no MJCF reader
+
+        scene = Scene(model, plant)
+        if not scene.comparison.passed:
+            warnings.warn(f"{scene.path}: {scene.comparison.verdict}", stacklevel=3)
+        return scene
+    if not isinstance(plant, MappedPlant):
         raise InputError("plant", "an MJCF file, or a Scene", repr(plant))
-    scene = Scene(model, plant)
-    if not scene.comparison.passed:
-        warnings.warn(f"{scene.path}: {scene.comparison.verdict}", stacklevel=3)
-    return scene
+    if plant.robot.digest != model.robot.digest:
+        raise InputError("plant", f"a scene for {model.name!r}", f"one for {plant.robot.name!r}")
+    return plant
 
 
 def check_robot(model: SoftModel, experiment: Experiment) -> None:

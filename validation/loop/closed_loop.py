@@ -27,41 +27,40 @@ from softdyn.validation.loop.arguments import (
     check_pose,
     check_robot,
     checked,
+    mapped_plant,
     name_of,
-    scene_of,
     warn_of_fast_springs,
 )
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.record import Answer, Counts, Record
+from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
-from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.plain import plain
-from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
-Controller = Callable[[State, Any], Answer]
-OnStep = Callable[[float, State, Answer], None]
+Controller = Callable[[State, Any], ControllerOutput]
+OnStep = Callable[[float, State, ControllerOutput], None]
 
 
 @dataclass(frozen=True)
-class Moment:
-    """What happened at the begin of a control period.
+class ControlStep:
+    """A control step, at the begin of a control period.
 
     Attributes
     ----------
     t : float
         Time (s).
     state : State
-        What the controller saw.
-    answer : Answer
-        What it gave back.
+        The state that the controller saw.
+    output : ControllerOutput
+        The controller's answer to it.
     """
 
     t: float
     state: State
-    answer: Answer
+    output: ControllerOutput
 
 
 class ClosedLoop:
@@ -82,7 +81,7 @@ class ClosedLoop:
     ----------
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
-    controller : Callable[[State, Reference], Answer]
+    controller : Callable[[State, Reference], ControllerOutput]
         Gives an array u (nu,), or an object with `u` and optionally V, delta, status. Integer
         attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on its
         `guard`) and `gains` (or `parameters`) are recorded where they exist. A method `reset` is
@@ -103,16 +102,21 @@ class ClosedLoop:
         Whether the plant has the file's dry friction.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
-    plant : str, Path or Scene, optional
-        An MJCF of the user's own in place of the twin, with its own contacts, friction and, where
-        it divides the period, step. A file that differs from the model's is warned of.
+    plant : str, Path or MappedPlant, optional
+        An MJCF of the user's own in place of the twin, or the `Scene` of one, with its own
+        contacts, friction and, where it divides the period, step. A file that differs from the
+        model's is warned of.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
 
     Attributes
     ----------
-    model, controller, plant, name
-        As above; `plant` is what `twin` made.
+    model, controller, name
+        As above.
+    plant : Plant
+        The twin, or the user's own plant.
+    plant_file : str or None
+        Name of the user's file that is the plant, None where it is the twin.
     experiment : Experiment or None
         The reference, if it is one.
     reference : Callable[[float], Reference]
@@ -146,7 +150,7 @@ class ClosedLoop:
         contacts: bool = False,
         friction: bool = False,
         twin: Callable[..., Twin] = Twin,
-        plant: str | Path | Scene | None = None,
+        plant: str | Path | MappedPlant | None = None,
         name: str | None = None,
     ) -> None:
         self.model, self.controller = check_model(model), controller
@@ -159,12 +163,12 @@ class ClosedLoop:
             self._length = reference.length
             reference = reference.reference
         self.reference = checked(reference)
-        scene = None if plant is None else scene_of(model, plant, contacts or friction)
+        own = None if plant is None else mapped_plant(model, plant, contacts or friction)
         self.grid = TimeGrid.plan(
             planned if duration is None else duration,
             usual if period is None else period,
             timestep,
-            MAX_TIMESTEP if scene is None else scene.timestep,
+            MAX_TIMESTEP if own is None else own.timestep,
         )
         if self.grid.period > self.grid.duration and period is not None:
             expected = f"at most the run's {self.grid.duration:g} s"
@@ -176,30 +180,33 @@ class ClosedLoop:
         v = np.zeros(model.nv) if v0 is None else array("v0", v0, (model.nv,))
         check_pose(model, q)
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
-        if scene is not None:
-            scene.timestep, contacts = self.grid.timestep, scene.contacts
-        self.plant = scene or twin(
-            model.robot, timestep=self.grid.timestep, contacts=contacts, friction=friction
-        )
-        self._states = scene.states if scene else StateMap(model, self.plant)
+        self.plant: Plant
+        if own is None:
+            self.plant = twin(
+                model.robot, timestep=self.grid.timestep, contacts=contacts, friction=friction
+            )
+            self._states, self.plant_file = StateMap(model, self.plant), None
+        else:
+            own.timestep, contacts = self.grid.timestep, own.contacts
+            self.plant, self._states, self.plant_file = own, own.states, own.path.name
         try:
             self.plant.set_state(*self._states.to_twin(q, v))
         except SimulationError as error:
             raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
         self.name, self._contacts = name or name_of(controller), contacts
-        self._record = Record(model, self.grid.times())
+        self._record = Recorder(model, self.grid.times())
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
 
-    def control(self) -> Moment | None:
+    def control(self) -> ControlStep | None:
         """Read the plant, and ask the controller for the input of the next period.
 
         Returns
         -------
-        Moment or None
+        ControlStep or None
             None where the run is over, and why is in `reason`.
         """
         if self.done:
@@ -224,13 +231,13 @@ class ClosedLoop:
             self._end(verdict.not_converged(initial, final), complete=True)
             return None
         began = perf_counter_ns()
-        answer = controller(state, target)
+        output = controller(state, target)
         spent += perf_counter_ns() - began
-        fault = record.answer(k, answer, spent)
+        fault = record.output(k, output, spent)
         if fault is not None:
             self._end(verdict.no_input(t, fault))
             return None
-        return Moment(t, state, answer)
+        return ControlStep(t, state, output)
 
     def advance(self) -> None:
         """Integrate the plant over a control period under the input of the last `control`."""
@@ -243,12 +250,12 @@ class ClosedLoop:
                 self._read_plant()
             self._end(verdict.plant_stopped(error.time, error.reason))
 
-    def step(self) -> Moment | None:
+    def step(self) -> ControlStep | None:
         """One control period, `control` and `advance`; None where the run is over."""
-        moment = self.control()
-        if moment is not None:
+        step = self.control()
+        if step is not None:
             self.advance()
-        return moment
+        return step
 
     def run(self, *, progress: bool = False, on_step: OnStep | None = None) -> Log:
         """All control periods that are left.
@@ -257,7 +264,7 @@ class ClosedLoop:
         ----------
         progress : bool
             Show a bar on stderr if that is a terminal.
-        on_step : Callable[[float, State, Answer], None], optional
+        on_step : Callable[[float, State, ControllerOutput], None], optional
             Called with t (s), the State and the answer at every control step.
 
         Returns
@@ -267,9 +274,9 @@ class ClosedLoop:
         """
         off = None if progress else True
         with tqdm(total=self.grid.steps, disable=off, leave=False, unit="step") as bar:
-            while (moment := self.control()) is not None:
+            while (step := self.control()) is not None:
                 if on_step is not None:
-                    on_step(moment.t, moment.state, moment.answer)
+                    on_step(step.t, step.state, step.output)
                 self.advance()
                 bar.update()
         return self.log()
@@ -303,7 +310,7 @@ class ClosedLoop:
             gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
             versions=dict(_versions()),
             source=LoggedRobot.of(model),
-            plant=self.plant.path.name if isinstance(self.plant, Scene) else None,
+            plant=self.plant_file,
         )
 
     def _end(self, reason: str | None, complete: bool = False) -> None:
@@ -329,7 +336,7 @@ def simulate(
     contacts: bool = False,
     friction: bool = False,
     twin: Callable[..., Twin] = Twin,
-    plant: str | Path | Scene | None = None,
+    plant: str | Path | MappedPlant | None = None,
     name: str | None = None,
     progress: bool = False,
     on_step: OnStep | None = None,
@@ -340,7 +347,7 @@ def simulate(
     ----------
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
-    controller : Callable[[State, Reference], Answer]
+    controller : Callable[[State, Reference], ControllerOutput]
         Gives an object with `u` (nu,); see `ClosedLoop` for what else it may have.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`.
@@ -352,13 +359,13 @@ def simulate(
         Whether the plant's links can touch, and whether it has the file's dry friction.
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
-    plant : str, Path or Scene, optional
-        An MJCF of the user's own in place of the twin.
+    plant : str, Path or MappedPlant, optional
+        An MJCF of the user's own in place of the twin, or the `Scene` of one.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
     progress : bool
         Show a bar on stderr if that is a terminal.
-    on_step : Callable[[float, State, Answer], None], optional
+    on_step : Callable[[float, State, ControllerOutput], None], optional
         Called with t (s), the State and the answer at every control step.
 
     Returns

@@ -1,4 +1,4 @@
-"""What a closed loop is asked to do."""
+"""The task of a closed loop."""
 
 from __future__ import annotations
 

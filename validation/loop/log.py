@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percen
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """What happened in a closed loop, and what it was.
+    """The record of a closed loop: its samples, its settings and its robot.
 
     With N control steps done there are N + 1 samples of the plant: one at the start of every
     hold, ``t[k] = k · period``, and one at the end of the last, which is the run's final state.
@@ -79,7 +78,7 @@ class Log:
     source : LoggedRobot
         The robot itself, as its file was when it ran.
     Vdot, delta_true : np.ndarray, (N,), or None
-        Of a law that is `Certified`: what V does under the model's own acceleration.
+        Of a controller that is `Certified`: the rate of V under the model's own acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
     """
@@ -154,8 +153,10 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        # figures and pages stand on logs: found by name when they are asked for
-        return import_module("softdyn.validation.report.time_figures").plot(self, path)
+        # figures stand on logs; nothing else that a loop needs imports them
+        from softdyn.validation.report.time_figures import plot
+
+        return plot(self, path)
 
     def show(self, model: SoftModel | None = None) -> Any:
         """The run as a page that plays it: below a notebook's cell, or a file with its ``save``.
@@ -170,8 +171,9 @@ class Log:
         InputError
             A model of another robot.
         """
-        own = self.source.model() if model is None else model
-        return import_module("softdyn.validation.report.replay").replay(self, own)
+        from softdyn.validation.report.replay import replay
+
+        return replay(self, self.source.model() if model is None else model)
 
     @property
     def steps(self) -> int:
@@ -205,7 +207,7 @@ class Log:
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
     def verdict(self, tolerance: float | None = None) -> Verdict:
-        """Whether the run reached its reference, how soon, how quietly, and in time.
+        """The run judged: did it reach its reference, how soon, how quietly, and in time.
 
         Parameters
         ----------
@@ -356,7 +358,7 @@ class Log:
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
         if isinstance(about, dict) and about.get("format") == FORMAT:
-            about.setdefault("plant", None)  # logs of before had no word for it
+            about.setdefault("plant", None)  # older logs lack this key
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
         about["joint_names"] = tuple(about["joint_names"])

@@ -1,4 +1,4 @@
-"""What a file of a log must be: names, shapes, and numbers that a run can have."""
+"""Checks of a log's file: its names, shapes, and numbers that a run can have."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHAPES = {
     "u_min": ("nu",),
     "u_max": ("nu",),
 }
-# of a law that is `Certified`
+# of a controller that is `Certified`
 EXTRA = {"Vdot": ("steps",), "delta_true": ("steps",)}
 
 

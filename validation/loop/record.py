@@ -1,4 +1,4 @@
-"""What a closed loop writes down while it runs: its log's arrays and its controller's counts."""
+"""A log's arrays while the closed loop fills them, and the controller's own counts."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: whole numbers that a float can tell apart
 
 
-class Answer(Protocol):
-    """What a closed loop needs of a controller's answer; V, delta and status are optional."""
+class ControllerOutput(Protocol):
+    """A controller's answer to a state; V, delta and status are optional."""
 
     @property
     def u(self) -> Any:
@@ -25,8 +25,8 @@ class Answer(Protocol):
         ...
 
 
-class Record:
-    """A log's arrays, allocated once for the planned run.
+class Recorder:
+    """Fills a log's arrays, allocated once for the planned run.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Record:
         self.y[k], self.y_ref[k] = y, y_ref
         return math.hypot(*error.tolist())  # no overflow
 
-    def answer(self, k: int, answer: Answer, nanoseconds: int) -> str | None:
+    def output(self, k: int, answer: ControllerOutput, nanoseconds: int) -> str | None:
         """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
         try:
             u = getattr(answer, "u", answer)  # an array is an answer too
@@ -104,7 +104,7 @@ class Record:
 
 
 class Counts:
-    """What a controller, or the `guard` it has, counts itself since this was made.
+    """A controller's counts, or its `guard`'s, since this was made.
 
     Raises
     ------

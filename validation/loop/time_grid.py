@@ -1,4 +1,4 @@
-"""How a run is divided into control periods, and those into plant steps."""
+"""The division of a run into control periods, and of those into plant steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a run ends early, when it counts as failed, and whether it reached what it was to reach."""
+"""Early ends of a run, failures, and whether the run reached its reference."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ AT_BOUND = 1e-9  # of an input's range
 
 
 def not_finite(t: float) -> str:
-    """Why a run ends whose plant has a state at `t` (s) that is not finite."""
+    """The reason of a run that ends since its plant's state is not finite at `t` (s)."""
     return f"the plant diverged at t = {t:.4g} s: a state that is not finite"
 
 
 def plant_stopped(t: float, warning: str) -> str:
-    """Why a run ends whose plant could not go on at `t` (s)."""
+    """The reason of a run that ends since MuJoCo stopped with a `warning` at `t` (s)."""
     return f"the plant diverged at t = {t:.4g} s: {warning}"
 
 
 def no_input(t: float, fault: str) -> str:
-    """Why a run ends whose controller gave no usable input at `t` (s)."""
+    """The reason of a run that ends since its controller gave no usable input at `t` (s)."""
     return f"the controller failed at t = {t:.4g} s: {fault}"
 
 
 def tip_diverged(t: float, distance: float, length: float) -> str | None:
-    """Why a run ends whose tip is `distance` (m) from its reference; None while that is tolerable.
+    """The reason of a run that ends since its tip is too far from its reference, else None.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def tip_diverged(t: float, distance: float, length: float) -> str | None:
 
 
 def not_converged(initial: float, final: float) -> str | None:
-    """Why a run that reached its end is failed all the same, by its first and last ‖e‖ (m)."""
+    """The reason of a run that failed without ending early, by its first and last ‖e‖ (m)."""
     if final < initial or final <= RESOLUTION:
         return None
     return (
@@ -64,7 +64,7 @@ def not_converged(initial: float, final: float) -> str | None:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a run came to.
+    """The judgement of a run.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Verdict:
         Root mean square of ‖e‖ (m) over the last tenth of the run, of a trajectory over its last
         cycle; NaN for a run that ended early.
     settling_time : float or None
-        Since when ‖e‖ was within the tolerance (s); None where it is not at the end.
+        Time (s) from which ‖e‖ stays within the tolerance; None if it is outside at the end.
     overshoot : float or None
         How far the tip went beyond a set point, along the line from its start, over that line's
         length; None without one.
@@ -136,12 +136,12 @@ def steady_error(t: np.ndarray, error: np.ndarray, y_ref: np.ndarray, cycle: flo
 
 
 def moves(y_ref: np.ndarray) -> bool:
-    """Whether a reference is a trajectory."""
+    """True of a reference that is a trajectory."""
     return bool(np.ptp(y_ref, axis=0).max() > RESOLUTION)
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float | None:
-    """Since when ‖e‖ has been within the tolerance (s); None where it is not at the end."""
+    """Time (s) from which ‖e‖ stays within the tolerance; None if it is outside at the end."""
     outside = np.flatnonzero(~(np.linalg.norm(error, axis=1) <= tolerance))
     if not len(outside):
         return 0.0
@@ -149,7 +149,7 @@ def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float |
 
 
 def overshoot(y: np.ndarray, y_ref: np.ndarray) -> float | None:
-    """How far the tip went beyond a set point, over its way there; None for a trajectory."""
+    """Overshoot beyond a set point, over the way there; None for a trajectory."""
     way = y_ref[0] - y[0]
     length = float(np.linalg.norm(way))
     if moves(y_ref) or length < RESOLUTION:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
 from softdyn.checks import array
+from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.validation.twin.bodies import FREE, Freedom
@@ -18,11 +20,16 @@ XYZW = [1, 2, 3, 0]
 
 
 class Plant(Protocol):
-    """What the map needs of a twin, or of another MuJoCo model; see `Twin`."""
+    """What the map and a closed loop need of a MuJoCo model; see `Twin`, which is one."""
 
     @property
     def model(self) -> mujoco.MjModel:
         """MuJoCo's."""
+        ...
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's, with the present state."""
         ...
 
     @property
@@ -43,6 +50,41 @@ class Plant(Protocol):
     @property
     def rest(self) -> np.ndarray:
         """Where all joints are that the map says nothing of (nq,)."""
+        ...
+
+    def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Start from a state."""
+        ...
+
+    def advance(self, u: np.ndarray, steps: int = 1) -> None:
+        """Integrate under a held input (nu,)."""
+        ...
+
+
+@runtime_checkable
+class MappedPlant(Plant, Protocol):
+    """A plant from a user's file, which has its own settings and its own map."""
+
+    timestep: float  # s
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """The robot whose states and inputs it takes."""
+        ...
+
+    @property
+    def contacts(self) -> bool:
+        """Whether anything can touch."""
+        ...
+
+    @property
+    def states(self) -> StateMap:
+        """The model's states ↔ MuJoCo's."""
         ...
 
 

@@ -13,7 +13,7 @@ from tornado.websocket import websocket_connect
 import softdyn
 from softdyn.controllers import SoftIdClfQp
 from softdyn.validation import paper
-from softdyn.validation.live.watching import watch, watched
+from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
 from tests.support import SCRIPTS
@@ -218,7 +218,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     model = softdyn.load("finger")
     goal = paper.set_point("finger", 0.5)
     loop = ClosedLoop(model, SoftIdClfQp(model), goal, duration=0.3, name="soft-id-clf-qp")
-    with watched(loop) as channel:
+    with open_watch_page(loop) as channel:
         other.open(channel.url, 800, 600)  # as wide as in a notebook
         other.until("softdyn.link.readyState == 1")
         log, _ = watch(loop, channel)

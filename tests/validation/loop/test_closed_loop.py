@@ -366,8 +366,8 @@ def test_a_loop_can_be_stepped(cart):
     options = {"duration": 0.2, "period": 0.01}
     loop = ClosedLoop(cart, steer, SetPoint([0.5, 0, 0]), **options)
     seen = []
-    while (moment := loop.step()) is not None:
-        seen.append(moment)
+    while (step := loop.step()) is not None:
+        seen.append(step)
         assert loop.steps == len(seen)
         assert not loop.log().complete
     assert loop.done
@@ -375,7 +375,7 @@ def test_a_loop_can_be_stepped(cart):
     whole, log = simulate(cart, steer, SetPoint([0.5, 0, 0]), **options), loop.log()
     for name in ("t", "q", "v", "u", "error"):
         assert getattr(log, name).tobytes() == getattr(whole, name).tobytes()
-    assert [moment.t for moment in seen] == list(log.t[:-1])
+    assert [step.t for step in seen] == list(log.t[:-1])
     assert (log.complete, log.failed, log.reason) == (whole.complete, whole.failed, whole.reason)
 
 
