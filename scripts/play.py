@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Play with a robot in the browser: drag its target, push its links, change its law."""
+"""Play with a robot in the browser: drag its target, push its links, change its controller."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ cli.add_server_options(parser)
 def command(arguments: cli.Arguments) -> int:
     """Build, serve, run until somebody ends it."""
     with cli.ends_cleanly() as over:
-        from softdyn.validation.live.pacing import Clock
-        from softdyn.validation.live.playing import drive, stage
+        from softdyn.validation.live.playing import drive, open_play_page
+        from softdyn.view.live.pacing import Clock
 
         session = make_session(arguments)
         if arguments.measure is not None:
             return measure(session, arguments)
-        with stage(session, arguments.port) as channel:
+        with open_play_page(session, arguments.port) as channel:
             print(f"{channel.url}\nCtrl-C ends it", flush=True)
             if not arguments.no_open:
                 channel.open()
@@ -69,8 +69,8 @@ def make_session(arguments: cli.Arguments) -> Any:
     """The session that the command line asks for."""
     from softdyn.controllers.registry import find_controller
     from softdyn.validation import paper
-    from softdyn.validation.live.messages import OPEN_LOOP
     from softdyn.validation.live.session import Session, menu_of
+    from softdyn.view.live.messages import OPEN_LOOP
 
     model = cli.load_robot(arguments)
     own = {name: find_controller(name) for name in arguments.controllers if name != OPEN_LOOP}

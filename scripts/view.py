@@ -62,9 +62,9 @@ def command(arguments: cli.Arguments) -> int:
 
 def sliders(model: SoftModel, arguments: cli.Arguments, over: Callable[[], bool]) -> int:
     """Serve the robot with its sliders."""
-    from softdyn.validation.live.explorer import explore, explored
+    from softdyn.view.live.explorer import explore, open_explorer_page
 
-    with explored(model, arguments.port) as channel:
+    with open_explorer_page(model, arguments.port) as channel:
         print(f"{channel.url}\nCtrl-C ends it", flush=True)
         if not arguments.no_open:
             channel.open()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+import softdyn
 
 HEAVY = ("mujoco", "matplotlib", "meshcat", "tornado", "proxsuite", "trimesh", "yourdfpy")
 
@@ -27,6 +30,16 @@ def test_the_package_needs_no_judge_no_plots_and_no_server(statement):
 def test_a_model_needs_neither_scipy_spatial_nor_the_judge():
     modules = loaded("import softdyn\nmodel = softdyn.load('finger')\nmodel.state(model.q0, [0]*4)")
     assert modules.isdisjoint((*HEAVY, "scipy.spatial"))
+
+
+def test_live_pages_need_no_judge_and_their_server_no_engine():
+    room = "softdyn.view.live"
+    folder = Path(softdyn.__file__).parent / "view" / "live"
+    every = ", ".join(f"{room}.{path.stem}" for path in folder.glob("[a-z]*.py"))
+    modules = loaded(f"import {room}, {every}")
+    assert f"{room}.explorer" in modules
+    assert modules.isdisjoint(("mujoco", "softdyn.validation"))
+    assert loaded(f"import {room}.server").isdisjoint(("pinocchio", "numba", "scipy"))
 
 
 def test_a_closed_loop_needs_no_mjcf_reader_and_no_figures():

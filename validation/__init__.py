@@ -8,7 +8,7 @@
 - `paper`: the paper's experiments, its QPs as printed, its reference implementation
 - `identification`: what a fit finds in data of twins with known parameters
 - `rods`: how many joints an arm needs
-- `live`: a robot in the browser while it runs; `play`
+- `live`: a plant and a controller in front of live pages; `play`
 - `report`: figures and pages
 - `timing`: what a control step costs
 - `files`, `arrays`, `processes`, `plain`, `tables`: files that appear whole, NPZ files of any

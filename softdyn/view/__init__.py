@@ -17,5 +17,7 @@ loopback
 server
     The page on this machine's loopback; the one file that imports Meshcat.
 web
-    What runs in the browser: page, style, player.
+    The browser's part: page, style, player.
+live
+    The page and the server of a robot that runs elsewhere; rests by slider.
 """

@@ -9,23 +9,23 @@ from time import perf_counter, sleep
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
-from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.messages import OPEN_LOOP, Law
-from softdyn.validation.live.pacing import IDLE, RATE, Clock
-from softdyn.validation.live.page import live_page
 from softdyn.validation.live.session import Make, Session, menu_of
+from softdyn.view.live.channel import Channel
+from softdyn.view.live.messages import OPEN_LOOP, SetController
+from softdyn.view.live.pacing import IDLE, RATE, Clock
+from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
 LONG = 5e-3  # s that messages may take before the clock starts anew
 
 
-def stage(session: Session, port: int | None = None) -> Channel:
-    """The pages of a session: a server, until it is closed.
+def open_play_page(session: Session, port: int | None = None) -> Channel:
+    """Serve the page of a session until the channel is closed.
 
     Parameters
     ----------
     session : Session
-        What will run.
+        The session that will run.
     port : int, optional
         By default a free one from 7000 on.
     """
@@ -49,7 +49,7 @@ def drive(
     Parameters
     ----------
     session : Session
-        What runs.
+        The session.
     channel : Channel
         To its pages.
     clock : Clock
@@ -94,12 +94,14 @@ def drive(
 
 
 def _listen(session: Session, channel: Channel) -> bool:
-    """Do what the pages have said since; whether there was anything."""
+    """Do the messages of the pages since the last call; True if there were any."""
     heard = False
     for message in channel.messages():
         heard = True
         try:
-            if isinstance(message, Law):  # it may compile: the robot stands still, and says why
+            if isinstance(
+                message, SetController
+            ):  # it may compile: the robot stands still, and says why
                 busy = f"starting {message.name}: the robot stands still meanwhile"
                 channel.state({**asdict(session.shown), "busy": busy})
                 session.changed = True
@@ -116,18 +118,18 @@ def _listen(session: Session, channel: Channel) -> bool:
 class Play:
     """A robot that runs in the background, with a page to play with it.
 
-    In a notebook the page is what this displays as. A context manager; `stop` ends it.
+    A notebook displays its page. A context manager; `stop` ends it.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     controller : Controller, optional
-        Any controller; without one the menu's `law` acts.
+        Any controller; by default the menu's `law`.
     name : str, optional
-        What the menu calls it; its own name or its class by default.
+        Its name in the menu; its own name or its class by default.
     law : str
-        Of the menu, where there is no controller.
+        The entry of the menu that acts first, without a controller.
     period : float, optional
         Of the control (s).
     target : array_like, (3,), optional
@@ -153,7 +155,7 @@ class Play:
             own[law] = lambda _model: controller
         menu = menu_of(model, own)
         self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target)
-        self._channel = stage(self.session, port)
+        self._channel = open_play_page(self.session, port)
         self.url = self._channel.url
         self._over, self._closed = threading.Event(), False
         self._thread: threading.Thread | None = None
@@ -205,7 +207,7 @@ class Play:
 
 
 def play(model: SoftModel, controller: Any = None, **options: Any) -> Play:
-    """A robot in real time with a page to play with it: see `Play`, which says what it takes.
+    """A robot in real time with a page to play with it; see `Play` for the arguments.
 
     Returns
     -------

@@ -8,9 +8,9 @@ import numpy as np
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.description.robot import moving_link_of
 from softdyn.statics import rest
-from softdyn.validation.live.messages import Push
 from softdyn.validation.twin.build import body_name
 from softdyn.validation.twin.twin import Twin
+from softdyn.view.live.messages import Push
 
 GRAVITY = 9.81
 SHARE = 10.0  # of its length that a robot which is not soft moves under its own weight

@@ -1,4 +1,4 @@
-"""A plant and a law that change while they run, step by step and without a clock."""
+"""A plant and a controller that change while they run, step by step and without a clock."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field
 from functools import singledispatchmethod
+from inspect import signature
 from time import perf_counter_ns
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,34 +17,35 @@ from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, st
 from softdyn.checks import array
 from softdyn.controllers import registry
 from softdyn.exceptions import one_line
-from softdyn.validation.live import messages
-from softdyn.validation.live.frames import Columns
 from softdyn.validation.live.ghost import Ghost
-from softdyn.validation.live.messages import OPEN_LOOP, Limits, Message
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
+from softdyn.view.live import messages
+from softdyn.view.live.frames import Columns
+from softdyn.view.live.messages import OPEN_LOOP, Limits, Message
 from softdyn.view.scene import Figure
 
+T = TypeVar("T")
 Make = Callable[[SoftModel], Any]
 KNOWN = (*registry.CONTROLLERS.values(), *registry.BEYOND.values())
 LONGEST_PULL = 0.5  # of the robot's length: a hand pulls no harder than at this distance
 
 
 def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str, Make]:
-    """Controllers by name: a user's own, the registry's, the inputs by hand."""
+    """Controllers by name: a user's own and the registry's."""
     known = {**registry.CONTROLLERS, **registry.BEYOND} if model.nu else {}
     return {**(own or {}), **{k: v for k, v in known.items() if k not in (own or {})}}
 
 
 @dataclass
-class Shown:
-    """What a page shows besides frames.
+class PageState:
+    """The state of a session on its page, besides frames.
 
-    `notice` is the last thing that went wrong, `busy` why the robot stands still for a moment.
+    `notice` is the last error, `busy` the reason why the robot stands still for a moment.
     """
 
     law: str
@@ -57,10 +59,10 @@ class Shown:
 
 
 class Session:
-    """A robot's twin and the law that drives it, changed by messages.
+    """A robot's twin and the controller that drives it, changed by messages.
 
-    A fault (a plant that diverges, a law that raises or answers no input) pauses the session and
-    says why in `shown.notice`; another message can mend it.
+    A fault (a plant that diverges, a controller that raises or answers no input) pauses the session
+    and gives the reason in `shown.notice`; another message can mend it.
 
     Parameters
     ----------
@@ -77,19 +79,19 @@ class Session:
 
     Attributes
     ----------
-    shown : Shown
-        What pages show; `changed` says whether it changed since that was last set to False.
+    shown : PageState
+        The state on the pages; `changed` is True when it has changed, until the caller resets it.
     limits : Limits
         Of the messages.
     period : float
         Of the control (s).
     pull : float
-        The most that a hand pulls with (N).
+        Largest force of a hand (N).
 
     Raises
     ------
     InputError
-        For a first law that cannot be made.
+        For a first controller that cannot be made.
     """
 
     def __init__(
@@ -121,7 +123,7 @@ class Session:
         self._inner: Any = None
         self._by_hand = self._u = self._zero
         self._V = np.nan
-        self.shown, self.changed = Shown(OPEN_LOOP, inputs=self._zero.tolist()), True
+        self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
         self._plant, self._map = self._built(self._mismatch, *self._at_rest(), 0.0)
         self._state = model.state(*self._q_v())
         if target is None:
@@ -132,7 +134,7 @@ class Session:
     # -- messages ------------------------------------------------------------------------------
 
     def apply(self, message: Message) -> None:
-        """Do what a message says, wholly or not at all.
+        """Do a message, wholly or not at all.
 
         Raises
         ------
@@ -145,19 +147,20 @@ class Session:
 
     @singledispatchmethod
     def _do(self, message: Any) -> None:
-        raise InputError("do", "something that a robot in motion can do", type(message).__name__)
+        name = messages.NAMES[type(message)]
+        raise InputError("do", "something that a robot in motion can do", name)
 
     @_do.register
-    def _(self, message: messages.Target) -> None:
+    def _(self, message: messages.SetTarget) -> None:
         self._reference = SetPoint(message.y)
 
     @_do.register
-    def _(self, message: messages.Inputs) -> None:
+    def _(self, message: messages.SetInputs) -> None:
         self._by_hand = message.u
         self.shown.inputs = message.u.tolist()
 
     @_do.register
-    def _(self, message: messages.Law) -> None:
+    def _(self, message: messages.SetController) -> None:
         self._choose(message.name)
 
     @_do.register
@@ -190,7 +193,7 @@ class Session:
             self.shown.notice = ""
 
     @_do.register
-    def _(self, _message: messages.Step) -> None:
+    def _(self, _message: messages.SingleStep) -> None:
         self.shown.paused = True
         self.step()
 
@@ -209,11 +212,11 @@ class Session:
         self.shown.notice = ""
 
     @_do.register
-    def _(self, message: messages.Speed) -> None:
+    def _(self, message: messages.SetSpeed) -> None:
         self.shown.speed = message.factor
 
     @_do.register
-    def _(self, message: messages.Ghost) -> None:
+    def _(self, message: messages.ShowGhost) -> None:
         self._ghost = self._new_ghost() if message.on else None
         self.shown.ghost = message.on
 
@@ -225,7 +228,7 @@ class Session:
         return self._plant.time
 
     def step(self) -> float:
-        """One control period; what the control step in it took (µs)."""
+        """Run one control period; returns the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
             self._state = self.model.state(*self._q_v())
@@ -237,7 +240,7 @@ class Session:
                           (self.model.nu,))  # fmt: skip
                 self._u = np.clip(u, self.model.u_min, self.model.u_max)
                 self._V = getattr(answer, "V", np.nan)
-        except Exception as error:  # a user's law may raise anything
+        except Exception as error:  # a user's controller may raise anything
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
             return 0.0
         spent = (perf_counter_ns() - began) / 1e3
@@ -245,7 +248,7 @@ class Session:
         return spent
 
     def frame(self, **clock: float) -> np.ndarray:
-        """The present moment as a frame; `clock` is what only a clock knows."""
+        """The present moment as a frame; `clock` holds the figures that only a clock knows."""
         hand, ghost = self._hand, self._ghost
         with suppress(InputError):  # a plant that diverged is shown where it last was
             self._state = self.model.state(*self._q_v())
@@ -292,10 +295,11 @@ class Session:
         self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
     ) -> tuple[Twin, StateMap]:
         """A plant anew, in a state."""
-        differs = Plant(mass=said.mass, stiffness=said.stiffness, damping=said.damping)
-        twin = differs.twin(
-            self.model.robot, timestep=self._grid.timestep, contacts=said.contacts, friction=False
-        )
+        errors = _part(Plant, said)
+        twin = errors.twin(
+            self.model.robot, timestep=self._grid.timestep, contacts=errors.contacts,
+            friction=errors.friction,
+        )  # fmt: skip
         states = StateMap(self.model, twin)
         try:
             twin.set_state(*states.to_twin(q, v), t)
@@ -316,7 +320,7 @@ class Session:
         self.shown.law, self.shown.notice = name, ""
 
     def _made(self, name: str) -> Any:
-        """A law of the menu; one of ours has compiled what it needs, so that no step has to."""
+        """A controller of the menu; one of ours has compiled its kernels before the first step."""
         make = self._menu[name]
         if make in KNOWN:
             first = self._connected(registry.make_controller(name, self.model), messages.Mismatch())
@@ -324,10 +328,10 @@ class Session:
         return registry.make_controller(name, self.model, cls=make)
 
     def _connected(self, inner: Any, said: messages.Mismatch) -> Any:
-        """A law behind what stands between it and the plant, begun anew."""
+        """A controller behind its signal path, begun anew."""
         if inner is None:
             return None
-        law = Link(delay=said.delay, noise=said.noise).around(inner, self.period)
+        law = _part(Link, said).around(inner, self.period)
         if hasattr(law, "reset"):
             law.reset(self.period)
         return law
@@ -338,3 +342,9 @@ class Session:
 
     def _new_ghost(self) -> Ghost:
         return Ghost(self.model, *self._q_v(), self._grid.timestep)
+
+
+def _part(cls: Callable[..., T], said: messages.Mismatch) -> T:
+    """An object of `cls` from the members of a message that it has too."""
+    names = signature(cls).parameters
+    return cls(**{name: value for name, value in asdict(said).items() if name in names})

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from softdyn.description.visuals import Visual
-from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.frames import Columns
-from softdyn.validation.live.pacing import RATE, Clock
-from softdyn.validation.live.page import live_page
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.names import controller_title
+from softdyn.view.live.channel import Channel
+from softdyn.view.live.frames import Columns
+from softdyn.view.live.pacing import RATE, Clock
+from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
 WAIT = 10.0  # s that a loop waits for a page before it starts
@@ -56,7 +56,7 @@ class ViewerCost:
 def open_watch_page(
     loop: ClosedLoop, port: int | None = None, scenery: Sequence[Visual] = ()
 ) -> Channel:
-    """The pages of a loop that is about to run; they say nothing.
+    """Serve the page of a loop that is about to run; its pages only watch.
 
     Parameters
     ----------

@@ -12,12 +12,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import softdyn
-from softdyn.validation.live import messages
-from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.pacing import Clock
-from softdyn.validation.live.playing import drive, stage
+from softdyn.validation.live.playing import drive, open_play_page
 from softdyn.validation.live.session import Session
 from softdyn.validation.tables import Table
+from softdyn.view.live import messages
+from softdyn.view.live.channel import Channel
+from softdyn.view.live.pacing import Clock
 
 PAGES = 2
 WARM = 1.0  # s before a measurement
@@ -70,7 +70,7 @@ def measure(
     runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
     model = session.model
     goal = session.frame()[session.columns.places["y"]].astype(float)
-    session.apply(messages.Target(goal + 0.05 * model.robot.length))
+    session.apply(messages.SetTarget(goal + 0.05 * model.robot.length))
     for k in range(rounds):
         for kind in kinds[:: (-1) ** k]:
             runs[kind].append(_round(session, kind, seconds, browser))
@@ -92,7 +92,7 @@ def measure(
 
 def _round(session: Session, kind: str, seconds: float, browser: str | None) -> dict[str, Any]:
     with ExitStack() as stack:
-        channel = stack.enter_context(stage(session))
+        channel = stack.enter_context(open_play_page(session))
         if kind != "none":
             for _ in range(PAGES):
                 stack.enter_context(_Page(channel, kind, browser))

@@ -25,7 +25,7 @@ OMEGA = 0.5  # the trajectory's rate, in multiples of π rad/s
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RecordedStates:
     """States of closed loops and the references they followed.
 
     Attributes
@@ -67,7 +67,7 @@ class Recording:
             )
 
     @classmethod
-    def load(cls, path: Path) -> Recording:
+    def load(cls, path: Path) -> RecordedStates:
         """Read what `save` wrote.
 
         Raises
@@ -97,7 +97,7 @@ def record(
     count: int,
     runs: Sequence[Experiment] | None = None,
     duration: float = DURATION,
-) -> Recording:
+) -> RecordedStates:
     """Run short closed loops against the twin and keep `count` of their states.
 
     Half of a loop's states come from its first `TRANSIENT`, denser towards the start, half from
@@ -127,7 +127,7 @@ def record(
             arrays = (log.q[k], log.v[k], target.y, target.ydot, target.yddot)
             rows.append((*arrays, log.t[k], _name(experiment)))
     q, v, y, ydot, yddot, t, loop = (np.array(column) for column in zip(*rows, strict=True))
-    return Recording(q, v, y, ydot, yddot, t, loop, digest_of(model))
+    return RecordedStates(q, v, y, ydot, yddot, t, loop, digest_of(model))
 
 
 def experiments_of(model: SoftModel) -> list[Experiment]:
@@ -140,7 +140,7 @@ def experiments_of(model: SoftModel) -> list[Experiment]:
 
 def recorded(
     model: SoftModel, make: Callable[[SoftModel], Any], count: int, folder: Path, robot: str
-) -> Recording:
+) -> RecordedStates:
     """What the robot's file in `folder` holds, if it is of this model and as much; else new ones.
 
     Parameters
@@ -154,7 +154,7 @@ def recorded(
     """
     path = folder / f"{safe(robot)}.npz"
     if path.is_file():
-        found = Recording.load(path)
+        found = RecordedStates.load(path)
         if found.digest == digest_of(model) and len(found) == count:
             return found
     new = record(model, make, count)

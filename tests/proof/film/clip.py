@@ -15,10 +15,10 @@ from PIL import Image, ImageDraw
 import softdyn
 from softdyn.controllers.staged import Staged
 from softdyn.validation import paper
-from softdyn.validation.live import messages
-from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.playing import stage
+from softdyn.validation.live.playing import open_play_page
 from softdyn.validation.live.session import Session, menu_of
+from softdyn.view.live import messages
+from softdyn.view.live.channel import Channel
 from tests.proof.film.chromium import Browser
 
 SIZE = (960, 600)  # of the window (pixels)
@@ -39,10 +39,10 @@ def clip(robot: str = "finger") -> list[Image.Image]:
     model = softdyn.load(robot)
     session = Session(model, menu_of(model), Staged.name)
     start, end = (paper.setup_of(model).set_point(theta).reference(0.0).y for theta in (0.5, 1.0))
-    session.apply(messages.Target(start))
+    session.apply(messages.SetTarget(start))
     for _ in range(round(1.5 / session.period)):
         session.step()
-    with stage(session) as channel, Browser() as browser:
+    with open_play_page(session) as channel, Browser() as browser:
         browser.open(channel.url, *SIZE)
         film = _Film(session, channel, browser)
         return list(film.scenes(np.asarray(start), np.asarray(end)))

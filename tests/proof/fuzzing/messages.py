@@ -13,8 +13,8 @@ import numpy as np
 import softdyn
 from softdyn import InputError
 from softdyn.controllers import Impedance
-from softdyn.validation.live.messages import OPEN_LOOP, read
 from softdyn.validation.live.session import Session
+from softdyn.view.live.messages import OPEN_LOOP, read
 from tests.proof.fuzzing import campaign
 from tests.proof.fuzzing.data import change_json, template
 from tests.proof.fuzzing.inputs import changed_bytes

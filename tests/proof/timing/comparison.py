@@ -57,7 +57,7 @@ def compare(
     old : Path
         A checkout.
     states : dict of Path
-        By robot, a file that `Recording.save` wrote; both checkouts step through it.
+        By robot, a file that `RecordedStates.save` wrote; both checkouts step through it.
     laws : sequence of str
     pairs : int
         Processes of each checkout, after one of each that only warms caches of files.

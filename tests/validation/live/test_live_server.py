@@ -17,10 +17,10 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import softdyn
-from softdyn.validation.live.messages import OPEN_LOOP
-from softdyn.validation.live.pacing import Clock
-from softdyn.validation.live.playing import drive, stage
+from softdyn.validation.live.playing import drive, open_play_page
 from softdyn.validation.live.session import Session, menu_of
+from softdyn.view.live.messages import OPEN_LOOP
+from softdyn.view.live.pacing import Clock
 
 LONG = 120.0  # s: of a machine that has much else to do
 
@@ -33,7 +33,7 @@ def session():
 
 @pytest.fixture(scope="module")
 def channel(session):
-    with stage(session) as found:
+    with open_play_page(session) as found:
         found.state(asdict(session.shown))
         yield found
 
@@ -134,10 +134,10 @@ def test_one_commands_several_watch_and_bad_messages_change_nothing(channel):
         first.close()
 
     asyncio.run(play())
-    kinds = [type(message).__name__ for message in heard(channel, "Speed")]
+    kinds = [type(message).__name__ for message in heard(channel, "SetSpeed")]
     # whoever takes over finds no hand on the robot
-    assert [kind for kind in kinds if kind != "Release"] == ["Push", "Speed"]
-    assert kinds[kinds.index("Speed") - 1] == "Release"
+    assert [kind for kind in kinds if kind != "Release"] == ["Push", "SetSpeed"]
+    assert kinds[kinds.index("SetSpeed") - 1] == "Release"
 
 
 def test_a_loop_that_is_busy_for_long_loses_nothing_of_what_is_said(channel):
@@ -151,13 +151,13 @@ def test_a_loop_that_is_busy_for_long_loses_nothing_of_what_is_said(channel):
         await link.write_message('{"do": "speed", "factor": 0.5}')
         await link.write_message("{}")  # its answer comes when all of that is read
         assert "expected one of" in (await news(link, "error"))["error"]
-        found = await asyncio.to_thread(heard, channel, "Speed")
+        found = await asyncio.to_thread(heard, channel, "SetSpeed")
         link.close()
         return found
 
     found = [m for m in asyncio.run(play()) if type(m).__name__ != "Release"]
     kinds = [type(message).__name__ for message in found]
-    assert kinds == ["Target"] * (len(kinds) - 2) + ["Reset", "Speed"]
+    assert kinds == ["SetTarget"] * (len(kinds) - 2) + ["Reset", "SetSpeed"]
     assert len(kinds) < 2000  # the socket itself holds some hundred
     assert found[-3].y[2] == -3999 / 40000
 
@@ -183,7 +183,7 @@ def test_an_old_state_does_not_overtake_a_new_one(session):
         link.close()
         return seen
 
-    with stage(session) as channel:
+    with open_play_page(session) as channel:
         assert "old" not in asyncio.run(watch(channel))
 
 
@@ -211,7 +211,7 @@ def test_what_is_shown_last_arrives_and_so_does_a_page_to_keep(session):
         while (await news(link, "state"))["state"].get("notice") != notice:
             pass
 
-    channel = stage(session)
+    channel = open_play_page(session)
     frame, kept = asyncio.run(watch(channel))
     np.testing.assert_array_equal(frame, session.frame())
     assert kept.startswith("<p>the run</p>")
@@ -219,7 +219,7 @@ def test_what_is_shown_last_arrives_and_so_does_a_page_to_keep(session):
 
 
 def test_a_loop_whose_server_is_gone_says_so(session):
-    with stage(session) as channel:
+    with open_play_page(session) as channel:
         channel._process.kill()
         channel._process.wait()
         with pytest.raises(softdyn.SoftdynError, match="server of the pages has ended"):
@@ -272,7 +272,7 @@ def test_a_page_that_does_not_read_delays_nothing_and_others_see_frames(channel,
 
 
 def test_a_frame_that_nobody_takes_is_dropped(session):
-    channel = stage(session)
+    channel = open_play_page(session)
     channel._process.send_signal(19)  # the server stands still: who waits for it waits for ever
     for _ in range(2000):
         channel.frame(session.frame())
@@ -311,4 +311,4 @@ def test_a_taken_port_is_one_line(session):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(softdyn.InputError, match="--port: expected a free port"):
-            stage(session, taken.getsockname()[1])
+            open_play_page(session, taken.getsockname()[1])

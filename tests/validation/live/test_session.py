@@ -7,11 +7,11 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.validation.live import messages as m
-from softdyn.validation.live.messages import OPEN_LOOP
-from softdyn.validation.live.pacing import Clock
 from softdyn.validation.live.playing import drive
 from softdyn.validation.live.session import Session, menu_of
+from softdyn.view.live import messages as m
+from softdyn.view.live.messages import OPEN_LOOP
+from softdyn.view.live.pacing import Clock
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def part(session, name):
 def test_the_tip_follows_the_target(model):
     session = make(model, "best")
     goal = softdyn.validation.paper.set_point("finger", 0.5).reference.y
-    session.apply(m.Target(goal))
+    session.apply(m.SetTarget(goal))
     run(session, 3.0)
     assert np.linalg.norm(part(session, "y") - goal) < 1e-3  # docs/beyond.md: 0.02 cm
     np.testing.assert_allclose(part(session, "y_ref"), goal, atol=1e-7)
@@ -65,8 +65,8 @@ def test_a_push_deflects_the_tip_by_its_compliance_and_it_returns(model):
 
 def test_the_model_beside_the_plant_stays_with_it_until_they_differ(model):
     session = make(model)
-    session.apply(m.Ghost(True))
-    session.apply(m.Inputs(np.array([0.3, -0.2])))
+    session.apply(m.ShowGhost(True))
+    session.apply(m.SetInputs(np.array([0.3, -0.2])))
     run(session, 0.5)
     assert part(session, "gap") < 1e-9
     np.testing.assert_allclose(part(session, "ghost"), part(session, "q"), atol=1e-7)
@@ -77,14 +77,14 @@ def test_the_model_beside_the_plant_stays_with_it_until_they_differ(model):
 
 def test_law_and_plant_change_while_it_moves(model):
     session = make(model, "ic")
-    session.apply(m.Target(part(session, "y") + np.array([0.02, 0.0, 0.03])))
+    session.apply(m.SetTarget(part(session, "y") + np.array([0.02, 0.0, 0.03])))
     run(session, 0.2)
     q, v = session._q_v()
     session.apply(m.Mismatch(stiffness=1.2, delay=2 * session.period, noise=1e-4, contacts=True))
     for kept, now in zip((q, v), session._q_v(), strict=True):
         np.testing.assert_array_equal(kept, now)
     assert session.t == pytest.approx(0.2)
-    session.apply(m.Law("soft-id-clf-qp"))
+    session.apply(m.SetController("soft-id-clf-qp"))
     run(session, 0.5)
     assert session.shown.law == "soft-id-clf-qp"
     assert session.shown.mismatch["stiffness"] == 1.2
@@ -110,7 +110,7 @@ def test_a_law_that_breaks_pauses_and_says_why(model):
     assert session.t == pytest.approx(session.period)  # it was not moved by no input
     run(session, session.period)
     assert "IndexError" in session.shown.notice
-    session.apply(m.Law(OPEN_LOOP))
+    session.apply(m.SetController(OPEN_LOOP))
     session.apply(m.Pause(False))
     run(session, 0.1)
     assert not session.shown.paused
@@ -124,11 +124,11 @@ def test_what_cannot_be_done_changes_nothing(model):
     session = make(model, OPEN_LOOP, {"broken": broken})
     before = session.frame()
     with pytest.raises(InputError):
-        session.apply(m.Law("broken"))
+        session.apply(m.SetController("broken"))
     with pytest.raises(InputError, match="a link that moves"):
         session.apply(m.Push(model.robot.root, np.zeros(3), np.zeros(3)))
     with pytest.raises(InputError):
-        session.apply(m.Reach())
+        session.apply(m.FindReach())
     np.testing.assert_array_equal(session.frame(), before)
     assert session.shown.law == OPEN_LOOP
 
@@ -148,9 +148,9 @@ class Stubborn:
 
 def test_a_law_that_cannot_be_begun_changes_nothing(model):
     session = make(model, OPEN_LOOP, {"stubborn": Stubborn})
-    session.apply(m.Inputs(np.array([0.1, 0.0])))
+    session.apply(m.SetInputs(np.array([0.1, 0.0])))
     with pytest.raises(ValueError, match="not today"):
-        session.apply(m.Law("stubborn"))
+        session.apply(m.SetController("stubborn"))
     session.step()
     assert session.shown.law == OPEN_LOOP
     np.testing.assert_allclose(part(session, "u"), [0.1, 0.0], rtol=1e-6)
@@ -159,9 +159,9 @@ def test_a_law_that_cannot_be_begun_changes_nothing(model):
 def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
     session = make(model)
     session.changed = False
-    session.apply(m.Target(np.array([0.1, 0.0, -0.1])))
+    session.apply(m.SetTarget(np.array([0.1, 0.0, -0.1])))
     assert not session.changed
-    session.apply(m.Speed(0.5))
+    session.apply(m.SetSpeed(0.5))
     assert session.changed
 
 
@@ -169,7 +169,12 @@ def test_a_law_that_is_chosen_late_says_so_and_costs_no_period(model):
     """Its kernels are compiled before its first step, while the page is told to wait."""
 
     class Told:
-        ended, said, shown, errors = False, (m.Law("ic"), m.Law("stubborn")), (), ()
+        ended, said, shown, errors = (
+            False,
+            (m.SetController("ic"), m.SetController("stubborn")),
+            (),
+            (),
+        )
 
         def messages(self):
             said, self.said = self.said, ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw
 from softdyn.validation.paper.solvers import Scs
 from softdyn.validation.timing import step_scaling
 from softdyn.validation.timing.chains import chain_urdf
-from softdyn.validation.timing.recording import Recording, record, recorded
+from softdyn.validation.timing.recording import RecordedStates, record, recorded
 from softdyn.validation.timing.step_scaling import chain
 from softdyn.validation.timing.step_time import Subject, measure
 from softdyn.validation.timing.throughput import throughput
@@ -78,19 +79,18 @@ def test_recorded_states_are_kept_exactly(finger, states, tmp_path):
     assert (states.t[states.loop == "tracking 0.5"] <= 0.6).all()
     path = tmp_path / "finger.npz"
     states.save(path)
-    again = Recording.load(path)
+    again = RecordedStates.load(path)
     for name in ("q", "v", "y", "ydot", "yddot", "t", "loop", "digest"):
         assert np.array_equal(getattr(again, name), getattr(states, name))
     assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").q.tobytes() == states.q.tobytes()
     path.write_bytes(b"no archive")
     with pytest.raises(InputError, match="recorded states"):
-        Recording.load(path)
+        RecordedStates.load(path)
 
 
 def test_states_of_another_file_are_recorded_anew(finger, states, tmp_path):
     path = tmp_path / "finger.npz"
-    other = Recording(*(getattr(states, n) for n in ("q", "v", "y", "ydot", "yddot", "t", "loop")),
-                      digest="of another file")  # fmt: skip
+    other = replace(states, digest="of another file")
     other.save(path)
     assert recorded(finger, SoftIdClfQp, 25, tmp_path, "finger").digest != "of another file"
 

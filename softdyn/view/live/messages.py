@@ -1,7 +1,8 @@
-"""What a page may say: every message as frozen data, read and checked in one place.
+"""The messages of a page to a live robot: frozen data, read and checked here and nowhere else.
 
 A message is one JSON object ``{"do": NAME, ...}`` whose other members are exactly the fields of the
-class of that name (`MESSAGES`). Bounds come from the robot and the menu: `Limits`.
+class of that name (`MESSAGES`). Bounds come from the robot and the menu: `Limits`. A page's server
+reads it; the robot's loop gets the checked message.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from softdyn.checks import array, number
 from softdyn.exceptions import InputError
 
 if TYPE_CHECKING:
-    from softdyn import SoftModel  # a page's server has no need of an engine
+    from softdyn.dynamics.model import SoftModel  # a page's server needs no engine
 
 LONGEST = 20_000  # bytes of a message
-OPEN_LOOP = "open loop"  # the law that gives the sliders' inputs
+OPEN_LOOP = "open loop"  # the entry of the menu that gives the sliders' inputs
 FARTHEST = 3.0  # of a point from the base, in robot lengths
 SPEEDS = (0.01, 10.0)
 FACTORS = (0.2, 5.0)  # of mass, stiffness, damping
@@ -29,7 +30,7 @@ LARGEST_DELAY, LARGEST_NOISE = 0.1, 0.05  # s, m
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What a message's values must lie within.
+    """Bounds and choices of a message's values.
 
     Attributes
     ----------
@@ -53,7 +54,7 @@ class Limits:
 
     @classmethod
     def of(cls, model: SoftModel, laws: tuple[str, ...], size: float) -> Limits:
-        """Those of a robot that fits in `size` (m)."""
+        """The limits of a robot that fits in `size` (m)."""
         links = tuple(link.name for link in model.robot.links)
         ends = (np.clip(ends, -1e3, 1e3) for ends in (model.lower, model.upper))
         return cls(links, laws, FARTHEST * size, model.u_min, model.u_max, *ends)
@@ -63,7 +64,7 @@ Read = Callable[[Limits, str, Any], Any]
 
 
 def _by(read: Read) -> dict[str, Read]:
-    """How the value of a field is read."""
+    """The metadata of a field: the function that reads its value."""
     return {"read": read}
 
 
@@ -114,36 +115,36 @@ def _choice(menu: Callable[[Limits], tuple[str, ...]]) -> Read:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
-    """Where the tip should go, `y` (3,) in the world (m)."""
+class SetTarget:
+    """Moves the target of the tip to `y` (3,) in the world (m)."""
 
     y: np.ndarray = field(metadata=_by(_point))
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
-    """The inputs (nu,) of the open loop."""
+class SetInputs:
+    """Sets the inputs (nu,) of the open loop."""
 
     u: np.ndarray = field(metadata=_by(_inputs))
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
-    """Joint coordinates (nv,) of a robot that is only looked at (rad, m)."""
+class SetJoints:
+    """Sets joint coordinates (nv,) of a robot that is only looked at (rad, m)."""
 
     x: np.ndarray = field(metadata=_by(_joints))
 
 
 @dataclass(frozen=True)
-class Law:
-    """Which controller acts, of the menu."""
+class SetController:
+    """Chooses a controller of the menu."""
 
     name: str = field(metadata=_by(_choice(lambda limits: limits.laws)))
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """How the plant differs from the model, and what stands between it and the controller.
+    """Differences of the plant from the model, and of its signals from ideal ones.
 
     Factors on mass, stiffness and damping; whether links touch; delay (s) from a state to the
     input that answers it; noise (m, standard deviation) of the tip that the controller sees.
@@ -179,72 +180,74 @@ class Pause:
 
 
 @dataclass(frozen=True)
-class Step:
-    """One control period of a robot that is paused."""
+class SingleStep:
+    """Pauses the robot and runs one control period."""
 
 
 @dataclass(frozen=True)
 class Reset:
-    """The robot at rest again, at t = 0."""
+    """Puts the robot at rest again, at t = 0."""
 
 
 @dataclass(frozen=True)
-class Speed:
-    """Simulated seconds per second of the clock, at most."""
+class SetSpeed:
+    """Sets the simulated seconds per second of the clock, at most."""
 
     factor: float = field(metadata=_by(_between(*SPEEDS)))
 
 
 @dataclass(frozen=True)
-class Ghost:
-    """Whether the analytic model runs beside the plant under the same input."""
+class ShowGhost:
+    """Runs the analytic model beside the plant under the same input, or ends it."""
 
     on: bool = field(metadata=_by(_flag))
 
 
 @dataclass(frozen=True)
-class Record:
-    """Whether frames are kept; when that ends there is a page that replays them."""
+class RecordFrames:
+    """Begins a recording, or ends it; then there is a page that replays it."""
 
     on: bool = field(metadata=_by(_flag))
 
 
 @dataclass(frozen=True)
-class Reach:
+class FindReach:
     """Asks for the stable rests of the tip."""
 
 
 @dataclass(frozen=True)
 class Lead:
-    """This page commands from now on; the one that did watches."""
+    """Makes this page the one that commands; the one before watches."""
 
 
 Message = (
-    Target | Inputs | Joints | Law | Mismatch | Push | Release | Pause | Step | Reset | Speed
-    | Ghost | Record | Reach | Lead
+    SetTarget | SetInputs | SetJoints | SetController | Mismatch | Push | Release | Pause
+    | SingleStep | Reset | SetSpeed | ShowGhost | RecordFrames | FindReach | Lead
 )  # fmt: skip
-DRAGS = (Target, Inputs, Joints, Push)  # each takes the place of the one just before it
+DRAGS = (SetTarget, SetInputs, SetJoints, Push)  # each takes the place of the one just before it
 MESSAGES: dict[str, Callable[..., Message]] = {
-    cls.__name__.lower(): cls
-    for cls in (Target, Inputs, Joints, Law, Mismatch, Push, Release, Pause, Step, Reset, Speed,
-                Ghost, Record, Reach, Lead)
+    "target": SetTarget, "inputs": SetInputs, "joints": SetJoints, "law": SetController,
+    "mismatch": Mismatch, "push": Push, "release": Release, "pause": Pause, "step": SingleStep,
+    "reset": Reset, "speed": SetSpeed, "ghost": ShowGhost, "record": RecordFrames,
+    "reach": FindReach, "lead": Lead,
 }  # fmt: skip
+NAMES = {cls: name for name, cls in MESSAGES.items()}
 
 
 def read(text: str | bytes, limits: Limits) -> Message:
-    """The message that a text is.
+    """Read and check a message.
 
     Parameters
     ----------
     text : str or bytes
-        From anyone.
+        The message as JSON, from anyone.
     limits : Limits
         The robot's.
 
     Raises
     ------
     InputError
-        For anything that is no message: the error says which member, what was expected and got.
+        For anything else; the error names the member, what was expected and what was got.
     """
     if len(text) > LONGEST:
         raise InputError("message", f"at most {LONGEST} bytes", len(text))

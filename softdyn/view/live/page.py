@@ -1,4 +1,4 @@
-"""The page of a live robot: everything it needs is inside, so that it works without a network."""
+"""The page of a live robot, with all its assets inside: it works without a network."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from string import Template
 import numpy as np
 
 from softdyn.description.robot import input_unit
-from softdyn.validation.live.frames import Columns
-from softdyn.validation.live.messages import OPEN_LOOP
 from softdyn.view import page
+from softdyn.view.live.frames import Columns
+from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.scene import TENSION, Figure
 
 # what three.js's own controls expect, and what they make
@@ -85,4 +85,4 @@ def live_page(
 
 @cache
 def _asset(name: str) -> str:
-    return (files("softdyn.validation.live") / "web" / name).read_text(encoding="utf-8")
+    return (files("softdyn.view.live") / "web" / name).read_text(encoding="utf-8")

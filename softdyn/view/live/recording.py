@@ -1,6 +1,6 @@
-"""What the server does by itself: recordings as replay pages, and where the tip can rest.
+"""Recordings as replay pages, and the stable rests of the tip: the server's own work.
 
-Engines are imported when they are first needed: a server is there in half a second.
+The engine is imported at its first use: a server is there in half a second.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Recording:
         self._rows, self.on = [], True
 
     def add(self, frame: bytes) -> bool:
-        """Keep a frame, if it is later than the one before; whether that was the last one."""
+        """Keep a frame that is later than the one before; True when there is no room for more."""
         if not self.on:
             return False
         row = np.frombuffer(frame, "<f4")[: self._replayed].copy()
@@ -61,7 +61,7 @@ class Recording:
         return len(self._rows) >= MOST
 
     def end(self) -> bool:
-        """Keep no more; whether there is something to replay."""
+        """Keep no more; True if there are frames to replay."""
         self.on = False
         if self._rows:
             self._done = np.array(self._rows)

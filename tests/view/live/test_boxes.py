@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from softdyn.validation.live.boxes import ERRORS, Outbox
+from softdyn.view.live.boxes import ERRORS, Outbox
 
 
 def all_of(box):

@@ -1,4 +1,4 @@
-"""The clock that a control loop keeps: when a period began, how late, and which were missed."""
+"""The clock of a control loop: the begin of periods, delays and missed ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SPAN = 0.5  # s over which the pace is measured
 
 @dataclass(frozen=True)
 class Kept:
-    """How well a clock was kept.
+    """Figures of a clock: misses, delays, step times, pace.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Kept:
 
 @dataclass
 class Clock:
-    """Wakes a loop once a period, and writes down how that went.
+    """Wakes a loop once a period, and keeps its delays.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ class Clock:
         self.begin()
 
     def begin(self) -> None:
-        """Start anew from now: after a pause, and after whatever was no control step."""
+        """Start anew from now, after a pause or work that was no control step."""
         now = perf_counter()
         self._due, self._since = now, (now, self.periods)
         self._began = (now, self.periods)
 
     def wait(self, longest: float = float("inf")) -> bool:
-        """Sleep until the next period is due, at most so long (s); whether it is."""
+        """Sleep until the next period is due, at most `longest` (s); True if it is due."""
         now = perf_counter()
         if self._due - now > longest:
             sleep(longest)
@@ -97,7 +97,7 @@ class Clock:
         return True
 
     def done(self, step_us: float) -> None:
-        """A period's work is done; its control step took so long (µs)."""
+        """End a period whose control step took `step_us` (µs)."""
         k, now = self.periods, perf_counter()
         self._due += self.period / self.speed
         self.misses += now > self._due
@@ -111,7 +111,7 @@ class Clock:
             self._since = (now, self.periods)
 
     def frame(self, rate: float) -> bool:
-        """Whether it is time for a frame, so many a second."""
+        """True when a frame is due, at `rate` frames a second."""
         now = perf_counter()
         if now < self._frame:
             return False

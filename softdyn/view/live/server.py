@@ -1,9 +1,9 @@
 """The server of a live robot: one page, one websocket, one that commands and any number that watch.
 
-A program of its own (``python -m softdyn.validation.live.server``), started by `channel.Channel`.
-Everything is on loopback; a request needs the token of the page's address, this machine's own name
-as its host, and where it says from which page it comes, that has to be ours. A page that does not
-read loses frames, and nobody waits for it: each page has an outbox, and the loop an inbox.
+A program of its own (``python -m softdyn.view.live.server``), started by `channel.Channel`.
+Everything is on loopback. A request needs the token of the page's address; its Host header must
+name this machine, and an Origin header, if sent, must be our page. A page that does not read loses
+frames and delays nobody: each page has an outbox, and the loop an inbox.
 """
 
 from __future__ import annotations
@@ -25,35 +25,34 @@ import tornado.web
 import tornado.websocket
 
 from softdyn.exceptions import InputError, SoftdynError
-from softdyn.validation.live.boxes import Inbox, Outbox
-from softdyn.validation.live.channel import ERROR, FRAME, STATE
-from softdyn.validation.live.messages import (
+from softdyn.view.live.boxes import Inbox, Outbox
+from softdyn.view.live.channel import DATAGRAM, ERROR, FRAME, STATE
+from softdyn.view.live.messages import (  # fmt: skip
     LONGEST,
+    FindReach,
     Lead,
     Limits,
     Message,
-    Reach,
-    Record,
+    RecordFrames,
     Release,
     read,
-)  # fmt: skip
-from softdyn.validation.live.recording import Recording
+)
+from softdyn.view.live.recording import Recording
 from softdyn.view.loopback import is_local
 
 MOST = 16  # pages at once
-DATAGRAM = 1 << 18
 KINDNESS = 5  # the loop's process goes first
 FAREWELL = 10.0  # s for the pages to take what is left
 
 
 class Hub:
-    """All pages, the loop's socket, and what the pages have to be told."""
+    """All pages, the loop's socket, and the state that the pages show."""
 
     def __init__(self, given: dict[str, Any], loop: socket.socket) -> None:
         self.page, self.token = given["page"].encode(), given["token"]
         self.limits: Limits | None = given["limits"]
         self.recording = Recording(given["figure"], given["replayed"], given["title"])
-        self.pages: list[Page] = []
+        self.pages: list[PageSocket] = []
         self._loop, self._inbox = loop, Inbox(loop)
         self._state: dict[str, Any] = {}
         self._reach: asyncio.Task | None = None
@@ -63,7 +62,7 @@ class Hub:
     # -- from the loop -------------------------------------------------------------------------
 
     def heard(self) -> None:
-        """Hand on what the loop has sent."""
+        """Hand on the loop's datagrams."""
         for _ in range(50):
             try:
                 data = self._loop.recv(DATAGRAM)
@@ -91,25 +90,25 @@ class Hub:
 
     # -- from a page ---------------------------------------------------------------------------
 
-    def joined(self, page: Page) -> None:
-        """One more page; the first one commands."""
+    def joined(self, page: PageSocket) -> None:
+        """Add a page; the first one commands."""
         self.pages.append(page)
         if not self._greeted:  # a loop may wait for its first page
-            self._greeted = self._inbox.put(type(None), b"")
+            self._greeted = self._inbox.put(None)
         self.tell()
         if self._points:
             page.say({"reach": self._points})
 
-    def left(self, page: Page) -> None:
-        """It is gone; the next one commands, and no hand stays on the robot."""
+    def left(self, page: PageSocket) -> None:
+        """A page is gone; the next one commands, and a push of it ends."""
         if page in self.pages:
             if page is self.pages[0]:
                 self._let_go()
             self.pages.remove(page)
             self.tell()
 
-    def said(self, page: Page, text: str | bytes) -> None:
-        """What a page says: done, handed to the loop, or answered with an error."""
+    def said(self, page: PageSocket, text: str | bytes) -> None:
+        """Do a message, hand it to the loop, or answer it with an error."""
         if page not in self.pages:  # it was one too many, or has left
             return
         try:
@@ -125,22 +124,22 @@ class Hub:
                 return
             if page is not self.pages[0]:
                 raise InputError("message", '{"do": "lead"} first', "another page commands")
-            self._do(message, text.encode() if isinstance(text, str) else text)
+            self._do(message)
         except InputError as error:
             page.say({"error": str(error)})
 
-    def _do(self, message: Message, text: bytes) -> None:
-        if isinstance(message, Record):
+    def _do(self, message: Message) -> None:
+        if isinstance(message, RecordFrames):
             self._record(message.on)
-        elif isinstance(message, Reach):
+        elif isinstance(message, FindReach):
             self._ask_reach()
-        elif not self._inbox.put(type(message), text):
+        elif not self._inbox.put(message):
             raise InputError("message", "fewer at a time", "more than the loop reads")
 
     def _let_go(self) -> None:
-        """No hand stays on the robot when its page commands no more."""
+        """End a push when its page commands no more."""
         if self.limits is not None:
-            self._inbox.put(Release, b'{"do": "release"}')
+            self._inbox.put(Release())
 
     def _record(self, on: bool) -> None:
         if on:
@@ -154,7 +153,7 @@ class Hub:
             self._reach = asyncio.create_task(self._find_reach())
 
     async def _find_reach(self) -> None:
-        """Rests of the tip, shown as they are found; this thread's pages go on meanwhile."""
+        """Show rests of the tip as a thread finds them."""
         loop = asyncio.get_running_loop()
         found = self.recording.rests()
         try:
@@ -170,14 +169,14 @@ class Hub:
     # -- the end -------------------------------------------------------------------------------
 
     async def part(self, html: str) -> None:
-        """Hand every page what is left, and a page to look at when nobody serves one any more."""
+        """Send every page all that is left, and a page to keep."""
         for _ in range(20):
             self.heard()
         for page in self.pages:
             if html:
                 page.say({"replay": html})
         end = asyncio.get_running_loop().time() + FAREWELL
-        closing: set[Page] = set()
+        closing: set[PageSocket] = set()
         while self.pages and asyncio.get_running_loop().time() < end:
             for page in tuple(self.pages):
                 if page not in closing and not page.behind:
@@ -194,7 +193,7 @@ class Checked(tornado.web.RequestHandler):
         self.hub = hub
 
     def prepare(self) -> None:
-        """Refuse what is not ours."""
+        """Refuse a request from another machine or without the token."""
         token = self.get_query_argument("token", "")
         if not is_local(self.request) or not hmac.compare_digest(
             token.encode(), self.hub.token.encode()
@@ -208,15 +207,15 @@ class Root(Checked):
     """The page itself."""
 
     def get(self) -> None:
-        """Its text."""
+        """Send its text."""
         self.finish(self.hub.page)
 
 
 class Recorded(Checked):
-    """The last recording, a page that replays it."""
+    """The page that replays the last recording."""
 
     async def get(self) -> None:
-        """Its text; made in a thread, since it takes a moment."""
+        """Send its text; a thread makes it, since that takes a moment."""
         loop = asyncio.get_running_loop()
         text = await loop.run_in_executor(None, self.hub.recording.html)
         if not text:
@@ -225,11 +224,11 @@ class Recorded(Checked):
         self.finish(text)
 
 
-class Page(tornado.websocket.WebSocketHandler, Checked):
-    """A page that is open somewhere."""
+class PageSocket(tornado.websocket.WebSocketHandler, Checked):
+    """The websocket of a page that is open somewhere."""
 
     def check_origin(self, origin: str) -> bool:
-        """Whether the page that asks is the one served here."""
+        """True for a request from the page that is served here."""
         return urlsplit(origin).netloc == self.request.headers.get("Host")
 
     def open(self, *_arguments: str) -> None:
@@ -252,22 +251,22 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
         self.hub.left(self)
 
     def frame(self, content: bytes) -> None:
-        """Show a frame when it can be sent; a later one takes its place where it cannot."""
+        """Send a frame as soon as possible; a later one replaces a frame that waits."""
         self.dropped += self._outbox.show(content)
         self._next()
 
     def say(self, what: dict[str, Any]) -> None:
-        """Tell something when it can be sent."""
+        """Send news as soon as possible."""
         self._outbox.put(what)
         self._next()
 
     @property
     def behind(self) -> bool:
-        """Whether there is something that it has not been told yet."""
+        """True while the page has not been sent everything."""
         return bool(self._sending or self._outbox)
 
     def _next(self) -> None:
-        """Send what waits, one after the other: each is sent when the one before has left."""
+        """Send the next text or frame when the one before has left."""
         if self._sending or not self._outbox:
             return
         content = self._outbox.take()
@@ -283,11 +282,15 @@ class Page(tornado.websocket.WebSocketHandler, Checked):
 
 
 async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.socket) -> None:
-    """Serve until standard input says what the pages keep, or just ends."""
+    """Serve until standard input ends; its text is a page for the pages to keep."""
     hub = Hub(given, loop)
     options = {"hub": hub}
     application = tornado.web.Application(
-        [(r"/", Root, options), (r"/live", Page, options), (r"/record.html", Recorded, options)],
+        [
+            (r"/", Root, options),
+            (r"/live", PageSocket, options),
+            (r"/record.html", Recorded, options),
+        ],
         log_function=lambda _handler: None,
         websocket_max_message_size=LONGEST + 1,
     )
@@ -302,7 +305,7 @@ async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.so
 
 
 def main(*descriptors: int) -> None:
-    """Read what to serve from standard input, and serve it."""
+    """Read the page and its settings from standard input, and serve it."""
     os.nice(KINDNESS)
     given = pickle.load(sys.stdin.buffer)  # from our own parent
     loop, listening = (socket.socket(fileno=descriptor) for descriptor in descriptors)

@@ -10,8 +10,8 @@ import pytest
 
 import softdyn
 from softdyn import InputError
-from softdyn.validation.live import messages
-from softdyn.validation.live.messages import MESSAGES, OPEN_LOOP, Limits, read
+from softdyn.view.live import messages
+from softdyn.view.live.messages import MESSAGES, OPEN_LOOP, Limits, read
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_what_is_no_message_says_which_member_and_why(text, why, limits):
 
 def test_messages_are_frozen():
     with pytest.raises(AttributeError):
-        messages.Speed(1.0).factor = 2.0  # type: ignore[misc]
+        messages.SetSpeed(1.0).factor = 2.0  # type: ignore[misc]
 
 
 def test_damaged_messages_are_messages_or_errors(limits):
@@ -117,10 +117,10 @@ def test_damaged_messages_are_messages_or_errors(limits):
         except InputError:
             continue
         read_well += 1
-        if isinstance(message, messages.Target):
+        if isinstance(message, messages.SetTarget):
             assert np.isfinite(message.y).all()
             assert np.abs(message.y).max() <= limits.reach
-        if isinstance(message, messages.Inputs):
+        if isinstance(message, messages.SetInputs):
             assert (message.u <= limits.upper).all()
             assert (message.u >= limits.lower).all()
     assert read_well > 50

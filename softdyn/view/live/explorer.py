@@ -1,7 +1,7 @@
-"""A robot at rest, explored by slider: joints by hand, or inputs and the rest that they lead to.
+"""A robot at rest, explored by slider: joints by hand, or inputs and the rest they lead to.
 
-Statics, not simulation: inputs lead to the rest that continues the one before. Where that branch
-has lost its stability the robot is shown where it snaps to, and the unstable rest beside it.
+Statics, not simulation: inputs lead to the rest that continues the one before. If that branch has
+lost its stability, the page shows the rest that the robot snaps to and the unstable one beside it.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, SoftdynError, SoftModel, statics
+from softdyn import statics
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError, SoftdynError
 from softdyn.statics import Equilibrium
 from softdyn.statics.branch import follow
 from softdyn.statics.equilibria import ramp
-from softdyn.validation.live import messages
-from softdyn.validation.live.channel import Channel
-from softdyn.validation.live.frames import Columns
-from softdyn.validation.live.messages import Limits, Message
-from softdyn.validation.live.pacing import IDLE
-from softdyn.validation.live.page import live_page
+from softdyn.view.live import messages
+from softdyn.view.live.channel import Channel
+from softdyn.view.live.frames import Columns
+from softdyn.view.live.messages import Limits, Message
+from softdyn.view.live.pacing import IDLE
+from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
 PARTS = 4  # of a move of the sliders
@@ -30,7 +32,7 @@ OFTEN = 0.25  # s between two frames of a robot that nobody moves
 
 
 class Explorer:
-    """The pose that the sliders ask for.
+    """The pose that the sliders set.
 
     Parameters
     ----------
@@ -40,13 +42,13 @@ class Explorer:
     Attributes
     ----------
     q, u : ndarray, (nq,), (nu,)
-        What is shown.
+        The pose and the inputs on the page.
     rest : Equilibrium or None
-        Where it rests under u; None while the joints are set by hand.
+        The rest under u; None while the joints are set by hand.
     unstable : Equilibrium or None
-        The rest on the branch it was on, where that is unstable.
+        The rest on the former branch, if that is unstable.
     notice : str
-        What went wrong last.
+        The last error.
     """
 
     def __init__(self, model: SoftModel) -> None:
@@ -59,25 +61,25 @@ class Explorer:
             self._show(statics.rest(model))
 
     def apply(self, message: Message) -> None:
-        """Do what a page says.
+        """Do a message of a page.
 
         Raises
         ------
         InputError
-            For a message that is of a robot in motion.
+            For a message that only a robot in motion can do.
         """
         self._poses += 1
         self.notice = ""
-        if isinstance(message, messages.Joints):
+        if isinstance(message, messages.SetJoints):
             self.q, self.u = self.model.configuration(message.x), np.zeros(self.model.nu)
             self.rest = self.unstable = None
-        elif isinstance(message, messages.Inputs):
+        elif isinstance(message, messages.SetInputs):
             try:
                 self._load(message.u)
             except SoftdynError as error:
                 self.notice = str(error)
         else:
-            raise InputError("do", "joints or inputs", type(message).__name__.lower())
+            raise InputError("do", "joints or inputs", messages.NAMES[type(message)])
 
     def frame(self) -> np.ndarray:
         """The pose as a frame; its time counts the poses."""
@@ -115,8 +117,8 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
     return found
 
 
-def explored(model: SoftModel, port: int | None = None) -> Channel:
-    """The pages of an explorer: a server, until it is closed."""
+def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
+    """Serve the page of an explorer until the channel is closed."""
     figure, title = Figure.of(model), model.bundled or model.name
     return Channel(
         live_page(figure, "explore", title=title), figure, replayed=Columns(model).replayed,
@@ -125,7 +127,7 @@ def explored(model: SoftModel, port: int | None = None) -> Channel:
 
 
 def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:
-    """Do what the pages of an explorer say until `over`, which is asked many times a second."""
+    """Do the messages of an explorer's pages until `over`, which is asked many times a second."""
     explorer, next_frame = Explorer(model), 0.0
     while not over():
         if channel.ended:

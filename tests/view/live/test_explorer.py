@@ -7,8 +7,8 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.validation.live import messages as m
-from softdyn.validation.live.explorer import Explorer, explore
+from softdyn.view.live import messages as m
+from softdyn.view.live.explorer import Explorer, explore
 
 
 def part(explorer, name):
@@ -19,7 +19,7 @@ def test_inputs_lead_to_the_rest_and_joints_are_set_by_hand():
     model = softdyn.load("finger")
     explorer = Explorer(model)
     u = np.array([0.06, -0.1])
-    explorer.apply(m.Inputs(u))
+    explorer.apply(m.SetInputs(u))
     rest = statics.settle(model, u)
     np.testing.assert_allclose(part(explorer, "y"), rest.y, atol=1e-6)
     assert part(explorer, "stable") == 1
@@ -35,7 +35,7 @@ def test_inputs_lead_to_the_rest_and_joints_are_set_by_hand():
         model.state(q, np.zeros(4)).y - rest.y, compliance @ force, rtol=1e-2, atol=1e-9
     )
     x = np.array([0.1, -0.2, 0.3, 0.0])
-    explorer.apply(m.Joints(x))
+    explorer.apply(m.SetJoints(x))
     np.testing.assert_allclose(part(explorer, "q"), x, atol=1e-7)
     assert np.isnan(part(explorer, "stable"))
     assert explorer.rest is None
@@ -48,7 +48,7 @@ def test_an_arm_that_buckles_is_shown_beside_its_unstable_rest():
     explorer = Explorer(softdyn.load("spirob"))
     straight = explorer.rest.y
     for pull in (0.3, 1.4, 0.3):
-        explorer.apply(m.Inputs(np.full(3, pull)))
+        explorer.apply(m.SetInputs(np.full(3, pull)))
         assert explorer.notice == ""
         assert explorer.rest.stable
         if pull < 1:
@@ -70,8 +70,8 @@ def test_what_is_said_while_a_rest_is_found_is_done_in_order():
 
         def __init__(self):
             self.frames, self.errors = [], []
-            by_hand = (m.Joints(0 * x), m.Joints(2 * x))
-            self.said = [*by_hand, m.Inputs(np.zeros(2)), m.Reset(), m.Joints(x)]
+            by_hand = (m.SetJoints(0 * x), m.SetJoints(2 * x))
+            self.said = [*by_hand, m.SetInputs(np.zeros(2)), m.Reset(), m.SetJoints(x)]
 
         def messages(self):
             said, self.said = self.said, []

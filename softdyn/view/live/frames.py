@@ -1,14 +1,14 @@
-"""A frame: one row of numbers that says everything a page draws at one moment."""
+"""A frame: one row of numbers, all that a page draws at one moment."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from softdyn import SoftModel
+from softdyn.dynamics.model import SoftModel
 
 
 class Columns:
-    """Which columns of a frame hold what; a value that there is not is NaN.
+    """The columns of a frame; a value that is missing is NaN.
 
     A frame is float32: time (s), joint coordinates, inputs, the tip and its target (m), V, the
     slowest step and the latest wake-up since the last frame (µs), missed periods so far, simulated

@@ -1,6 +1,7 @@
-"""Between a loop and its pages: datagrams to a server in a process of its own, none of which waits.
+"""A loop's side of its pages: datagrams to and from a server in a process of its own.
 
-A loop never waits for a page: what does not fit in the socket's buffer is dropped and counted.
+A loop never waits for a page: a frame that does not fit in the socket's buffer is dropped and
+counted. Messages come from the server checked, as pickles of our own child.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ import numpy as np
 
 import softdyn
 from softdyn.exceptions import InputError
-from softdyn.validation.live.messages import LONGEST, Limits, Message, read
+from softdyn.view.live.messages import LONGEST, Limits, Message
 from softdyn.view.loopback import HOST, Served, listener
 
 if TYPE_CHECKING:
     from softdyn.view.scene import Figure
 
 FRAME, STATE, ERROR = b"F", b"S", b"E"  # kinds of datagrams
+DATAGRAM = 1 << 18  # bytes, more than any has
 AT_ONCE = 8  # messages that a loop reads between two control steps
 PATIENCE = 30.0  # s for the pages to take what is left when it ends
 
@@ -39,15 +41,15 @@ class Channel(Served):
     Parameters
     ----------
     page : str
-        What the server shows.
+        The page that the server shows.
     figure : Figure
-        The robot, for what the server does by itself: recordings, and the reach.
+        The robot, for recordings and the reach, which the server makes itself.
     replayed : int
         Columns of a frame that a replay shows.
     title : str
         Of recordings.
     limits : Limits or None
-        Of the messages; None takes none: the pages only watch.
+        Of the messages; with None the pages only watch.
     port : int, optional
         By default a free one from 7000 on.
 
@@ -76,7 +78,7 @@ class Channel(Served):
         limits: Limits | None = None,
         port: int | None = None,
     ) -> None:
-        self._limits, self.dropped, self.ended = limits, 0, False
+        self.dropped, self.ended = 0, False
         self._late: dict[bytes, bytes] = {}
         token = secrets.token_urlsafe(16)
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -87,7 +89,7 @@ class Channel(Served):
         root = str(Path(softdyn.__file__).parents[1])
         path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "softdyn.validation.live.server", *map(str, ours)],
+            [sys.executable, "-m", "softdyn.view.live.server", *map(str, ours)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=ours,
             env={**os.environ, "PYTHONPATH": path}, start_new_session=True,
         )  # fmt: skip
@@ -128,19 +130,17 @@ class Channel(Served):
         self._say(ERROR, text.encode()[:LONGEST])
 
     def messages(self) -> Iterator[Message]:
-        """What the commanding page has said since, a few at a time."""
-        if self._limits is None:
-            return
+        """Messages of the commanding page since the last call, a few at a time."""
         for _ in range(AT_ONCE):
             try:
-                text = self._socket.recv(LONGEST + 1)
+                data = self._socket.recv(DATAGRAM)
             except OSError:  # nothing there, or no server
                 return
-            if text:  # an empty one says that a page has come
-                yield read(text, self._limits)
+            if data:  # an empty one says that a page has come
+                yield pickle.loads(data)
 
     def leave(self, html: str) -> None:
-        """What the pages keep to look at when the server is gone; said once, at the end."""
+        """Give the pages a page to keep when the server is gone; once, at the end."""
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.write(html.encode())

@@ -1,15 +1,16 @@
-"""What the server keeps for the loop and for each page until they read it: short, and in order."""
+"""Short queues of the server: messages that the loop, and news that a page, has not read yet."""
 
 from __future__ import annotations
 
 import asyncio
 import errno
 import json
+import pickle
 import socket
 from collections import deque
 from typing import Any
 
-from softdyn.validation.live.messages import DRAGS, Release
+from softdyn.view.live.messages import DRAGS, Message, Release
 
 WAITING = 200  # messages that a loop may have unread
 AGAIN = 0.01  # s until a loop that takes no more is asked again
@@ -17,27 +18,28 @@ ERRORS = 20  # that a page is told of those it has not read
 
 
 class Inbox:
-    """What the loop has still to read, in order; of a drag the last place alone.
+    """Checked messages that the loop has not read yet, in order; of a drag only the last.
 
     Parameters
     ----------
     loop : socket
-        Takes some datagrams, and no more before it has read them: a loop that builds a law for
-        seconds, or looks for a rest, loses nothing of what is said meanwhile.
+        Takes some datagrams, and no more before it has read them: a loop that builds a controller
+        for seconds, or looks for a rest, loses no message meanwhile.
     """
 
     def __init__(self, loop: socket.socket) -> None:
         self._loop = loop
-        self._waiting: deque[tuple[type, bytes]] = deque()
+        self._waiting: deque[Message | None] = deque()
         self._later: asyncio.TimerHandle | None = None
 
-    def put(self, kind: type, text: bytes) -> bool:
-        """Hand on a message; whether there was room."""
-        if kind in DRAGS and self._waiting and self._waiting[-1][0] is kind:
+    def put(self, message: Message | None) -> bool:
+        """Hand on a message, or with None the news of the first page; False without room."""
+        last = self._waiting[-1] if self._waiting else None
+        if isinstance(message, DRAGS) and type(last) is type(message):
             self._waiting.pop()
-        elif len(self._waiting) >= WAITING and kind is not Release:
+        elif len(self._waiting) >= WAITING and not isinstance(message, Release):
             return False
-        self._waiting.append((kind, text))
+        self._waiting.append(message)
         if self._later is None:
             self._send()
         return True
@@ -46,7 +48,8 @@ class Inbox:
         self._later = None
         while self._waiting:
             try:
-                self._loop.send(self._waiting[0][1])
+                message = self._waiting[0]
+                self._loop.send(b"" if message is None else pickle.dumps(message))
             except (BlockingIOError, InterruptedError):
                 self._later = asyncio.get_running_loop().call_later(AGAIN, self._send)
                 return
@@ -60,10 +63,10 @@ class Inbox:
 
 
 class Outbox:
-    """What a page has still to be told, in order, and the latest frame behind it.
+    """News that a page has not read yet, in order, and the latest frame behind them.
 
-    It is short whatever the page does not read: a state overtakes the one before, points join
-    those before, and of errors the latest few are kept.
+    It is short for a page that reads nothing: a state replaces the one before, points join those
+    before, and of errors the latest few are kept.
     """
 
     def __init__(self) -> None:
@@ -74,7 +77,7 @@ class Outbox:
         return bool(self._news) or self._frame is not None
 
     def put(self, news: dict[str, Any]) -> None:
-        """Something to be told; its first member says what kind it is."""
+        """Add news; the first member is their kind."""
         kind = next(iter(news))
         same = [one for one in self._news if kind in one]
         if kind == "reach" and same:
@@ -85,12 +88,12 @@ class Outbox:
         self._news.append(news)
 
     def show(self, frame: bytes) -> bool:
-        """A frame, in the place of the one before; whether there was one."""
+        """Set the frame; True if it replaces one that was not read."""
         before, self._frame = self._frame, frame
         return before is not None
 
     def take(self) -> str | bytes:
-        """What is next: texts first."""
+        """The next text, or the frame after all texts."""
         if self._news:
             return json.dumps(self._news.pop(0))
         frame, self._frame = self._frame or b"", None
