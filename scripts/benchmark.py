@@ -73,8 +73,8 @@ def command(arguments: cli.Arguments) -> int:
         cli.write_report(drawn, arguments.json, "\n".join(files))
         return cli.PASSED
     cli.make_folder(out)
-    tasks = benchmark.tasks(cases)
-    executors.follow(benchmark.store(out).run(tasks, executors.strict(jobs)), tasks)
+    wanted = benchmark.jobs_of(cases)
+    executors.follow(benchmark.store(out).run(wanted, executors.strict(jobs)), wanted)
     kept = benchmark.committed()
     if arguments.ensemble:
         kept = {**kept, **cli.distributions(arguments, benchmark.cells(cases))}

@@ -85,7 +85,7 @@ def command(arguments: cli.Arguments) -> int:
     for folder in (out, grid):
         cli.make_folder(folder)
     reproduction.run(wanted, out, jobs, files(arguments))
-    ours = benchmark.tasks(list(dict.fromkeys(case for _, case in wanted)))
+    ours = benchmark.jobs_of(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
     rows = reproduction.rows(wanted, out, grid)
     write_text(out / "table.md", reproduction.reproduction_document(rows))

@@ -51,18 +51,18 @@ def command(arguments: cli.Arguments) -> int:
     began = perf_counter()
     wanted = read(arguments.file)
     out = Path(arguments.out or Path("results") / wanted.path.stem)
-    tasks, store = wanted.tasks(), sweep.store(out)
+    jobs, store = wanted.jobs(), sweep.store(out)
     if arguments.dry_run:
-        plan = sweep_report.plan(wanted, tasks, store.missing(tasks))
+        plan = sweep_report.plan(wanted, jobs, store.missing(jobs))
         cli.write_report(plan, arguments.json, sweep_report.plan_text(plan))
         return cli.PASSED
     cli.make_folder(out)
     cli.check_outputs(arguments.json)
     executor = executors.patient(arguments.jobs or -1)
-    if arguments.scheduler is not None and store.missing(tasks):
+    if arguments.scheduler is not None and store.missing(jobs):
         executor = cluster.cluster(arguments.scheduler)
-    ran = executors.follow(store.run(tasks, executor), tasks)
-    rows = sweep_report.rows(tasks, store)
+    ran = executors.follow(store.run(jobs, executor), jobs)
+    rows = sweep_report.rows(jobs, store)
     report = sweep_report.report(wanted, rows, ran)
     report["files"] = sweep_report.write(wanted, rows, out)
     report["wall_s"] = perf_counter() - began

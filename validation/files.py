@@ -135,7 +135,7 @@ def _holds_infinity(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def safe(text: str) -> str:
+def safe_filename(text: str) -> str:
     """`text` as one path component; a path or a class keeps its last words and gains a hash."""
     if re.fullmatch(r"[A-Za-z0-9_-]+", text):
         return text

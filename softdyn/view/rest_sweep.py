@@ -20,7 +20,7 @@ LIMIT_RATE = 400.0  # rad/s of a joint against its stop: hard beside gravity, da
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class RestSweep:
     """`t` (N,), `q` (N, nq), `u` (N, nu), `y` (N, 3), and what begins when."""
 
     t: np.ndarray
@@ -51,7 +51,7 @@ def rest_page(model: SoftModel) -> Page:
     return Page(model.bundled or model.name, (figure,), (run,))
 
 
-def rest_sweep(model: SoftModel) -> Sweep:
+def rest_sweep(model: SoftModel) -> RestSweep:
     """Let the robot come to rest without input, then raise and lower each input in turn.
 
     A robot with inputs follows its analytic dynamics, joint limits as stiff springs; amplitudes
@@ -128,7 +128,7 @@ def _turning(model: SoftModel) -> np.ndarray:
     return np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
 
 
-def _joints(model: SoftModel) -> Sweep:
+def _joints(model: SoftModel) -> RestSweep:
     """Each joint of a robot without inputs, there and back."""
     lower, upper = (np.clip(b, -1e3, 1e3) for b in (model.lower, model.upper))
     rest = np.clip(model.coordinates(model.q0), lower, upper)
@@ -156,6 +156,6 @@ def _ramp(seconds: float) -> np.ndarray:
     return (1 - np.cos(np.linspace(0, np.pi, round(seconds / STEP)))) / 2
 
 
-def _sweep(rows: list, notes: list[tuple[float, str]]) -> Sweep:
+def _sweep(rows: list, notes: list[tuple[float, str]]) -> RestSweep:
     t, q, u, y = (np.array(column) for column in zip(*rows, strict=True))
-    return Sweep(t, q, u, y, tuple(notes))
+    return RestSweep(t, q, u, y, tuple(notes))

@@ -227,9 +227,9 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
     # 20 % more gravity than the controller's model says
     model, heavy = robot("finger"), robot("finger")
     goal = paper.set_point("finger", 0.5)
-    from softdyn.validation.studies.engine.deviations import Plant
+    from softdyn.validation.twin.plant_errors import PlantErrors
 
-    log = simulate(model, Mpc(heavy), goal, duration=4, twin=Plant(mass=1.2).twin)
+    log = simulate(model, Mpc(heavy), goal, duration=4, twin=PlantErrors(mass=1.2).twin)
     assert 100 * np.linalg.norm(log.error[-1]) < 0.05
 
 

@@ -19,9 +19,10 @@ from softdyn.controllers import registry
 from softdyn.exceptions import one_line
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
+from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
-from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.experiments import setup_of
+from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 from softdyn.view.live import messages
@@ -295,7 +296,7 @@ class Session:
         self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
     ) -> tuple[Twin, StateMap]:
         """A plant anew, in a state."""
-        errors = _part(Plant, said)
+        errors = _part(PlantErrors, said)
         twin = errors.twin(
             self.model.robot, timestep=self._grid.timestep, contacts=errors.contacts,
             friction=errors.friction,
@@ -331,7 +332,7 @@ class Session:
         """A controller behind its signal path, begun anew."""
         if inner is None:
             return None
-        law = _part(Link, said).around(inner, self.period)
+        law = _part(SignalPath, said).around(inner, self.period)
         if hasattr(law, "reset"):
             law.reset(self.period)
         return law

@@ -11,9 +11,9 @@ import numpy as np
 
 from softdyn.description.visuals import Visual
 from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.names import controller_title
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.pacing import RATE, Clock

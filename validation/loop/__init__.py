@@ -3,11 +3,13 @@
 - `closed_loop`: `ClosedLoop`, which can be stepped, and `simulate`, which runs one
 - `arguments`: checks of a loop's arguments; the user's own plant
 - `experiment`: a loop's task: its reference, duration and control period
+- `signal_path`: delay, lag and noise between plant and controller
 - `time_grid`: the division of a run into control periods and plant steps
 - `record`: a log's arrays while the loop fills them, the controller's counts
 - `verdict`: early ends of a run, failures, whether it reached its reference
 - `log`: the record of a run: its arrays, its figures of merit, its summary, its file
 - `logged_robot`: the robot of a log, as its file was when it ran
 - `log_checks`: checks of such a file
+- `labels`: names of robots, controllers and experiments in tables, figures and pages
 - `metrics`: the means behind figures of merit
 """

@@ -36,7 +36,7 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
-from softdyn.validation.plain import plain
+from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
@@ -307,7 +307,9 @@ class ClosedLoop:
             not_solved=not_solved,
             fallbacks=fallbacks,
             max_bound_violation=max(self._record.violation(steps), violation),
-            gains=plain(getattr(controller, "gains", getattr(controller, "parameters", None))),
+            gains=to_plain_data(
+                getattr(controller, "gains", getattr(controller, "parameters", None))
+            ),
             versions=dict(_versions()),
             source=LoggedRobot.of(model),
             plant=self.plant_file,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
-from softdyn.validation.plain import LARGEST
+from softdyn.validation.plain_data import LARGEST
 
 FORMAT = "softdyn-log-3"
 FLOAT = np.dtype(float)

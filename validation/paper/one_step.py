@@ -19,11 +19,11 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.controllers.registry import make_controller
+from softdyn.validation.loop.labels import experiment_title
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.paper.reproduction import changed
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
-from softdyn.validation.studies.names import experiment_title
 from softdyn.validation.twin.state_map import StateMap
 
 # A record's robot → the grid's, what its commit has, the base above the ground (m), and how the
@@ -46,7 +46,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class RecordedRun:
     """A recorded run of the reference implementation.
 
     Attributes
@@ -74,7 +74,7 @@ class Record:
     targets: np.ndarray
 
 
-def read(path: Path) -> Record:
+def read(path: Path) -> RecordedRun:
     """A record from a file named ROBOT_CONTROLLER_theta… or omega…, in multiples of π.
 
     Raises
@@ -91,12 +91,12 @@ def read(path: Path) -> Record:
             q, v, ctrl, target = (file[n] for n in ("q", "v", "ctrl", "target"))
         cell = Case(name, controller, kind, value)
         targets = target - np.array([0.0, 0.0, base])
-        return Record(cell, experiment, robot, q, v, sign * ctrl[:, columns], targets)
+        return RecordedRun(cell, experiment, robot, q, v, sign * ctrl[:, columns], targets)
     except (KeyError, ValueError, IndexError, OSError, zipfile.BadZipFile) as error:
         raise InputError(str(path), "a recorded run ROBOT_CONTROLLER_thetaT.npz", error) from None
 
 
-def records(folder: Path) -> list[Record]:
+def records(folder: Path) -> list[RecordedRun]:
     """All records of a folder.
 
     Raises
@@ -110,12 +110,12 @@ def records(folder: Path) -> list[Record]:
     return [read(path) for path in found]
 
 
-def row(record: Record, experiment: str, files: Path | None = None) -> dict[str, Any]:
+def row(record: RecordedRun, experiment: str, files: Path | None = None) -> dict[str, Any]:
     """One-step differences of a record under an experiment.
 
     Parameters
     ----------
-    record : Record
+    record : RecordedRun
     experiment : str
         Names of `reproduction.CHANGES`, joined by ``+``.
     files : Path, optional
@@ -155,11 +155,11 @@ def row(record: Record, experiment: str, files: Path | None = None) -> dict[str,
     }
 
 
-def inputs(record: Record, case: Case, model: SoftModel) -> tuple[np.ndarray, float]:
+def inputs(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarray, float]:
     """What the emulated law answers (steps, nu), and how far its targets are from those (m)."""
     plan = case.experiment(model)
     law = case.law(case.controller, model) if case.law else make_controller(case.controller, model)
-    law = case.link.around(law, plan.period)
+    law = case.signals.around(law, plan.period)
     answers, far = np.zeros_like(record.u), 0.0
     for k in range(len(answers)):
         at = plan.reference(k * plan.period)
@@ -168,7 +168,7 @@ def inputs(record: Record, case: Case, model: SoftModel) -> tuple[np.ndarray, fl
     return answers, far
 
 
-def state_differences(record: Record, case: Case, model: SoftModel) -> tuple[np.ndarray, int]:
+def state_differences(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarray, int]:
     """Of the emulated plant's next state from the recorded one (steps - 1,); steps with contacts.
 
     The solver starts from its last answer, as it does in a run.

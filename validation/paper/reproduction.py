@@ -19,13 +19,13 @@ import numpy as np
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, State
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.loop.labels import cell_title
+from softdyn.validation.loop.signal_path import View
 from softdyn.validation.paper import reference_laws
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark_table import benchmark_cells
 from softdyn.validation.studies.engine import executors
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.deviations import View
-from softdyn.validation.studies.names import cell_title
 from softdyn.validation.tables import Table, document
 
 QP = ("clf-qp", "soft-id-clf-qp", "ic-qp")
@@ -144,10 +144,10 @@ class Change:
         A line for people.
     robots, controllers : tuple of str
         Where it is run unless asked otherwise.
-    case, plant, link : mapping
-        What is otherwise in the `Case`, in its `Plant`, in its `Link`.
+    case, plant, signals : mapping
+        Fields of the `Case`, of its `PlantErrors`, of its `SignalPath` that differ.
     views : tuple
-        Makers of views that join those of the link.
+        Makers of views that join those of the `SignalPath`.
     law : str
         What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
         rows), "angular" (the same with the tip's angular velocity as three more), "difference",
@@ -163,7 +163,7 @@ class Change:
     controllers: tuple[str, ...] = PAPER
     case: Mapping[str, Any] = field(default_factory=dict)
     plant: Mapping[str, Any] = field(default_factory=dict)
-    link: Mapping[str, Any] = field(default_factory=dict)
+    signals: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[Callable[[], View], ...] = ()
     law: str = ""
     gains: Mapping[str, float] = field(default_factory=dict)
@@ -204,9 +204,10 @@ CHANGES = {
     "shifted": Change(
         "the same ellipse shifted, as in its last versions", case={"target": shifted_target}
     ),
-    "late": Change("the first control step gives zero input", link={"late": True}),
+    "late": Change("the first control step gives zero input", signals={"late": True}),
     "sampled": Change(
-        "TT as the plain mean of every fifth sample, t = 0 included", case={"sampled": True}
+        "TT as the plain mean of every fifth sample, t = 0 included",
+        case={"reference_sampling": True},
     ),
     "period-1ms": Change("control period 1 ms", ("finger",), case={"period": 0.001}),
     "period-2ms": Change("control period 2 ms", ("finger", "helix"), case={"period": 0.002}),
@@ -314,8 +315,10 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
     case, gains = cell, dict[str, float]()
     changes = parse(name, cell.robot)
     for change in changes:
-        link = replace(case.link, **change.link, views=(*case.link.views, *change.views))
-        case = replace(case, **change.case, plant=replace(case.plant, **change.plant), link=link)
+        views = (*case.signals.views, *change.views)
+        signals = replace(case.signals, **change.signals, views=views)
+        plant = replace(case.plant, **change.plant)
+        case = replace(case, **change.case, plant=plant, signals=signals)
         gains |= change.gains
     if any(change.hulls for change in changes) and case.robot in HULLS:
         if files is None:
@@ -338,11 +341,11 @@ def run(
 ) -> None:
     """Run what is missing or out of date below `folder`; a bar on a terminal."""
     asked = {  # all of them before the first one runs: one may be bad input
-        name: benchmark.tasks([changed(cell, name, files) for cell in cells], cells)
+        name: benchmark.jobs_of([changed(cell, name, files) for cell in cells], cells)
         for name, cells in _by_name(wanted).items()
     }
-    for name, tasks in asked.items():
-        executors.follow(benchmark.store(folder / name).run(tasks, executors.strict(jobs)), tasks)
+    for name, cases in asked.items():
+        executors.follow(benchmark.store(folder / name).run(cases, executors.strict(jobs)), cases)
 
 
 def _by_name(wanted: Iterable[tuple[str, Case]]) -> dict[str, list[Case]]:

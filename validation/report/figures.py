@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
+from softdyn.validation.loop.labels import experiment_title
 from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
@@ -26,7 +27,6 @@ from softdyn.validation.report.plot_data import (
     thin,
     thin_path,
 )
-from softdyn.validation.studies.names import experiment_title
 
 TICKS = 4  # at most, on a small panel's axis
 FINEST = 1e-4  # cm; errors below a micrometre are drawn as one

@@ -18,7 +18,8 @@ from typing import Any
 from tqdm.auto import tqdm
 
 from softdyn import InputError
-from softdyn.validation.files import safe, write_text
+from softdyn.validation.files import safe_filename, write_text
+from softdyn.validation.loop.labels import controller_title, experiment_title, robot_title
 from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import benchmark
@@ -30,7 +31,6 @@ from softdyn.validation.studies.benchmark_table import (
 )
 from softdyn.validation.studies.engine.case import Case, number_text
 from softdyn.validation.studies.engine.distribution import NOTE
-from softdyn.validation.studies.names import controller_title, experiment_title, robot_title
 from softdyn.validation.tables import Table
 from softdyn.view.page import library_file
 
@@ -104,7 +104,7 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
         groups.setdefault((case.robot, case.controller), []).append(case)
     for kind in (REPLAYS, THUMBNAILS):
         for robot in dict.fromkeys(case.robot for case in cases):
-            (folder / kind / safe(robot)).mkdir(parents=True, exist_ok=True)
+            (folder / kind / safe_filename(robot)).mkdir(parents=True, exist_ok=True)
     shutil.copyfile(library_file(), folder / REPLAYS / LIBRARY)
     calls = [(group, folder) for group in groups.values()]
     versions: dict[str, str] = {}
@@ -169,12 +169,12 @@ def chosen(cases: Sequence[Case]) -> int:
 
 def replay_path(case: Case) -> Path:
     """Where the runs of a robot with a controller can be seen, below the benchmark's folder."""
-    return Path(REPLAYS, safe(case.robot), f"{safe(case.controller)}.html")
+    return Path(REPLAYS, safe_filename(case.robot), f"{safe_filename(case.controller)}.html")
 
 
 def thumbnail_path(case: Case) -> Path:
     """The picture of a robot with a controller, below the benchmark's folder."""
-    return Path(THUMBNAILS, safe(case.robot), f"{safe(case.controller)}.png")
+    return Path(THUMBNAILS, safe_filename(case.robot), f"{safe_filename(case.controller)}.png")
 
 
 def html(

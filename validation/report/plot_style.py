@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 
 from softdyn import InputError
 from softdyn.validation.files import atomic
-from softdyn.validation.studies import names
+from softdyn.validation.loop import labels
 
 Look = tuple[str, Any]  # colour and dashes
 COLUMN, PAGE = 3.5, 7.16  # widths of one and of both columns of a two-column page (inch)
@@ -37,8 +37,8 @@ INPUTS: tuple[Look, ...] = (
     (BLUE, SOLID), (VERMILLION, DASHED), (GREEN, DASH_DOT), (ORANGE, DOTTED),
     (PURPLE, DASH_DOT_DOT), (SKY, LONG), (BLACK, SOLID), (GREY, DASHED), (BROWN, SOLID),
 )  # fmt: skip
-CONTROLLERS = dict(zip(names.CONTROLLERS, INPUTS, strict=False))
-ROBOTS = dict(zip(names.ROBOTS, (*INPUTS[:3], INPUTS[4]), strict=True))
+CONTROLLERS = dict(zip(labels.CONTROLLERS, INPUTS, strict=False))
+ROBOTS = dict(zip(labels.ROBOTS, (*INPUTS[:3], INPUTS[4]), strict=True))
 OTHERS: tuple[Look, ...] = (
     (BLACK, DASHED), (GREY, SOLID), (BROWN, DASH_DOT), (BLACK, DOTTED), (GREY, DASHED),
 )  # fmt: skip
@@ -89,12 +89,12 @@ def looks(shown: Iterable[str], known: Mapping[str, Look]) -> dict[str, Look]:
 
 def robot_title(name: str) -> str:
     """A robot's name in a figure."""
-    return plain(names.robot_title(name))
+    return plain(labels.robot_title(name))
 
 
 def controller_title(name: str) -> str:
     """A controller's name in a figure."""
-    return plain(names.controller_title(name))
+    return plain(labels.controller_title(name))
 
 
 def plain(text: str) -> str:

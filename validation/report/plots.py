@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from tqdm.auto import tqdm
 
-from softdyn.validation.files import safe
+from softdyn.validation.files import safe_filename
 from softdyn.validation.report import figures
 from softdyn.validation.report.plot_data import Run, distinct
 from softdyn.validation.report.plot_style import save, style
@@ -46,7 +46,7 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
         "lyapunov_set_points": partial(figures.lyapunov, runs, "set_point"),
         "lyapunov_trajectories": partial(figures.lyapunov, runs, "tracking"),
         **{
-            f"{CONVERGENCE}{safe(robot)}": partial(figures.convergence, runs, robot)
+            f"{CONVERGENCE}{safe_filename(robot)}": partial(figures.convergence, runs, robot)
             for robot in robots
         },
         "tracking": partial(figures.tracking, runs),

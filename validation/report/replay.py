@@ -9,9 +9,9 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.description.visuals import Visual
+from softdyn.validation.loop.labels import controller_title, goal, labels_of
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.names import controller_title, goal, labels_of
 from softdyn.view.page import Page, Run, Track, frames
 from softdyn.view.scene import Figure
 

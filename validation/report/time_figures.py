@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from softdyn.validation.files import atomic
+from softdyn.validation.loop.labels import experiment_title, labels_of
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.verdict import activity
 from softdyn.validation.report import plot_style as look
@@ -25,7 +26,6 @@ from softdyn.validation.report.plot_data import (
     preferred,
     thin,
 )
-from softdyn.validation.studies.names import experiment_title, labels_of
 
 
 def inputs(runs: Sequence[Run]) -> Figure | None:

@@ -1,6 +1,6 @@
 """Many closed loops: each study is a list of cases and a table, run by one engine.
 
-- `engine`: `Case` → run → `Store`; see there for the plants, delays and noise a case can have.
+- `engine`: `Case` → run → `Store`; see there.
 - `experiments`: the paper's experiments, control periods and published results.
 - `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
 - `sweep`, `sweep_file`, `sweep_report`: a grid or random samples from a TOML file.
@@ -11,5 +11,4 @@
 - `own`: anyone's robots and classes: their goals, tuning, `benchmark` from Python.
 - `obstacle`: the tip meets a ball, with and without barriers.
 - `study_targets`: the paper's targets for its robots, sampled equilibria for any other.
-- `names`: what robots, controllers and experiments are called in tables and figures.
 """

@@ -18,16 +18,16 @@ import numpy as np
 
 from softdyn import InputError
 from softdyn.controllers.registry import make_controller, one_line_errors
+from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.loop.metrics import mean_std
-from softdyn.validation.plain import plain
+from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case, number_text
-from softdyn.validation.studies.engine.distribution import Distribution, over, read, value
+from softdyn.validation.studies.engine.distribution import Distribution, mean_and_std, read, value
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Task
-from softdyn.validation.studies.names import cell_title
+from softdyn.validation.studies.engine.worker import Job
 
 # figures that stand beside the code; of the paper's grid: `benchmark.py --ensemble` makes it
 MEASURED = Path(__file__).parent / "measured"
@@ -66,7 +66,7 @@ def store(folder: Path) -> Store:
     return Store(folder, times="times")
 
 
-def tasks(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[Task]:
+def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[Job]:
     """What is to be run, each controller built once to see whether it can be.
 
     Parameters
@@ -88,13 +88,13 @@ def tasks(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[Ta
         gains = {pair: _gains(*pair) for pair in pairs}
         also = [gains[cell.robot, cell.controller] for cell in cells]
         names = [cell.name for cell in cells]
-        return worker.tasks(cases, names=names, heads=heads, also=also, log=True)
+        return worker.jobs_of(cases, names=names, heads=heads, also=also, log=True)
 
 
 def _gains(robot: str, controller: str) -> Any:
     law = make_controller(controller, load_model(robot))
     with one_line_errors(controller, "a controller"):
-        return plain(getattr(law, "gains", None))
+        return to_plain_data(getattr(law, "gains", None))
 
 
 def label(case: Case) -> str:
@@ -182,7 +182,7 @@ def distributions(
         if each:
             moving[every] = each
             if len(cells) == len(mine):
-                mean, std = over(list(cells.values()))
+                mean, std = mean_and_std(list(cells.values()))
                 moving[f"{short}_mean_{unit}"] = mean.summary() | {"text": mean.text(std)}
     return {"ensemble": moving, "outside": outside}
 

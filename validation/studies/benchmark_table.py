@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from softdyn.validation.files import write_json, write_text
+from softdyn.validation.loop.labels import CONTROLLERS, cell_title
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.distribution import NOTE, number
-from softdyn.validation.studies.names import CONTROLLERS, cell_title
 from softdyn.validation.tables import Table, document
 
 TITLES = (

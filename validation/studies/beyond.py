@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from softdyn.validation.loop.labels import SYMBOLS, cell_title
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
-from softdyn.validation.studies.names import SYMBOLS, cell_title
 
 PERIODS = (0.001, 0.002)  # s, beside each robot's published one
 

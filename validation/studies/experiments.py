@@ -7,6 +7,7 @@ has the loop's default period.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -41,7 +42,7 @@ class Setup:
         Control period (s).
     reach : float
         The ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
-    shrink : float
+    ellipse_scale : float
         Factor on both semi-axes, about that centre.
     """
 
@@ -49,12 +50,31 @@ class Setup:
     length: float
     period: float
     reach: float = 1.0
-    shrink: float = 1.0
+    ellipse_scale: float = 1.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "length", number("length", self.length, lower=0.0))
-        for name in ("period", "reach", "shrink"):
-            object.__setattr__(self, name, number(name, getattr(self, name), above=0.0))
+    def __init__(
+        self,
+        robot: str,
+        length: float,
+        period: float,
+        reach: float = 1.0,
+        ellipse_scale: float = 1.0,
+        shrink: float | None = None,
+    ) -> None:
+        if shrink is not None:
+            warnings.warn("shrink is called ellipse_scale", DeprecationWarning, stacklevel=2)
+            ellipse_scale = shrink
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "length", number("length", length, lower=0.0))
+        above = {"period": period, "reach": reach, "ellipse_scale": ellipse_scale}
+        for name, value in above.items():
+            object.__setattr__(self, name, number(name, value, above=0.0))
+
+    @property
+    def shrink(self) -> float:
+        """The former name of `ellipse_scale`."""
+        warnings.warn("shrink is called ellipse_scale", DeprecationWarning, stacklevel=2)
+        return self.ellipse_scale
 
     def ellipse(self, omega: float = 0.0) -> Ellipse:
         """The ellipse of the robot's size, run through at `omega`.
@@ -68,7 +88,7 @@ class Setup:
             raise InputError("length", "a robot with a length, or a target", f"{self.length:g} m")
         a, b = self.length / 3, self.length / 8
         c = self.reach * self.length - b
-        return Ellipse(self.shrink * a, self.shrink * b, c, omega=omega)
+        return Ellipse(self.ellipse_scale * a, self.ellipse_scale * b, c, omega=omega)
 
     def set_point(self, theta: float) -> Experiment:
         """Reach the ellipse's point at `theta`, in multiples of π, within 10 s."""

@@ -8,12 +8,12 @@ from typing import Any
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
-from softdyn.validation.files import safe
+from softdyn.validation.files import safe_filename
+from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
 from softdyn.validation.studies.engine.sources import load_model
-from softdyn.validation.studies.names import cell_title
 from softdyn.validation.studies.study_targets import study_targets
 
 SHARES = (0.0, 0.5, 0.8, 1.0, 1.2, 2.0)  # of ε
@@ -44,7 +44,8 @@ def cells(
     asked = study_targets(model, CELLS)
     for share in shares:
         for kind, value in asked:
-            label = f"{safe(robot)}/{share:g}/{1e3 * share * eps:g} ms/{cell_title(kind, value)}"
+            horizon = f"{share:g}/{1e3 * share * eps:g} ms"
+            label = f"{safe_filename(robot)}/{horizon}/{cell_title(kind, value)}"
             found[label] = Case(
                 robot, SoftIdClfQp.name, kind, value, period=period, annotations=annotations,
                 parameters={**(table or {}), "horizon": share * eps},

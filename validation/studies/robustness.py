@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from softdyn.validation.files import safe
+from softdyn.validation.files import safe_filename
+from softdyn.validation.loop.labels import cell_title
+from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.engine.distribution import Distribution, pivot
 from softdyn.validation.studies.engine.sources import load_model
-from softdyn.validation.studies.names import cell_title
 from softdyn.validation.studies.study_targets import study_targets
+from softdyn.validation.twin.plant_errors import PlantErrors
 
 CELLS = (("set_point", 0.25), ("set_point", 1.25), ("tracking", 0.25))  # not the paper's
 FACTORS = (0.8, 0.9, 1.1, 1.2)
@@ -23,25 +24,25 @@ REFERENCE_DRY = 0.1
 
 def changes(robot: str) -> dict[str, dict[str, Any]]:
     """What is changed → the fields of a case that do it, for one robot."""
-    dry = Plant(dry_friction=DRY.get(robot, REFERENCE_DRY))
+    dry = PlantErrors(dry_friction=DRY.get(robot, REFERENCE_DRY))
     return {
         "none": {},
-        "ellipse x 0.7": {"shrink": 0.7},
+        "ellipse x 0.7": {"ellipse_scale": 0.7},
         **{
-            f"{name} x {factor:g}": {"plant": Plant(**{name: factor})}  # type: ignore[arg-type]
+            f"{name} x {factor:g}": {"plant": PlantErrors(**{name: factor})}  # type: ignore[arg-type]
             for name in ("mass", "stiffness", "damping")
             for factor in FACTORS
         },
-        "5 ms delay": {"link": Link(delay=0.005)},
-        "1 mm noise": {"link": Link(noise=0.001)},
-        "actuators lag 10 ms": {"link": Link(lag=0.01)},
-        "actuators lag 50 ms": {"link": Link(lag=0.05)},
-        "cable friction 5 %": {"plant": Plant(cable_friction=0.05)},
+        "5 ms delay": {"signals": SignalPath(delay=0.005)},
+        "1 mm noise": {"signals": SignalPath(noise=0.001)},
+        "actuators lag 10 ms": {"signals": SignalPath(lag=0.01)},
+        "actuators lag 50 ms": {"signals": SignalPath(lag=0.05)},
+        "cable friction 5 %": {"plant": PlantErrors(cable_friction=0.05)},
         "dry friction": {"plant": dry},
         # what the plant of the paper's reference implementation has
-        "contacts": {"plant": Plant(contacts=True)},
-        "soft stops": {"plant": Plant(soft_stops=True)},
-        "contacts, soft stops": {"plant": Plant(contacts=True, soft_stops=True)},
+        "contacts": {"plant": PlantErrors(contacts=True)},
+        "soft stops": {"plant": PlantErrors(soft_stops=True)},
+        "contacts, soft stops": {"plant": PlantErrors(contacts=True, soft_stops=True)},
         "one plant step a period": {"timestep": math.inf},
     }
 
@@ -71,10 +72,11 @@ def cells(
         model = load_model(robot, annotations)
         asked = study_targets(model, CELLS)
         for change, fields in changes(robot).items():
-            if "shrink" in fields and asked != list(CELLS):
+            if "ellipse_scale" in fields and asked != list(CELLS):
                 continue  # its goals are on no ellipse
             for kind, value in asked:
-                label = f"{safe(robot)}/{safe(controller)}/{at}{change}/{cell_title(kind, value)}"
+                names = f"{safe_filename(robot)}/{safe_filename(controller)}"
+                label = f"{names}/{at}{change}/{cell_title(kind, value)}"
                 found[label] = Case(
                     robot, controller, kind, value, parameters=parameters, period=period,
                     annotations=annotations, **fields,

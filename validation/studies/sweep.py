@@ -19,9 +19,9 @@ from softdyn.controllers.gains import from_table
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.deviations import Plant
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Task
+from softdyn.validation.studies.engine.worker import Job
+from softdyn.validation.twin.plant_errors import PlantErrors
 
 FIGURES = {
     "final_error_cm": "final error (cm)",
@@ -129,10 +129,10 @@ class Sweep:
     models: dict[str, SoftModel]
     annotations: dict[str, str]
 
-    def tasks(self) -> list[Task]:
+    def jobs(self) -> list[Job]:
         """Every case with what it depends on."""
         heads = [{"inputs": inputs(case)} for case in self.cases]
-        return worker.tasks(self.cases, heads=heads, folder=self.path.parent, log=self.logs)
+        return worker.jobs_of(self.cases, heads=heads, folder=self.path.parent, log=self.logs)
 
     def varying(self) -> list[Axis]:
         """Gains and plant parameters with more than one value."""
@@ -186,7 +186,7 @@ class Sweep:
             robot, controller, TARGETS[kind], target,
             parameters=resolve_gains(model, controller, groups["gains"]),
             period=plant.get("period"),
-            plant=Plant(plant.get("contacts", False), plant.get("friction", False)),
+            plant=PlantErrors(plant.get("contacts", False), plant.get("friction", False)),
             annotations=self.annotations.get(robot),
             sample=sample,
         )  # fmt: skip

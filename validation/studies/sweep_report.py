@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from softdyn.validation.files import write_text
+from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import OUTCOMES, Store
-from softdyn.validation.studies.engine.worker import Task
-from softdyn.validation.studies.names import cell_title
+from softdyn.validation.studies.engine.worker import Job
 from softdyn.validation.studies.sweep import FIGURES, PLANT, Sweep, inputs, parameter
 from softdyn.validation.tables import Table, document, inline
 
@@ -60,10 +60,10 @@ class Setting:
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
-def rows(tasks: Iterable[Task], store: Store) -> list[Row]:
+def rows(jobs: Iterable[Job], store: Store) -> list[Row]:
     """Cases with their results, in the sweep's order; what never ran has none and is left out."""
     found = (
-        (t.case, store.figures(t.case, t.name) if t.log else store.result(t.name)) for t in tasks
+        (j.case, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs
     )
     return [(case, result) for case, result in found if result is not None]
 
@@ -94,14 +94,14 @@ def _setting(case: Case) -> str:
     return repr(found)
 
 
-def plan(sweep: Sweep, tasks: Sequence[Task], missing: Sequence[Task]) -> dict[str, Any]:
+def plan(sweep: Sweep, jobs: Sequence[Job], missing: Sequence[Job]) -> dict[str, Any]:
     """What there is to do, for JSON."""
     return {
         "sweep": str(sweep.path),
-        "cases": len(tasks),
+        "cases": len(jobs),
         "missing": len(missing),
-        "simulated_s": sum(task.case.duration or 0.0 for task in missing),
-        "names": [task.name for task in tasks],
+        "simulated_s": sum(job.case.duration or 0.0 for job in missing),
+        "names": [job.name for job in jobs],
     }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.validation.arrays import read_npz
-from softdyn.validation.files import atomic, safe
+from softdyn.validation.files import atomic, safe_filename
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import experiments
@@ -152,7 +152,7 @@ def recorded(
     robot : str
         Its name, or the path of its file.
     """
-    path = folder / f"{safe(robot)}.npz"
+    path = folder / f"{safe_filename(robot)}.npz"
     if path.is_file():
         found = RecordedStates.load(path)
         if found.digest == digest_of(model) and len(found) == count:

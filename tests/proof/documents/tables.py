@@ -18,6 +18,7 @@ from softdyn import InputError
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
+from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.paper import one_step
 from softdyn.validation.studies import benchmark, beyond, experiments, hold, robustness
 from softdyn.validation.studies.benchmark import MEASURED
@@ -26,12 +27,11 @@ from softdyn.validation.studies.engine.distribution import (
     NOTE,
     Agreement,
     Distribution,
+    mean_and_std,
     number,
-    over,
     pivot,
     read,
 )  # fmt: skip
-from softdyn.validation.studies.names import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.tables import Table
 
 MARKED = re.compile(
@@ -129,7 +129,7 @@ def _benchmark() -> str:
         for controller in GRID:
             ours = []
             for kind in SYMBOLS:
-                mean, std = over(_grid(robot, controller, kind))
+                mean, std = mean_and_std(_grid(robot, controller, kind))
                 ours.append(mean.text(std))
             row = experiments.published(robot, controller)
             theirs = (
@@ -267,7 +267,7 @@ def _published() -> str:
         known = [f"{x:.2f}" if x is not None else "-" for x in logs] if cell["logs"] else ["none"]
         mean = ""
         if len(runs) == len(emulated):
-            average, std = over(runs)
+            average, std = mean_and_std(runs)
             if math.isfinite(average.median):
                 mean = f" → {average.median:.2f} ± {std.median:.2f}"
         lines.append([
@@ -309,7 +309,7 @@ def verdict(
     if not logs:
         if len(whole) < len(runs):
             return "no log, not run"
-        theirs = zip(map(float, published.split(" ± ")), over(whole), strict=True)
+        theirs = zip(map(float, published.split(" ± ")), mean_and_std(whole), strict=True)
         far = _far([(x, ours) for x, ours in theirs if not _same(x, ours)])
         return f"no log, {far} apart" if far else "✓, no log"
     pairs = [(x, run) for x, run in zip(logs, runs, strict=True) if x is not None and run]

@@ -37,7 +37,7 @@ from softdyn.validation.studies import sweep_file, tuning
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Answer
+from softdyn.validation.studies.engine.worker import CaseResult
 from tests.proof.fuzzing import campaign
 from tests.proof.fuzzing.inputs import changed_bytes
 from tests.proof.fuzzing.verdict import (  # fmt: skip
@@ -103,8 +103,8 @@ def kinds() -> list[Kind]:
     law = SoftIdClfQp(model)
     log = simulate(model, law, SetPoint([0.1, 0.0, -0.1]), duration=0.02)
     log = replace(log, step_us=np.full(log.steps, 50.0))  # the same in every process
-    (task,) = worker.tasks([Case("finger", "ic", "set_point", 0.5)])
-    answer = Answer({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
+    (job,) = worker.jobs_of([Case("finger", "ic", "set_point", 0.5)])
+    ended = CaseResult({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
                     step_us=log.step_times_us)  # fmt: skip
     schedule = tuning.first_schedule("finger")
     search = tuning.Search("finger", schedule, {"approach": 2, "stay": 1}, 4, 2, 1)
@@ -112,9 +112,9 @@ def kinds() -> list[Kind]:
         folder = Path(name)
         log.save(folder / "log.npz")
         store = Store(folder, times="times")
-        store.save(task, answer)
-        result = store.result_path(task.name).read_bytes()
-        times = (folder / "times" / f"{task.name}.json").read_bytes()
+        store.save(job, ended)
+        result = store.result_path(job.name).read_bytes()
+        times = (folder / "times" / f"{job.name}.json").read_bytes()
         npz = (folder / "log.npz").read_bytes()
     summary = to_json({"settings": asdict(search), "winners": {}, "finals": []}).encode()
     return [

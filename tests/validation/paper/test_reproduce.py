@@ -17,6 +17,7 @@ from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin, paper
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
+from softdyn.validation.loop.signal_path import Linked
 from softdyn.validation.paper import reproduction
 from softdyn.validation.paper.paper_qps import clf_qp
 from softdyn.validation.paper.reference_laws import AngularTask, Differenced, make_law
@@ -32,7 +33,7 @@ from softdyn.validation.paper.reproduction import (
 from softdyn.validation.paper.solvers import optional
 from softdyn.validation.studies.engine import case as engine
 from softdyn.validation.studies.engine.case import Case, figures
-from softdyn.validation.studies.engine.deviations import Linked, Plant
+from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.support.printed import printed, solve_quadprog, with_input
 
 ROBOTS = ("finger", "helix", "spirob")
@@ -222,8 +223,8 @@ def test_soft_stops_let_the_hanging_helix_sink(models):
         slides = twin.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
         return np.maximum(low - twin.qpos, twin.qpos - high)[slides].max()
 
-    assert sunk(Plant()) < 1e-4
-    assert sunk(Plant(soft_stops=True)) > 2e-3
+    assert sunk(PlantErrors()) < 1e-4
+    assert sunk(PlantErrors(soft_stops=True)) > 2e-3
 
 
 @pytest.mark.parametrize(

@@ -286,8 +286,8 @@ def test_workers_end_with_their_parent():
 
 
 def prints(*controllers, robot="finger"):
-    tasks = benchmark.tasks([Case(robot, name, "tracking", 20.0) for name in controllers])
-    return [task.fingerprint for task in tasks]
+    jobs = benchmark.jobs_of([Case(robot, name, "tracking", 20.0) for name in controllers])
+    return [job.fingerprint for job in jobs]
 
 
 def test_fingerprints_are_stable_and_distinct(folder):

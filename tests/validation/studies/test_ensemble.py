@@ -16,7 +16,7 @@ from softdyn.validation.studies.engine import distribution, ensemble
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Agreement, Distribution
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Answer
+from softdyn.validation.studies.engine.worker import CaseResult
 
 STEADY = Case("finger", "ic", "set_point", 0.5)
 CHAOTIC = Case("finger", "ic", "tracking", 0.5)
@@ -30,13 +30,13 @@ class Made:
         self.ran: list[Case] = []
 
     def __call__(self, order: list[Any]) -> Any:
-        for index, task in enumerate(order):
-            case = task.case
+        for index, job in enumerate(order):
+            case = job.case
             self.ran.append(case)
             number = 0 if case.draw is None else case.draw[1] + 1
             mse = {CHAOTIC.controller: 3.0 + number, GONE.controller: None if number % 4 else 5.0}
             figures = {"final_error_cm": 0.125, "mse_cm2": mse[case.controller]}
-            yield index, Answer({"outcome": "done", "failed": number == 2, **figures})
+            yield index, CaseResult({"outcome": "done", "failed": number == 2, **figures})
 
 
 def run(folder: Path, seed: int = 1, **options: Any) -> tuple[dict[str, Distribution], list[Case]]:
@@ -124,13 +124,13 @@ def test_what_a_distribution_holds() -> None:
 
 def test_means_are_taken_run_by_run() -> None:
     cells = [Distribution(1.0, {"1": (2.0, 4.0)}), Distribution(3.0)]
-    mean, std = distribution.over(cells)
+    mean, std = distribution.mean_and_std(cells)
     assert mean == Distribution(2.0, {"1": (2.5, 3.5)})
     assert std == Distribution(1.0, {"1": (0.5, 0.5)})
     assert mean.text(std) == "~2.50 ± 0.50 [2.00, 3.50]"
-    assert distribution.over([*cells, Distribution(math.inf)])[0].text() == "none"
+    assert distribution.mean_and_std([*cells, Distribution(math.inf)])[0].text() == "none"
     uneven = [Distribution(1.0, {"1": (2.0, 4.0, 8.0)}), Distribution(3.0, {"1": (4.0,)})]
-    assert distribution.over(uneven)[0] == Distribution(2.0, {"1": (3.0,)})
+    assert distribution.mean_and_std(uneven)[0] == Distribution(2.0, {"1": (3.0,)})
 
 
 def test_the_table_is_marked() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SetPoint
+from softdyn import Ellipse, InputError, SetPoint
 from softdyn.validation import paper
 
 LENGTH = {"finger": 0.24, "helix": 0.45, "spirob": 0.50, "spirob48": 0.50}
@@ -110,7 +110,7 @@ def test_hostile_numbers_are_refused(value):
         paper.set_point("finger", theta=value)
     with pytest.raises(InputError, match=r"^omega: expected"):
         paper.tracking("finger", omega=value)
-    for name in ("length", "period", "reach"):
+    for name in ("length", "period", "reach", "ellipse_scale"):
         with pytest.raises(InputError, match=f"^{name}: expected"):
             paper.Setup(**{"robot": "mine", "length": 1.0, "period": 0.01, name: value})
 
@@ -119,6 +119,15 @@ def test_hostile_numbers_are_refused(value):
 def test_rates_without_two_cycles_are_refused(omega):
     with pytest.raises(InputError):
         paper.tracking("finger", omega=omega)
+
+
+def test_the_ellipses_scale_has_a_former_name():
+    with pytest.warns(DeprecationWarning, match="ellipse_scale"):
+        setup = paper.Setup("mine", 0.24, 0.005, shrink=0.7)
+    assert setup == paper.Setup("mine", 0.24, 0.005, ellipse_scale=0.7)
+    assert setup.ellipse() == Ellipse(0.7 * 0.08, 0.7 * 0.03, 0.21)
+    with pytest.warns(DeprecationWarning, match="ellipse_scale"):
+        assert setup.shrink == 0.7
 
 
 def test_an_own_setup():

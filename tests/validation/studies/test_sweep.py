@@ -213,21 +213,21 @@ targets.point = [0.5, 0.2, 0]
 plant.duration = 0.02
 gains.horizon = 0.2
 """)
-    task, own = sweep.tasks()
+    job, own = sweep.jobs()
     assert own.case.parameters == {"horizon": 0.2}
-    expected = worker.run(task)
+    expected = worker.run(job)
     model = softdyn.load("ur5", annotations=folder / "mine.xml")
     log = simulate(
         model, Mpc(model, {"horizon": 0.2}), SetPoint([0.5, 0.2, 0]), duration=0.02, period=0.002
     )
-    assert expected.result["final_error_cm"] == log.final_error_cm
+    assert expected.figures["final_error_cm"] == log.final_error_cm
     # a worker without the file gets it
-    sha = dict(task.robot.overlay.files)["mine.xml"]
-    there = replace(task.robot, overlay=replace(task.robot.overlay, path="/nowhere/mine.xml"))
+    sha = dict(job.robot.overlay.files)["mine.xml"]
+    there = replace(job.robot, overlay=replace(job.robot.overlay, path="/nowhere/mine.xml"))
     sources._kept.__dict__.clear()
-    assert worker.attempt(replace(task, robot=there)).result["outcome"] == "not_run"
+    assert worker.attempt(replace(job, robot=there)).figures["outcome"] == "not_run"
     sent = {sha: overlay.encode()}
-    assert worker.attempt(replace(task, robot=there), sent).result == expected.result
+    assert worker.attempt(replace(job, robot=there), sent).figures == expected.figures
 
 
 def test_samples_are_seeded_paired_and_stable(written):
@@ -379,7 +379,7 @@ def test_the_documents_sweeps_are_sweeps(folder):
 # -- what it leaves behind -------------------------------------------------------------------------
 
 
-def test_results_are_those_of_simulate(folder, call):
+def test_runningare_those_of_simulate(folder, call):
     (folder / "sweep.toml").write_text("logs = true\n" + FINGER + "Kp = [100, 300]\n")
     code, out, _ = call(folder / "sweep.toml", "--out", "out", "--jobs", 1, "--json", "-")
     assert code == 0
@@ -483,16 +483,16 @@ def test_a_sweep_goes_on_where_it_stopped(folder, call):
 
 def test_another_softdyn_makes_a_case_run_again(folder, written, monkeypatch):
     wanted = written(OWN_SWEEP.format(stiffness="[1, 2]"))
-    before = [task.fingerprint for task in wanted.tasks()]
+    before = [job.fingerprint for job in wanted.jobs()]
     monkeypatch.setattr(fingerprint, "code", lambda: "other")
-    after = wanted.tasks()
-    assert not set(before) & {task.fingerprint for task in after}
+    after = wanted.jobs()
+    assert not set(before) & {job.fingerprint for job in after}
     monkeypatch.undo()
-    answer = worker.attempt(after[0])  # here is this softdyn, not the other
-    assert answer.result["outcome"] == "not_run"
-    assert "another softdyn" in answer.result["reason"]
+    result = worker.attempt(after[0])  # here is this softdyn, not the other
+    assert result.figures["outcome"] == "not_run"
+    assert "another softdyn" in result.figures["reason"]
     store = sweep.store(folder / "out")
-    store.save(after[0], answer)
+    store.save(after[0], result)
     assert store.result(after[0].name)["fingerprint"] is None
 
 
@@ -571,7 +571,7 @@ def test_settings_are_ranked_over_their_targets(written):
 
 def test_a_worker_without_the_user_s_files_gets_them(folder, written):
     wanted = written(OWN_SWEEP.format(stiffness="[2]"))
-    (here,) = wanted.tasks()
+    (here,) = wanted.jobs()
     files = {
         sha: (folder / name).read_bytes()
         for source in (here.robot, here.controller)
@@ -586,9 +586,9 @@ def test_a_worker_without_the_user_s_files_gets_them(folder, written):
     expected = worker.attempt(here)
     sources._kept.__dict__.clear()  # as a new worker
     lost = worker.attempt(there)
-    assert lost.result["outcome"] == "not_run"
+    assert lost.figures["outcome"] == "not_run"
     assert worker.attempt(there, files) == expected
-    assert expected.result["outcome"] == "done"
+    assert expected.figures["outcome"] == "done"
 
 
 CLUSTER = """
@@ -730,14 +730,14 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
 
     # the scheduler goes away
     path.write_text(CLUSTER)
-    tasks, store = read(path).tasks(), sweep.store(folder / "cut")
-    answers = store.run(tasks, dask.cluster(address))
+    jobs, store = read(path).jobs(), sweep.store(folder / "cut")
+    running = store.run(jobs, dask.cluster(address))
     with respawning(address, folder):
-        next(answers)
+        next(running)
         scheduler.kill()
         with pytest.raises(dask.ClusterError, match="call again"):
-            list(answers)
-    assert 0 < len(store.missing(tasks)) < len(tasks)
+            list(running)
+    assert 0 < len(store.missing(jobs)) < len(jobs)
 
     # with nothing left to do no cluster is asked
     assert call(path, "--out", "far", "--scheduler", "tcp://127.0.0.1:1")[0] == 0

@@ -18,17 +18,18 @@ from softdyn.commands import tune
 from softdyn.controllers import Command, Status
 from softdyn.controllers.schedule import make_schedule, tuned
 from softdyn.validation import Twin, paper
+from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.studies import beyond, robustness, tuning
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.deviations import Link, Plant
 from softdyn.validation.studies.engine.distribution import Distribution
 from softdyn.validation.studies.engine.executors import run_all
+from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.support import ROOT
 from tests.support.control_cases import robot
 
 
 def test_a_plant_of_other_numbers() -> None:
-    plain, heavy = Twin("finger"), Plant(mass=1.2, stiffness=0.9, damping=1.1).twin("finger")
+    plain, heavy = Twin("finger"), PlantErrors(mass=1.2, stiffness=0.9, damping=1.1).twin("finger")
     weight = [twin.model.body_mass.sum() for twin in (plain, heavy)]
     assert weight[1] == pytest.approx(1.2 * weight[0])
     np.testing.assert_allclose(heavy.model.jnt_stiffness, 0.9 * plain.model.jnt_stiffness)
@@ -57,7 +58,7 @@ class Counting:
 def test_delay_and_noise() -> None:
     model, inner = robot("finger"), Counting()
     state = model.state(model.q0, np.zeros(model.nv))
-    late = Link(delay=0.01, noise=0.001, seed=1).around(inner, 0.005)
+    late = SignalPath(delay=0.01, noise=0.001, seed=1).around(inner, 0.005)
     late.reset(0.005)
     assert inner.period == 0.005
     answers = [late(state, SetPoint(state.y)).u[0] for _ in range(200)]
@@ -67,7 +68,7 @@ def test_delay_and_noise() -> None:
 
 
 def test_a_trial_is_what_simulate_says() -> None:
-    case = Case("finger", "best", "set_point", 0.25, duration=0.5, shrink=0.7)
+    case = Case("finger", "best", "set_point", 0.25, duration=0.5, ellipse_scale=0.7)
     (result,) = run_all([case], 1)
     assert not result["failed"]
     assert 0 <= result["final_error_cm"] < 3
@@ -77,7 +78,7 @@ def test_a_trial_is_what_simulate_says() -> None:
 def test_actuators_lag() -> None:
     model, inner = robot("finger"), Counting()
     state = model.state(model.q0, np.zeros(model.nv))
-    late = Link(lag=0.01).around(inner, 0.005)
+    late = SignalPath(lag=0.01).around(inner, 0.005)
     late.reset(0.005)
     assert inner.period == 0.005
     acts, dt = 0.0, 1e-6
@@ -92,7 +93,7 @@ def test_actuators_lag() -> None:
 
 
 def test_cables_rub() -> None:
-    twin = Plant(cable_friction=0.05).twin("finger", friction=True)
+    twin = PlantErrors(cable_friction=0.05).twin("finger", friction=True)
     twin.advance(np.array([1.0, -1.0]), 100)  # both tendons slide
     rubs = twin.data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
     largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1

@@ -10,9 +10,9 @@ import softdyn
 from softdyn import InputError
 from softdyn.validation import Twin
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.deviations import Plant
 from softdyn.validation.studies.engine.fingerprint import fingerprint
 from softdyn.validation.twin.borrowed import BorrowedShapes
+from softdyn.validation.twin.plant_errors import PlantErrors
 
 LINK = """<body name="b{k}" pos="{x} 0 0"><joint axis="0 1 0"/>
 <inertial pos="0.03 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>
@@ -83,7 +83,7 @@ def test_meshes_and_a_body_of_two_joints(tmp_path):
 
 def test_all_else_is_the_twin_s(tmp_path):
     plain = Twin("finger")
-    plant = Plant(shapes=chain(tmp_path / "chain.xml"))
+    plant = PlantErrors(shapes=chain(tmp_path / "chain.xml"))
     twin = plant.options()["twin"]("finger", contacts=plant.options()["contacts"])
     assert plant.options()["contacts"]
     for name in ("body_mass", "body_inertia", "dof_damping", "jnt_stiffness", "jnt_range"):
@@ -104,7 +104,7 @@ def test_neighbours_of_the_base_touch_it(tmp_path):
 
 def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
     """Not by their file's name: the MJCF, what it includes, and its meshes, wherever they lie."""
-    case = Case("finger", "ic", "set_point", 0.5, plant=Plant(shapes=tmp_path / "chain.xml"))
+    case = Case("finger", "ic", "set_point", 0.5, plant=PlantErrors(shapes=tmp_path / "chain.xml"))
     text = chain(tmp_path / "chain.xml").read_text()
     marks = [fingerprint(case)]
 
@@ -127,7 +127,7 @@ def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
     write()
     assert marks[-1] == marks[1]
     with pytest.raises(InputError, match=r"none\.xml"):
-        fingerprint(replace(case, plant=Plant(shapes=tmp_path / "none.xml")))
+        fingerprint(replace(case, plant=PlantErrors(shapes=tmp_path / "none.xml")))
 
 
 def test_files_that_do_not_fit_are_refused(tmp_path):

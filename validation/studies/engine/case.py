@@ -13,13 +13,14 @@ import numpy as np
 
 from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.registry import one_line_errors
-from softdyn.validation.files import safe
+from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
-from softdyn.validation.plain import plain
+from softdyn.validation.loop.signal_path import SignalPath
+from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.engine.deviations import Link, Plant
+from softdyn.validation.twin.plant_errors import PlantErrors
 
 # kind of a case → what its value makes of a robot's setup
 KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
@@ -45,11 +46,11 @@ class Case:
         What the controller is built with besides the model.
     period, duration, timestep : float, optional
         Control period, length of the run, plant step (s); a step of ``inf`` is one a period.
-    plant : Plant
+    plant : PlantErrors
         How the plant differs from the model.
-    link : Link
+    signals : SignalPath
         What stands between plant and controller.
-    shrink : float
+    ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
         Every initial velocity (rad/s, m/s); with a `draw` the standard deviation of each.
@@ -59,7 +60,7 @@ class Case:
         (robot, the paper's experiment) → what the tip is to follow instead.
     law : Callable[[str, SoftModel], Any], optional
         (controller, model) → what runs instead of the controller of that name.
-    sampled : bool
+    reference_sampling : bool
         Whether the mean squared error is the plain mean over every fifth control step, t = 0
         included, as in the reference implementation.
     annotations : str, optional
@@ -76,14 +77,14 @@ class Case:
     period: float | None = None
     duration: float | None = None
     timestep: float | None = None
-    plant: Plant = field(default_factory=Plant)
-    link: Link = field(default_factory=Link)
-    shrink: float = 1.0
+    plant: PlantErrors = field(default_factory=PlantErrors)
+    signals: SignalPath = field(default_factory=SignalPath)
+    ellipse_scale: float = 1.0
     nudge: float = 0.0
     draw: tuple[int, int] | None = None
     target: Callable[[str, Experiment], Callable[[float], Reference]] | None = None
     law: Callable[[str, SoftModel], Any] | None = None
-    sampled: bool = False
+    reference_sampling: bool = False
     annotations: str | None = None
     sample: int | None = None
 
@@ -91,16 +92,16 @@ class Case:
     def name(self) -> str:
         """A relative path, safe as a file's and unique: a hash tells what is not the default."""
         value = "" if self.kind == "point" else f"_{number_text(self.value)}"
-        path = f"{safe(self.robot)}/{safe(self.controller)}/{self.kind}{value}"
+        path = f"{safe_filename(self.robot)}/{safe_filename(self.controller)}/{self.kind}{value}"
         usual = Case(self.robot, self.controller, self.kind, self.value)
         if self == usual and self.kind != "point":
             return path
-        text = json.dumps(plain(self), sort_keys=True)
+        text = json.dumps(to_plain_data(self), sort_keys=True)
         return f"{path}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def experiment(self, model: SoftModel) -> Experiment:
         """What to run; the paper's ellipse in the robot's own size unless it is the paper's."""
-        setup = replace(experiments.setup_of(model), shrink=self.shrink)
+        setup = replace(experiments.setup_of(model), ellipse_scale=self.ellipse_scale)
         setup = setup if self.period is None else replace(setup, period=self.period)
         experiment = KINDS[self.kind](setup, self.value)
         if self.target is not None:
@@ -133,7 +134,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     with one_line_errors(case.controller, "a command"):
         return simulate(
             model,
-            case.link.around(controller, experiment.period),
+            case.signals.around(controller, experiment.period),
             experiment,
             duration=case.duration,
             timestep=None if step is None else min(step, experiment.period),
@@ -150,7 +151,7 @@ def figures(case: Case, log: Log) -> dict[str, Any]:
     for name in ("robot", "controller", "kind", "missed_deadlines", "verdict"):
         del found[name]
     error = 100 * np.linalg.norm(log.error, axis=1)
-    if case.sampled and log.complete:
+    if case.reference_sampling and log.complete:
         found["mse_cm2"] = 1e4 * float(np.mean(np.sum(log.error[::5] ** 2, axis=1)))
     try:
         second = experiments.second_cycle_mse_cm2(log)

@@ -1,6 +1,6 @@
-"""Tasks on the workers of a dask.distributed cluster, whoever comes and goes.
+"""Jobs on the workers of a dask.distributed cluster, whoever comes and goes.
 
-Tasks go to `distributed` itself: joblib's backend for it never returns when a task is given up
+Jobs go to `distributed` itself: joblib's backend for it never returns when a job is given up
 because its worker died (joblib 1.6).
 """
 
@@ -17,11 +17,11 @@ from softdyn.exceptions import one_line
 from softdyn.validation.studies.engine import fingerprint, worker
 from softdyn.validation.studies.engine.executors import DIED
 from softdyn.validation.studies.engine.store import Executor
-from softdyn.validation.studies.engine.worker import Answer, Task
+from softdyn.validation.studies.engine.worker import CaseResult, Job
 
 GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
 CONNECT = 10.0  # s
-IN_FLIGHT = 1000  # tasks at a scheduler at a time; more only makes it slow
+IN_FLIGHT = 1000  # jobs at a scheduler at a time; more only makes it slow
 PATIENCE = 5.0  # s without any worker before saying so
 
 
@@ -53,21 +53,21 @@ def cluster(address: str) -> Executor:
         client.close()
         raise
 
-    def execute(order: list[Task]) -> Iterator[tuple[int, Answer]]:
+    def execute(order: list[Job]) -> Iterator[tuple[int, CaseResult]]:
         with client:
             contents = _contents(client, order)
             suspects: list[int] = []
-            for index, answer in _submit(client, dict(enumerate(order)), contents, IN_FLIGHT):
-                if isinstance(answer, Answer):
-                    yield index, answer
+            for index, result in _submit(client, dict(enumerate(order)), contents, IN_FLIGHT):
+                if isinstance(result, CaseResult):
+                    yield index, result
                 else:
                     suspects.append(index)
-            # a task whose workers died may only have waited behind the one that killed them
+            # a job whose workers died may only have waited behind the one that killed them
             for index in suspects:
-                ((_, answer),) = _submit(client, {index: order[index]}, contents, 1)
-                if not isinstance(answer, Answer):
-                    answer = worker.not_run(answer)
-                yield index, answer
+                ((_, result),) = _submit(client, {index: order[index]}, contents, 1)
+                if not isinstance(result, CaseResult):
+                    result = worker.not_run(result)
+                yield index, result
 
     return execute
 
@@ -87,18 +87,18 @@ def _worker_code() -> str:
     return fingerprint.code()
 
 
-def _contents(client: Any, order: list[Task]) -> Any:
-    """The user's own files as a task of the cluster: sent once, made again where it got lost."""
-    files = {s for task in order for s in (task.robot, task.controller) if s is not None}
+def _contents(client: Any, order: list[Job]) -> Any:
+    """The user's own files as a job of the cluster: sent once, made again where it got lost."""
+    files = {s for job in order for s in (job.robot, job.controller) if s is not None}
     found = {part for source in files for part in source.parts}
     contents = {sha: data for s in found if s.own for sha, data in s.contents().items()}
     return client.submit(dict, contents, key=f"files-{uuid.uuid4()}") if contents else None
 
 
 def _submit(
-    client: Any, order: dict[int, Task], contents: Any, in_flight: int
-) -> Iterator[tuple[int, Answer | str]]:
-    """Answers as they come; a text is why a task has none."""
+    client: Any, order: dict[int, Job], contents: Any, in_flight: int
+) -> Iterator[tuple[int, CaseResult | str]]:
+    """Results as they come; a text is why a job has none."""
     from distributed import as_completed
 
     run = f"softdyn-{uuid.uuid4()}"
@@ -107,26 +107,26 @@ def _submit(
     done = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
 
     def submit_next() -> None:
-        for index, task in waiting:
+        for index, job in waiting:
             key = f"{run}-{index}"
             position[key] = index
-            done.add(client.submit(worker.attempt, task, contents, key=key, pure=False))
+            done.add(client.submit(worker.attempt, job, contents, key=key, pure=False))
             return
 
     for _ in range(in_flight):
         submit_next()
     while position:
         _wait(client, done)
-        future, answer = next(done)
+        future, result = next(done)
         index = position.pop(future.key)
         if future.status in ("cancelled", "lost"):
             raise ClusterError(GONE)
         submit_next()
-        yield index, answer if future.status == "finished" else _why(answer)
+        yield index, result if future.status == "finished" else _why(result)
 
 
 def _wait(client: Any, done: Any) -> None:
-    """Wait for an answer; say so when nobody is there to give one."""
+    """Wait for a result; say so when nobody is there to give one."""
     asked = busy = time.monotonic()
     told = False
     while not done.has_ready():
@@ -148,7 +148,7 @@ def _wait(client: Any, done: Any) -> None:
 
 
 def _why(failure: Any) -> str:
-    """Why a task has no answer, from (type, exception, traceback)."""
+    """Why a job has no result, from (type, exception, traceback)."""
     from distributed import KilledWorker
 
     error = failure[1] if isinstance(failure, tuple) else failure

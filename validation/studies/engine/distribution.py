@@ -138,7 +138,7 @@ class Agreement:
         return cls(both, disjoint, apart, int(binom.ppf(0.99, len(both), LEVEL)))
 
 
-def over(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
+def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
     """Mean and population standard deviation over cells, run by run of the same number and seed.
 
     Of a seed as many runs as every cell has that has any.
@@ -179,7 +179,7 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
     for row_, found in rows.items():
         lines.append([*row_, *(found[c].text() if c in found else None for c in columns)])
         if mean:
-            average, std = over(list(found.values()))
+            average, std = mean_and_std(list(found.values()))
             lines[-1].append(average.text(std))
     return Table([*titles, *columns, *([mean] if mean else [])], lines).markdown()
 
@@ -265,7 +265,7 @@ def _median(values: Sequence[float]) -> float:
 
 
 def _finite(of: Any) -> Any:
-    def safe(values: Sequence[float]) -> float:
+    def finite(values: Sequence[float]) -> float:
         return float(of(values)) if all(map(math.isfinite, values)) else math.inf
 
-    return safe
+    return finite

@@ -51,9 +51,9 @@ def run(
     """
 
     def results(cases: Iterable[Case]) -> dict[Case, dict[str, Any]]:
-        tasks = worker.tasks(list(dict.fromkeys(cases)))
-        follow(store.run(tasks, execute), tasks)
-        return {task.case: store.result(task.name) or {} for task in tasks}
+        jobs = worker.jobs_of(list(dict.fromkeys(cases)))
+        follow(store.run(jobs, execute), jobs)
+        return {job.case: store.result(job.name) or {} for job in jobs}
 
     def distribution(case: Case, count: int) -> Distribution:
         nudged = members(case, count, seed)

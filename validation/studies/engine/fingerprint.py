@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn.compiled import COMPILES
-from softdyn.validation.plain import plain
+from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.twin.borrowed import content
 
@@ -21,7 +21,7 @@ RUN_BY = (
     "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
 # and those of a case that brings functions of its own
-CALLED = ("validation/oracles", "validation/paper/reproduction.py", "validation/studies/hold.py")
+CALLED = ("validation/paper",)
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
@@ -36,11 +36,11 @@ def fingerprint(case: Case, *parts: Any) -> str:
     InputError
         That file cannot be read.
     """
-    calls = case.law or case.target or case.link.views
+    calls = case.law or case.target or case.signals.views
     if case.plant.shapes is not None:
         parts = (*parts, content(case.plant.shapes))
     everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
-    return hashlib.sha256(json.dumps(plain(everything)).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(to_plain_data(everything)).encode()).hexdigest()
 
 
 @cache

@@ -24,10 +24,10 @@ from softdyn.validation.loop.log import STEP_TIMES, Log
 from softdyn.validation.studies.engine import case as cases
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import has_digest
-from softdyn.validation.studies.engine.worker import Answer, Task
+from softdyn.validation.studies.engine.worker import CaseResult, Job
 
-# Yields (position in the list, answer) as tasks end, in any order.
-Executor = Callable[[list[Task]], Iterator[tuple[int, Answer]]]
+# Yields (position in the list, result) as jobs end, in any order.
+Executor = Callable[[list[Job]], Iterator[tuple[int, CaseResult]]]
 OUTCOMES = ("done", "failed", "raised", "not_run")
 SEAL = "sha256"  # of all else in a file
 
@@ -86,23 +86,23 @@ class Store:
         found = _read(self.folder / (self.times or "") / f"{name}.json")
         return found if found is None or set(found) <= {*STEP_TIMES} else None
 
-    def load(self, task: Task) -> dict[str, Any] | None:
+    def load(self, job: Job) -> dict[str, Any] | None:
         """The result of a case; None without one of this fingerprint and all files whole."""
-        found = self.result(task.name)
-        if found is None or found["fingerprint"] != task.fingerprint:
+        found = self.result(job.name)
+        if found is None or found["fingerprint"] != job.fingerprint:
             return None
-        if self.times and self.step_times(task.name) is None:
+        if self.times and self.step_times(job.name) is None:
             return None
         ran = found["outcome"] in ("done", "failed")
-        if task.log and ran and not has_digest(self.log_path(task.name), found.get("log_sha256")):
+        if job.log and ran and not has_digest(self.log_path(job.name), found.get("log_sha256")):
             return None
         return found
 
-    def missing(self, tasks: Iterable[Task]) -> list[Task]:
+    def missing(self, jobs: Iterable[Job]) -> list[Job]:
         """Tasks without an up-to-date result."""
-        return [task for task in tasks if self.load(task) is None]
+        return [job for job in jobs if self.load(job) is None]
 
-    def save(self, task: Task, answer: Answer) -> None:
+    def save(self, job: Job, result: CaseResult) -> None:
         """Write the files of a case.
 
         Raises
@@ -110,26 +110,26 @@ class Store:
         InputError
             When they cannot be written.
         """
-        path = self.result_path(task.name)
-        ran = answer.result["outcome"] != "not_run"  # else it is tried again the next time
-        result = {"fingerprint": task.fingerprint if ran else None, **task.head, **answer.result}
+        path = self.result_path(job.name)
+        ran = result.figures["outcome"] != "not_run"  # else it is tried again the next time
+        content = {"fingerprint": job.fingerprint if ran else None, **job.head, **result.figures}
         _make_folder(path.parent)
-        if answer.log is not None:
-            with atomic(self.log_path(task.name)) as file:
-                file.write(answer.log)
-            result["log_sha256"] = sha256(answer.log).hexdigest()
+        if result.log is not None:
+            with atomic(self.log_path(job.name)) as file:
+                file.write(result.log)
+            content["log_sha256"] = sha256(result.log).hexdigest()
         if self.times:
-            times = self.folder / self.times / f"{task.name}.json"
+            times = self.folder / self.times / f"{job.name}.json"
             _make_folder(times.parent)
-            _write(times, answer.step_us)
-        _write(path, result)
+            _write(times, result.step_us)
+        _write(path, content)
 
     def run(
-        self, tasks: Sequence[Task], executor: Executor
-    ) -> Iterator[tuple[Task, Answer | None]]:
-        """Run what is missing and keep what comes; no answer for what is up to date.
+        self, jobs: Sequence[Job], executor: Executor
+    ) -> Iterator[tuple[Job, CaseResult | None]]:
+        """Run what is missing and keep what comes; no result for what is up to date.
 
-        Those come first, then the longest task, so that no core idles at the end. With nothing
+        Those come first, then the longest job, so that no core idles at the end. With nothing
         missing the executor is not asked.
 
         Raises
@@ -137,16 +137,16 @@ class Store:
         InputError
             When a file cannot be written, and what the executor raises.
         """
-        missing = self.missing(tasks)
-        names = {task.name for task in missing}
-        yield from ((task, None) for task in tasks if task.name not in names)
+        missing = self.missing(jobs)
+        names = {job.name for job in missing}
+        yield from ((job, None) for job in jobs if job.name not in names)
         if not missing:
             return
-        order = sorted(missing, key=lambda task: task.cost, reverse=True)
-        with closing(executor(order)) as answers:  # type: ignore[type-var]
-            for index, answer in answers:
-                self.save(order[index], answer)
-                yield order[index], answer
+        order = sorted(missing, key=lambda job: job.cost, reverse=True)
+        with closing(executor(order)) as results:  # type: ignore[type-var]
+            for index, result in results:
+                self.save(order[index], result)
+                yield order[index], result
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:

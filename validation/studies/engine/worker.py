@@ -29,7 +29,7 @@ from softdyn.validation.studies.engine.sources import NotHere, Source
 
 
 @dataclass(frozen=True)
-class Task:
+class Job:
     """A case with all that a worker needs to run it, and a store to keep it.
 
     Attributes
@@ -61,12 +61,12 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What came of a task.
+class CaseResult:
+    """What came of a job.
 
     Attributes
     ----------
-    result : dict
+    figures : dict
         How it ended (``outcome``: done, failed, raised, not_run; ``reason``), and its figures.
     log : bytes, optional
         Content of the log's file, without step times: they are not the same twice.
@@ -74,12 +74,12 @@ class Answer:
         The step times (µs).
     """
 
-    result: dict[str, Any]
+    figures: dict[str, Any]
     log: bytes | None = None
     step_us: Mapping[str, float | None] = field(default_factory=dict, compare=False)
 
 
-def tasks(
+def jobs_of(
     cases: Sequence[Case],
     *,
     names: Sequence[str] | None = None,
@@ -87,14 +87,14 @@ def tasks(
     also: Sequence[Any] | None = None,
     folder: Path = Path(),
     log: bool = False,
-) -> list[Task]:
+) -> list[Job]:
     """Every case with what it depends on.
 
     Parameters
     ----------
     cases : sequence of Case
     names, heads : sequences, optional
-        Of each its `Task.name` and `Task.head`; the case's own name and nothing by default.
+        Of each its `Job.name` and `Job.head`; the case's own name and nothing by default.
     also : sequence, optional
         What else each depends on.
     folder : Path
@@ -121,16 +121,16 @@ def tasks(
         mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
         name, head = names[i] if names else case.name, heads[i] if heads else {}
         cost = case.cost(model)
-        found.append(Task(case, name, head, robot, controller, cost, mark, code, log))
+        found.append(Job(case, name, head, robot, controller, cost, mark, code, log))
     return found
 
 
-def run(task: Task, contents: Mapping[str, bytes] | None = None) -> Answer:
+def run(job: Job, contents: Mapping[str, bytes] | None = None) -> CaseResult:
     """Run one case.
 
     Parameters
     ----------
-    task : Task
+    job : Job
     contents : mapping, optional
         SHA-256 → content of the user's own files, for a machine that does not have them.
 
@@ -142,35 +142,35 @@ def run(task: Task, contents: Mapping[str, bytes] | None = None) -> Answer:
         What is wrong with the case, a user's own controller in one line.
     """
     with redirect_stdout(sys.stderr):  # what a user's code prints is no part of our output
-        return _answer(task, _prepare(task, contents or {})())
+        return _case_result(job, _prepare(job, contents or {})())
 
 
-def attempt(task: Task, contents: Mapping[str, bytes] | None = None) -> Answer:
-    """`run`, with whatever goes wrong in the answer."""
+def attempt(job: Job, contents: Mapping[str, bytes] | None = None) -> CaseResult:
+    """`run`, with whatever goes wrong in the result."""
     with redirect_stdout(sys.stderr):
         try:
-            loop = _prepare(task, contents or {})
+            loop = _prepare(job, contents or {})
         except Exception as error:
             return not_run(_reason(error))
         try:
-            return _answer(task, loop())
+            return _case_result(job, loop())
         except (MemoryError, OSError) as error:  # of this machine, not of the case
             return not_run(_reason(error))
         except Exception as error:  # a user's code may raise anything
             return _without_figures("raised", _reason(error))
 
 
-def not_run(reason: str) -> Answer:
-    """The answer for a case that no worker could run; it is tried again the next time."""
+def not_run(reason: str) -> CaseResult:
+    """The result of a case that no worker could run; it is tried again the next time."""
     return _without_figures("not_run", reason)
 
 
-def _prepare(task: Task, contents: Mapping[str, bytes]) -> Callable[[], Log]:
-    """The closed loop of a task, on this machine."""
-    if task.code != fingerprint.code():
+def _prepare(job: Job, contents: Mapping[str, bytes]) -> Callable[[], Log]:
+    """The closed loop of a job, on this machine."""
+    if job.code != fingerprint.code():
         raise NotHere("this worker has another softdyn, or another version of an engine")
-    case, source = task.case, task.controller
-    model = sources.model_of(task.robot, contents)
+    case, source = job.case, job.controller
+    model = sources.model_of(job.robot, contents)
     if case.law is None:
         cls = sources.class_of(source, contents) if source else find_controller(case.controller)
         make = partial(make_controller, case.controller, model, case.parameters, cls)
@@ -179,16 +179,16 @@ def _prepare(task: Task, contents: Mapping[str, bytes]) -> Callable[[], Log]:
     return lambda: cases_.run(case, model, make)
 
 
-def _answer(task: Task, log: Log) -> Answer:
-    figures = cases_.figures(task.case, log)
+def _case_result(job: Job, log: Log) -> CaseResult:
+    figures = cases_.figures(job.case, log)
     step_us = figures.pop("step_us")
     outcome = {"outcome": "failed" if log.failed else "done"}
-    return Answer(outcome | figures, _npz(log) if task.log else None, step_us)
+    return CaseResult(outcome | figures, _npz(log) if job.log else None, step_us)
 
 
-def _without_figures(outcome: str, reason: str) -> Answer:
+def _without_figures(outcome: str, reason: str) -> CaseResult:
     figures = ("final_error_cm", "mse_cm2", "second_cycle_mse_cm2")
-    return Answer({"outcome": outcome, "reason": reason} | dict.fromkeys(figures))
+    return CaseResult({"outcome": outcome, "reason": reason} | dict.fromkeys(figures))
 
 
 def _npz(log: Log) -> bytes:

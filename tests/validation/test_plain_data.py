@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 import pytest
 
-from softdyn.validation.plain import plain
+from softdyn.validation.plain_data import to_plain_data
 
 
 class Tuning:
@@ -39,17 +39,17 @@ class Table:
     ],
 )
 def test_values(value, expected):
-    found = json.loads(json.dumps(plain(value)).replace("tests.", ""))
+    found = json.loads(json.dumps(to_plain_data(value)).replace("tests.", ""))
     assert found == expected
 
 
 def test_two_processes_agree():
     code = (
-        "import json, runpy, sys; plain = runpy.run_path(sys.argv[1])['plain'];"
+        "import json, runpy, sys; to_plain_data = runpy.run_path(sys.argv[1])['to_plain_data'];"
         "value = {'s': {'tip', 'base', 'middle'}, 'f': lambda: 0, 'o': [iter('')]};"
-        "print(json.dumps(plain(value)))"
+        "print(json.dumps(to_plain_data(value)))"
     )
-    file = sys.modules[plain.__module__].__file__
+    file = sys.modules[to_plain_data.__module__].__file__
     first, second = (
         subprocess.run(
             [sys.executable, "-c", code, file], capture_output=True, check=True,

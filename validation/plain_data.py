@@ -13,7 +13,7 @@ import numpy as np
 LARGEST = 2**63
 
 
-def plain(value: Any) -> Any:
+def to_plain_data(value: Any) -> Any:
     """`value` with dataclasses, arrays and sets spelt out, and what JSON has no word for as text.
 
     Addresses in memory are left out of such a text, and sets are sorted: neither is the same twice.
@@ -23,13 +23,13 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: to_plain_data(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {str(plain(key)): plain(item) for key, item in value.items()}
+        return {str(to_plain_data(key)): to_plain_data(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        return to_plain_data(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_plain_data(item) for item in value]
     if isinstance(value, Set):
-        return sorted(map(plain, value), key=json.dumps)
+        return sorted(map(to_plain_data, value), key=json.dumps)
     return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))

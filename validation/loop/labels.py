@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softdyn.validation.loop.log import Log
+if TYPE_CHECKING:
+    from softdyn.validation.loop.log import Log
 
 CONTROLLERS = {
     "soft-id-clf-qp": "Soft ID-CLF-QP",

@@ -1,97 +1,21 @@
-"""How a closed loop differs from an ideal one: in the plant, and between plant and controller."""
+"""What stands between the plant and the controller: delay, lag, noise, altered states."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Command
-from softdyn.validation.twin.borrowed import BorrowedShapes
-from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
-from softdyn.validation.twin.twin import Twin
 
 View = Callable[[State], State]
-# MuJoCo's own defaults of solref and solimp
-SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 @dataclass(frozen=True)
-class Plant:
-    """How the plant differs from the model that the controller has.
-
-    Attributes
-    ----------
-    contacts, friction : bool
-        Whether links touch, whether the file's dry friction acts.
-    dry_friction : float
-        Dry friction of every joint (N m or N) instead of the file's, where it is not 0.
-    cable_friction : float
-        Friction along every driven tendon, as a share of its largest force.
-    soft_stops : bool
-        Joint limits and dry friction as soft as MuJoCo has them by default.
-    shapes : Path, optional
-        An MJCF file whose collision geometry stands in for the robot's own.
-    mass, stiffness, damping : float
-        Factors on all masses and moments of inertia (armature apart), on all springs, on all
-        damping.
-    """
-
-    contacts: bool = False
-    friction: bool = False
-    dry_friction: float = 0.0
-    cable_friction: float = 0.0
-    soft_stops: bool = False
-    shapes: Path | None = None
-    mass: float = 1.0
-    stiffness: float = 1.0
-    damping: float = 1.0
-
-    def twin(self, *arguments: Any, **options: Any) -> Twin:
-        """`Twin` with these differences; contacts and friction are among its own options."""
-        if self.shapes is None:
-            twin = Twin(*arguments, **options)
-        else:
-            twin = BorrowedShapes(self.shapes, *arguments, **options)
-        model = twin.model
-        if self.dry_friction:
-            model.dof_frictionloss[:] = self.dry_friction
-        if self.cable_friction:
-            largest = np.abs(model.actuator_gear[:, 0]) * np.abs(model.actuator_ctrlrange).max(
-                axis=1
-            )
-            tendons = model.actuator_trnid[:, 0]
-            model.tendon_frictionloss[tendons] = self.cable_friction * largest
-            model.tendon_solref_fri[tendons] = STIFF_SOLREF
-            model.tendon_solimp_fri[tendons] = STIFF_SOLIMP
-        if self.soft_stops:
-            model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
-            model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
-        if (self.mass, self.stiffness, self.damping) != (1.0, 1.0, 1.0):
-            model.body_mass[:] *= self.mass
-            model.body_inertia[:] *= self.mass
-            model.jnt_stiffness[:] *= self.stiffness
-            model.tendon_stiffness[:] *= self.stiffness
-            model.dof_damping[:] *= self.damping
-            model.tendon_damping[:] *= self.damping
-            mujoco.mj_setConst(model, twin.data)
-            twin.reset()
-        return twin
-
-    def options(self) -> dict[str, Any]:
-        """The arguments of `simulate` that are the plant's."""
-        friction = self.friction or self.dry_friction > 0 or self.cable_friction > 0
-        contacts = self.contacts or self.shapes is not None
-        return {"twin": self.twin, "contacts": contacts, "friction": friction}
-
-
-@dataclass(frozen=True)
-class Link:
+class SignalPath:
     """What stands between the plant and the controller.
 
     Attributes
@@ -118,8 +42,8 @@ class Link:
     late: bool = False
 
     def around(self, controller: Any, period: float) -> Any:
-        """`controller` behind this link; itself where there is nothing between."""
-        if self == Link(seed=self.seed):
+        """`controller` behind this path; itself where there is nothing between."""
+        if self == SignalPath(seed=self.seed):
             return controller
         views = [view() for view in self.views]
         if self.noise > 0:
