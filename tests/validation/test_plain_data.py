@@ -33,7 +33,7 @@ class Table:
         ((1, [np.bool_(True)]), [1, [True]]),
         ({1: {"a": (2,)}}, {"1": {"a": [2]}}),
         ({"b", "a"}, ["a", "b"]),
-        (Table(3.0, (Tuning(),)), {"Kp": 3.0, "parts": ["<test_plain.Tuning object>"]}),
+        (Table(3.0, (Tuning(),)), {"Kp": 3.0, "parts": ["<test_plain_data.Tuning object>"]}),
         (Tuning().__init__, "<method-wrapper '__init__' of Tuning object>"),
         (Enum("Mode", "SOFT")["SOFT"], "<Mode.SOFT: 1>"),
     ],

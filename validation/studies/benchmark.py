@@ -27,7 +27,7 @@ from softdyn.validation.studies.engine.case import Case, number_text
 from softdyn.validation.studies.engine.distribution import Distribution, mean_and_std, read, value
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Job
+from softdyn.validation.studies.engine.worker import CaseJob
 
 # figures that stand beside the code; of the paper's grid: `benchmark.py --ensemble` makes it
 MEASURED = Path(__file__).parent / "measured"
@@ -66,7 +66,7 @@ def store(folder: Path) -> Store:
     return Store(folder, times="times")
 
 
-def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[Job]:
+def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[CaseJob]:
     """What is to be run, each controller built once to see whether it can be.
 
     Parameters

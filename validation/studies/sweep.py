@@ -20,7 +20,7 @@ from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
-from softdyn.validation.studies.engine.worker import Job
+from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.twin.plant_errors import PlantErrors
 
 FIGURES = {
@@ -129,7 +129,7 @@ class Sweep:
     models: dict[str, SoftModel]
     annotations: dict[str, str]
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[CaseJob]:
         """Every case with what it depends on."""
         heads = [{"inputs": inputs(case)} for case in self.cases]
         return worker.jobs_of(self.cases, heads=heads, folder=self.path.parent, log=self.logs)

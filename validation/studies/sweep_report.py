@@ -13,7 +13,7 @@ from softdyn.validation.files import write_text
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import OUTCOMES, Store
-from softdyn.validation.studies.engine.worker import Job
+from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.sweep import FIGURES, PLANT, Sweep, inputs, parameter
 from softdyn.validation.tables import Table, document, inline
 
@@ -60,7 +60,7 @@ class Setting:
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
-def rows(jobs: Iterable[Job], store: Store) -> list[Row]:
+def rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
     """Cases with their results, in the sweep's order; what never ran has none and is left out."""
     found = (
         (j.case, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs
@@ -94,7 +94,7 @@ def _setting(case: Case) -> str:
     return repr(found)
 
 
-def plan(sweep: Sweep, jobs: Sequence[Job], missing: Sequence[Job]) -> dict[str, Any]:
+def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> dict[str, Any]:
     """What there is to do, for JSON."""
     return {
         "sweep": str(sweep.path),

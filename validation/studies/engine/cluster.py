@@ -17,7 +17,7 @@ from softdyn.exceptions import one_line
 from softdyn.validation.studies.engine import fingerprint, worker
 from softdyn.validation.studies.engine.executors import DIED
 from softdyn.validation.studies.engine.store import Executor
-from softdyn.validation.studies.engine.worker import CaseResult, Job
+from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
 
 GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
 CONNECT = 10.0  # s
@@ -53,7 +53,7 @@ def cluster(address: str) -> Executor:
         client.close()
         raise
 
-    def execute(order: list[Job]) -> Iterator[tuple[int, CaseResult]]:
+    def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
         with client:
             contents = _contents(client, order)
             suspects: list[int] = []
@@ -87,7 +87,7 @@ def _worker_code() -> str:
     return fingerprint.code()
 
 
-def _contents(client: Any, order: list[Job]) -> Any:
+def _contents(client: Any, order: list[CaseJob]) -> Any:
     """The user's own files as a job of the cluster: sent once, made again where it got lost."""
     files = {s for job in order for s in (job.robot, job.controller) if s is not None}
     found = {part for source in files for part in source.parts}
@@ -96,7 +96,7 @@ def _contents(client: Any, order: list[Job]) -> Any:
 
 
 def _submit(
-    client: Any, order: dict[int, Job], contents: Any, in_flight: int
+    client: Any, order: dict[int, CaseJob], contents: Any, in_flight: int
 ) -> Iterator[tuple[int, CaseResult | str]]:
     """Results as they come; a text is why a job has none."""
     from distributed import as_completed

@@ -11,7 +11,7 @@ from softdyn.validation.processes import WorkerKilled, in_order, in_processes, n
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Executor
-from softdyn.validation.studies.engine.worker import CaseResult, Job
+from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
 
 DIED = "its worker process died"
 
@@ -22,7 +22,7 @@ def strict(processes: int) -> Executor:
     The executor raises `WorkerKilled` and what `worker.run` does.
     """
 
-    def execute(order: list[Job]) -> Iterator[tuple[int, CaseResult]]:
+    def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
         calls = ((index, worker.run, (job,)) for index, job in enumerate(order))
         return in_processes(numbered, calls, processes)
 
@@ -32,7 +32,7 @@ def strict(processes: int) -> Executor:
 def patient(processes: int) -> Executor:
     """The same, going on whatever goes wrong: it is in the result, a killed process too."""
 
-    def execute(order: list[Job]) -> Iterator[tuple[int, CaseResult]]:
+    def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
         left = dict(enumerate(order))
         while left:
             sent: list[int] = []
@@ -54,7 +54,7 @@ def run_all(cases: Sequence[Case], processes: int = -1) -> list[dict[str, Any]]:
     return [result.figures | {"step_us": result.step_us} for result in results]
 
 
-def follow(steps: Iterable[tuple[Job, CaseResult | None]], jobs: Sequence[Job]) -> int:
+def follow(steps: Iterable[tuple[CaseJob, CaseResult | None]], jobs: Sequence[CaseJob]) -> int:
     """Go through the steps of `Store.run`; returns how many jobs ran.
 
     A bar on a terminal counts work, not cases.
@@ -80,13 +80,13 @@ def follow(steps: Iterable[tuple[Job, CaseResult | None]], jobs: Sequence[Job]) 
     return ran
 
 
-def _feed(left: dict[int, Job], sent: list[int]) -> Iterator[tuple[Any, ...]]:
+def _feed(left: dict[int, CaseJob], sent: list[int]) -> Iterator[tuple[Any, ...]]:
     for index, job in list(left.items()):
         sent.append(index)
         yield index, worker.attempt, (job,)
 
 
-def _alone(job: Job) -> CaseResult:
+def _alone(job: CaseJob) -> CaseResult:
     """Run a job that may kill its process; with two of them, for one would be this process."""
     try:
         (result,) = in_processes(worker.attempt, [(job,)], 2)

@@ -24,10 +24,10 @@ from softdyn.validation.loop.log import STEP_TIMES, Log
 from softdyn.validation.studies.engine import case as cases
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import has_digest
-from softdyn.validation.studies.engine.worker import CaseResult, Job
+from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
 
 # Yields (position in the list, result) as jobs end, in any order.
-Executor = Callable[[list[Job]], Iterator[tuple[int, CaseResult]]]
+Executor = Callable[[list[CaseJob]], Iterator[tuple[int, CaseResult]]]
 OUTCOMES = ("done", "failed", "raised", "not_run")
 SEAL = "sha256"  # of all else in a file
 
@@ -86,7 +86,7 @@ class Store:
         found = _read(self.folder / (self.times or "") / f"{name}.json")
         return found if found is None or set(found) <= {*STEP_TIMES} else None
 
-    def load(self, job: Job) -> dict[str, Any] | None:
+    def load(self, job: CaseJob) -> dict[str, Any] | None:
         """The result of a case; None without one of this fingerprint and all files whole."""
         found = self.result(job.name)
         if found is None or found["fingerprint"] != job.fingerprint:
@@ -98,11 +98,11 @@ class Store:
             return None
         return found
 
-    def missing(self, jobs: Iterable[Job]) -> list[Job]:
+    def missing(self, jobs: Iterable[CaseJob]) -> list[CaseJob]:
         """Tasks without an up-to-date result."""
         return [job for job in jobs if self.load(job) is None]
 
-    def save(self, job: Job, result: CaseResult) -> None:
+    def save(self, job: CaseJob, result: CaseResult) -> None:
         """Write the files of a case.
 
         Raises
@@ -125,8 +125,8 @@ class Store:
         _write(path, content)
 
     def run(
-        self, jobs: Sequence[Job], executor: Executor
-    ) -> Iterator[tuple[Job, CaseResult | None]]:
+        self, jobs: Sequence[CaseJob], executor: Executor
+    ) -> Iterator[tuple[CaseJob, CaseResult | None]]:
         """Run what is missing and keep what comes; no result for what is up to date.
 
         Those come first, then the longest job, so that no core idles at the end. With nothing

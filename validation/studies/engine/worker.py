@@ -29,7 +29,7 @@ from softdyn.validation.studies.engine.sources import NotHere, Source
 
 
 @dataclass(frozen=True)
-class Job:
+class CaseJob:
     """A case with all that a worker needs to run it, and a store to keep it.
 
     Attributes
@@ -87,14 +87,14 @@ def jobs_of(
     also: Sequence[Any] | None = None,
     folder: Path = Path(),
     log: bool = False,
-) -> list[Job]:
+) -> list[CaseJob]:
     """Every case with what it depends on.
 
     Parameters
     ----------
     cases : sequence of Case
     names, heads : sequences, optional
-        Of each its `Job.name` and `Job.head`; the case's own name and nothing by default.
+        Of each its `CaseJob.name` and `CaseJob.head`; the case's own name and nothing by default.
     also : sequence, optional
         What else each depends on.
     folder : Path
@@ -121,16 +121,16 @@ def jobs_of(
         mark = fingerprint.fingerprint(case, *parts, also[i] if also else None)
         name, head = names[i] if names else case.name, heads[i] if heads else {}
         cost = case.cost(model)
-        found.append(Job(case, name, head, robot, controller, cost, mark, code, log))
+        found.append(CaseJob(case, name, head, robot, controller, cost, mark, code, log))
     return found
 
 
-def run(job: Job, contents: Mapping[str, bytes] | None = None) -> CaseResult:
+def run(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult:
     """Run one case.
 
     Parameters
     ----------
-    job : Job
+    job : CaseJob
     contents : mapping, optional
         SHA-256 → content of the user's own files, for a machine that does not have them.
 
@@ -145,7 +145,7 @@ def run(job: Job, contents: Mapping[str, bytes] | None = None) -> CaseResult:
         return _case_result(job, _prepare(job, contents or {})())
 
 
-def attempt(job: Job, contents: Mapping[str, bytes] | None = None) -> CaseResult:
+def attempt(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult:
     """`run`, with whatever goes wrong in the result."""
     with redirect_stdout(sys.stderr):
         try:
@@ -165,7 +165,7 @@ def not_run(reason: str) -> CaseResult:
     return _without_figures("not_run", reason)
 
 
-def _prepare(job: Job, contents: Mapping[str, bytes]) -> Callable[[], Log]:
+def _prepare(job: CaseJob, contents: Mapping[str, bytes]) -> Callable[[], Log]:
     """The closed loop of a job, on this machine."""
     if job.code != fingerprint.code():
         raise NotHere("this worker has another softdyn, or another version of an engine")
@@ -179,7 +179,7 @@ def _prepare(job: Job, contents: Mapping[str, bytes]) -> Callable[[], Log]:
     return lambda: cases_.run(case, model, make)
 
 
-def _case_result(job: Job, log: Log) -> CaseResult:
+def _case_result(job: CaseJob, log: Log) -> CaseResult:
     figures = cases_.figures(job.case, log)
     step_us = figures.pop("step_us")
     outcome = {"outcome": "failed" if log.failed else "done"}
