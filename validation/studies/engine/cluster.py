@@ -17,7 +17,7 @@ from softdyn.exceptions import one_line
 from softdyn.validation.studies.engine import fingerprint, worker
 from softdyn.validation.studies.engine.executors import DIED
 from softdyn.validation.studies.engine.store import Executor
-from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
+from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
 GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
 CONNECT = 10.0  # s

@@ -11,7 +11,7 @@ from softdyn.validation.processes import WorkerKilled, in_order, in_processes, n
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Executor
-from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
+from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
 DIED = "its worker process died"
 

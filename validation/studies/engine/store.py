@@ -24,7 +24,7 @@ from softdyn.validation.loop.log import STEP_TIMES, Log
 from softdyn.validation.studies.engine import case as cases
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.fingerprint import has_digest
-from softdyn.validation.studies.engine.worker import CaseResult, CaseJob
+from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
 # Yields (position in the list, result) as jobs end, in any order.
 Executor = Callable[[list[CaseJob]], Iterator[tuple[int, CaseResult]]]
