@@ -68,7 +68,7 @@ parser.add_argument(
 parser.add_argument("--gains", metavar="FILE", help="gains, a TOML file")
 parser.add_argument(
     "--certify", action="store_true",
-    help="log what V does under the model's own acceleration (laws of the paper)",
+    help="log the rate of V under the model's own acceleration (the paper's controllers)",
 )  # fmt: skip
 parser.add_argument("--contacts", action="store_true", help="let the links touch")
 parser.add_argument(
@@ -139,8 +139,8 @@ def command(arguments: cli.Arguments) -> int:
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
     if log.complete and not report["reached"] and not arguments.no_verdict:
-        told = nearest_rest(model, log, arguments.tolerance)
-        text, report["nearest_rest_cm"] = f"{text}\n{told[0]}".rstrip(), told[1]
+        line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
+        text = f"{text}\n{line}".rstrip()
     if plant is not None:
         report["plant"] = plant.to_dict()
     if shown is not None:
@@ -152,7 +152,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
-    """What statics says of a set point that was not reached: a line, and a distance (cm)."""
+    """The nearest rest to a set point that was not reached: a line, and its distance (cm)."""
     import numpy as np
 
     from softdyn import SoftdynError, statics

@@ -30,7 +30,7 @@ class Ghost:
         self.q, self._v = q, v
 
     def advance(self, u: np.ndarray, steps: int) -> None:
-        """So many plant steps under a held input.
+        """Run a number of plant steps under a held input.
 
         Raises
         ------

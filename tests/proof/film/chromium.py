@@ -169,7 +169,7 @@ class Browser:
         self._call("Input.dispatchMouseEvent", {"type": kind, **place, **more})
 
     def pixels(self, selector: str | None = None) -> np.ndarray:
-        """What is on the page (h, w, 3), or on one canvas of it."""
+        """The pixels of the page (h, w, 3), or of one canvas of it."""
         self.settle()
         if selector is not None:
             self.run("softdyn.viewer.render()")

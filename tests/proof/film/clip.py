@@ -85,7 +85,7 @@ class _Film:
         self._browser.lift(self._mouse)
 
     def _picture(self) -> Image.Image:
-        """What the page shows a moment later, with the pointer."""
+        """The page a moment later, with the pointer."""
         time.sleep(0.05)  # what the page has said is on its way
         session, steps = self._session, round(1 / RATE / FRAMES / self._session.period)
         for message in self._channel.messages():
@@ -106,7 +106,7 @@ class _Film:
         return picture.resize(SHOWN, Image.Resampling.LANCZOS)
 
     def _seen(self, point: object) -> list[float]:
-        """Where a point (3,) of the world is in the window."""
+        """The place of a point (3,) of the world in the window."""
         found: list[float] = self._browser.run(
             "(p => [(p.x + 1) / 2 * innerWidth, (1 - p.y) / 2 * innerHeight])"
             f"(softdyn.stage.localToWorld(new T.Vector3(...{np.asarray(point).tolist()}))"
