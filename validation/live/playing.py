@@ -10,6 +10,7 @@ from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.validation.live.session import Make, Session, menu_of
+from softdyn.validation.loop.arguments import name_of
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.messages import OPEN_LOOP, SetController
 from softdyn.view.live.pacing import IDLE, RATE, Clock
@@ -151,7 +152,7 @@ class Play:
     ) -> None:
         own: dict[str, Make] = {}
         if controller is not None:
-            law = name or getattr(controller, "name", None) or type(controller).__name__
+            law = name or name_of(controller)
             own[law] = lambda _model: controller
         menu = menu_of(model, own)
         self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target)

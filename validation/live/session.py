@@ -296,11 +296,8 @@ class Session:
         self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
     ) -> tuple[Twin, StateMap]:
         """A plant anew, in a state."""
-        errors = _part(PlantErrors, said)
-        twin = errors.twin(
-            self.model.robot, timestep=self._grid.timestep, contacts=errors.contacts,
-            friction=errors.friction,
-        )  # fmt: skip
+        options = _part(PlantErrors, said).options()
+        twin = options.pop("twin")(self.model.robot, timestep=self._grid.timestep, **options)
         states = StateMap(self.model, twin)
         try:
             twin.set_state(*states.to_twin(q, v), t)

@@ -20,45 +20,37 @@ XYZW = [1, 2, 3, 0]
 
 
 class Plant(Protocol):
-    """What the map and a closed loop need of a MuJoCo model; see `Twin`, which is one."""
+    """A MuJoCo model that a state maps to and that runs under an input; `Twin` is one."""
 
     @property
     def model(self) -> mujoco.MjModel:
         """MuJoCo's."""
-        ...
 
     @property
     def data(self) -> mujoco.MjData:
         """MuJoCo's, with the present state."""
-        ...
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """In MuJoCo's order."""
-        ...
 
     @property
     def followers(self) -> dict[str, Freedom]:
         """By our names, joints that follow others."""
-        ...
 
     @property
     def floating(self) -> bool:
         """Whether the robot's base moves freely."""
-        ...
 
     @property
     def rest(self) -> np.ndarray:
         """Where all joints are that the map says nothing of (nq,)."""
-        ...
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Start from a state."""
-        ...
 
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
         """Integrate under a held input (nu,)."""
-        ...
 
 
 @runtime_checkable
@@ -70,22 +62,18 @@ class MappedPlant(Plant, Protocol):
     @property
     def path(self) -> Path:
         """The file."""
-        ...
 
     @property
     def robot(self) -> Robot:
         """The robot whose states and inputs it takes."""
-        ...
 
     @property
     def contacts(self) -> bool:
         """Whether anything can touch."""
-        ...
 
     @property
     def states(self) -> StateMap:
         """The model's states ↔ MuJoCo's."""
-        ...
 
 
 class StateMap:

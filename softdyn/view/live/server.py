@@ -284,13 +284,9 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
 async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.socket) -> None:
     """Serve until standard input ends; its text is a page for the pages to keep."""
     hub = Hub(given, loop)
-    options = {"hub": hub}
+    routes = {"/": Root, "/live": PageSocket, "/record.html": Recorded}
     application = tornado.web.Application(
-        [
-            (r"/", Root, options),
-            (r"/live", PageSocket, options),
-            (r"/record.html", Recorded, options),
-        ],
+        [(path, handler, {"hub": hub}) for path, handler in routes.items()],
         log_function=lambda _handler: None,
         websocket_max_message_size=LONGEST + 1,
     )
