@@ -5,7 +5,7 @@
 - `experiment`: a loop's task: its reference, duration and control period
 - `signal_path`: delay, lag and noise between plant and controller
 - `time_grid`: the division of a run into control periods and plant steps
-- `record`: a log's arrays while the loop fills them, the controller's counts
+- `record`: a log's arrays while the loop fills them, the controller's counts, versions
 - `verdict`: early ends of a run, failures, whether it reached its reference
 - `log`: the record of a run: its arrays, its figures of merit, its summary, its file
 - `logged_robot`: the robot of a log, as its file was when it ran

@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
@@ -15,7 +13,6 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
-import softdyn
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
 from softdyn.description.robot import input_unit
@@ -34,7 +31,7 @@ from softdyn.validation.loop.arguments import (
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder
+from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder, package_versions
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
@@ -310,7 +307,7 @@ class ClosedLoop:
             gains=to_plain_data(
                 getattr(controller, "gains", getattr(controller, "parameters", None))
             ),
-            versions=dict(_versions()),
+            versions=dict(package_versions()),
             source=LoggedRobot.of(model),
             plant=self.plant_file,
         )
@@ -388,15 +385,3 @@ def simulate(
             name=name,
         )  # fmt: skip
         return loop.run(progress=progress, on_step=on_step)
-
-
-@cache
-def _versions() -> tuple[tuple[str, str], ...]:
-    """Versions of what decides a run's numbers."""
-    found = [("softdyn", softdyn.__version__)]
-    for package in ("pin", "mujoco", "proxsuite", "numpy"):
-        try:
-            found.append((package, version(package)))
-        except PackageNotFoundError:
-            continue
-    return tuple(found)

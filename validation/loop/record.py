@@ -1,13 +1,16 @@
-"""A log's arrays while the closed loop fills them, and the controller's own counts."""
+"""A log's arrays while the loop fills them, the controller's own counts, package versions."""
 
 from __future__ import annotations
 
 import math
 from enum import Enum
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol
 
 import numpy as np
 
+import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.checks import array, number
 from softdyn.validation.loop.log_checks import EXTRA, SHAPES
@@ -147,3 +150,15 @@ def _scalar(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
+
+
+@cache
+def package_versions() -> tuple[tuple[str, str], ...]:
+    """Versions of the packages that decide a run's numbers."""
+    found = [("softdyn", softdyn.__version__)]
+    for package in ("pin", "mujoco", "proxsuite", "numpy"):
+        try:
+            found.append((package, version(package)))
+        except PackageNotFoundError:
+            continue
+    return tuple(found)
