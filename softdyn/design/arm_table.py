@@ -19,7 +19,7 @@ from softdyn.design.rods import (
     Plate,
     Section,
 )  # fmt: skip
-from softdyn.design.units import Table
+from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError
 
 ROUTINGS = {"channel": False, "discs": True}
@@ -28,7 +28,7 @@ MOTIONS = {name: name for name in ("bend", *FREEDOMS, "shear")}  # two of them s
 PAIRS = {"bend": ("bend_y", "bend_z"), "shear": ("shear_y", "shear_z")}
 
 
-def read_arm(table: Table) -> Arm:
+def read_arm(table: TomlTable) -> Arm:
     """An arm of sections.
 
     Raises
@@ -65,7 +65,7 @@ def read_arm(table: Table) -> Arm:
         )
 
 
-def read_name(table: Table) -> str:
+def read_name(table: TomlTable) -> str:
     """The robot's name."""
     name: str = table.text("name", "arm")
     if not name or not name.isprintable():
@@ -73,7 +73,7 @@ def read_name(table: Table) -> str:
     return name
 
 
-def read_mount(table: Table | None) -> Mount:
+def read_mount(table: TomlTable | None) -> Mount:
     """Where it is mounted: hanging down from the origin by default."""
     if table is None:
         return Mount()
@@ -98,7 +98,7 @@ def placed(where: str) -> Iterator[None]:
         raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
 
 
-def _material(table: Table | None, default: Material | None) -> Material | None:
+def _material(table: TomlTable | None, default: Material | None) -> Material | None:
     if table is None:
         return default
     with placed(table.where):
@@ -111,7 +111,7 @@ def _material(table: Table | None, default: Material | None) -> Material | None:
     return material
 
 
-def _section(table: Table, k: int, material: Material | None) -> Section:
+def _section(table: TomlTable, k: int, material: Material | None) -> Section:
     own = _material(table.table("material"), material)
     if own is None:
         raise InputError(table.where, "[material], here or above all sections", "none")
@@ -145,7 +145,7 @@ def _section(table: Table, k: int, material: Material | None) -> Section:
     return section
 
 
-def _plate(table: Table | None, material: Material) -> Plate | None:
+def _plate(table: TomlTable | None, material: Material) -> Plate | None:
     """A plate of a measured mass, or of a density, the section's by default."""
     if table is None:
         return None
@@ -158,7 +158,7 @@ def _plate(table: Table | None, material: Material) -> Plate | None:
     return plate
 
 
-def _damping(table: Table | None) -> Damping:
+def _damping(table: TomlTable | None) -> Damping:
     if table is None:
         return Damping(ratio=0.1)
     with placed(table.where):
@@ -171,7 +171,7 @@ def _damping(table: Table | None) -> Damping:
     return damping
 
 
-def _payload(table: Table | None) -> Payload | None:
+def _payload(table: TomlTable | None) -> Payload | None:
     if table is None:
         return None
     with placed(table.where):
@@ -184,7 +184,7 @@ def _payload(table: Table | None) -> Payload | None:
     return payload
 
 
-def _cables(table: Table, k: int, sections: list[str]) -> list[Cable]:
+def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
     """The cables of one table: `count` of them, evenly around."""
     count = table.count("count", 1)
     name, first = table.text("name", f"cable_{k}"), table.quantity("angle", "angle", 0.0)

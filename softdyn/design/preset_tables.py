@@ -7,7 +7,7 @@ import math
 from softdyn.design import finger, log_spiral
 from softdyn.design.arm_table import MOTIONS, PAIRS, placed, read_mount, read_name
 from softdyn.design.shapes import phalanx_mesh, spiral_mesh, stl
-from softdyn.design.units import Table
+from softdyn.design.units import TomlTable
 from softdyn.design.urdf_text import Input
 
 TURNS = {name: name for name in MOTIONS if name in ("bend", "bend_y", "bend_z", "twist")}
@@ -15,7 +15,7 @@ Files = tuple[str, str, dict[str, bytes]]
 """Name, URDF, meshes by their path beside it."""
 
 
-def read_spiral(table: Table) -> Files:
+def read_spiral(table: TomlTable) -> Files:
     """A log-spiral arm, from ``[log_spiral]``."""
     name, own = read_name(table), table.table("log_spiral")
     mount = read_mount(table.table("mount"))
@@ -43,7 +43,7 @@ def read_spiral(table: Table) -> Files:
     return name, log_spiral.urdf(spiral), {"meshes/spiral.stl": stl(spiral_mesh())}
 
 
-def read_finger(table: Table) -> Files:
+def read_finger(table: TomlTable) -> Files:
     """A finger, from ``[finger]`` and its ``[[tendon]]``s."""
     name, own = read_name(table), table.table("finger")
     mount = table.table("mount")

@@ -14,7 +14,7 @@ from softdyn.design.layout import lay_out
 from softdyn.design.plausible import check
 from softdyn.design.preset_tables import Files, read_finger, read_spiral
 from softdyn.design.rods import Arm
-from softdyn.design.units import Table
+from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError
 
 
@@ -40,7 +40,7 @@ class Design:
     figures: Mapping[str, float] = field(default_factory=dict)
 
 
-PRESETS: dict[str, Callable[[Table], Files]] = {
+PRESETS: dict[str, Callable[[TomlTable], Files]] = {
     "log_spiral": read_spiral,
     "finger": read_finger,
 }
@@ -62,7 +62,7 @@ def read(values: Mapping[str, Any], file: str = "table") -> Design:
     InputError
         One line that names the file, the table and the key, what was expected and what was got.
     """
-    table = Table(values, file)
+    table = TomlTable(values, file)
     for name, preset in PRESETS.items():
         if name in values:
             return Design(*preset(table))
@@ -76,7 +76,7 @@ def read(values: Mapping[str, Any], file: str = "table") -> Design:
 
 def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
     """The arm of sections that a table describes; see `read`."""
-    table = Table(values, file)
+    table = TomlTable(values, file)
     arm = read_arm(table)
     table.finish()
     with placed(file):

@@ -30,7 +30,7 @@ UNITS: dict[str, dict[str, float]] = {
 REQUIRED: Any = object()
 
 
-class Table:
+class TomlTable:
     """A table of a file that is being read; what nobody asked for is refused by `finish`.
 
     Parameters
@@ -125,18 +125,20 @@ class Table:
             raise self.error(name, "a list of at least one word, none twice", value)
         return tuple(value)
 
-    def table(self, name: str) -> Table | None:
+    def table(self, name: str) -> TomlTable | None:
         """A table below this one."""
         self._known.append(name)
-        return Table(self.values[name], f"{self.where}: [{name}]") if name in self.values else None
+        return (
+            TomlTable(self.values[name], f"{self.where}: [{name}]") if name in self.values else None
+        )
 
-    def tables(self, name: str) -> list[Table]:
+    def tables(self, name: str) -> list[TomlTable]:
         """The tables of an array of tables; none where it is not there."""
         self._known.append(name)
         value = self.values.get(name, [])
         if not isinstance(value, list):
             raise self.error(name, f"[[{name}]]", f"[{name}]")
-        return [Table(item, f"{self.where}: [[{name}]] {k}") for k, item in enumerate(value, 1)]
+        return [TomlTable(item, f"{self.where}: [[{name}]] {k}") for k, item in enumerate(value, 1)]
 
     def finish(self) -> None:
         """Refuse what nobody asked for, with the nearest that is known."""

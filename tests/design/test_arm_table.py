@@ -11,7 +11,7 @@ import pytest
 
 from softdyn import InputError, design, parse
 from softdyn.commands import new
-from softdyn.design.units import UNITS, Table
+from softdyn.design.units import UNITS, TomlTable
 from tests.support.arms import THREE_SECTIONS
 
 
@@ -67,7 +67,7 @@ def test_every_unit_in_si():
     for kind, units in ONE.items():
         for unit, value in units.items():
             key = f"x_{unit}" if unit else "x"
-            assert Table({key: value}, "t").quantity("x", kind) == pytest.approx(1, rel=1e-14)
+            assert TomlTable({key: value}, "t").quantity("x", kind) == pytest.approx(1, rel=1e-14)
 
 
 WRONG = {
