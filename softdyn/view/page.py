@@ -83,7 +83,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class PlayedRun:
     """Tracks that are shown together; `notes` are (time (s), text) shown from then on."""
 
     title: str
@@ -117,7 +117,7 @@ class Page:
 
     title: str
     figures: Sequence[Drawn]
-    runs: tuple[Run, ...]
+    runs: tuple[PlayedRun, ...]
     live: bool = False
     rows: tuple[tuple[str, ...], ...] = ()
     sliders: bool = False

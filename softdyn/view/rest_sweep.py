@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel
-from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
 STEP = 0.005  # s
@@ -47,7 +47,7 @@ def rest_page(model: SoftModel) -> Page:
         aims=False,
         full=np.abs(sweep.u).max(axis=0) if moved else None,
     )
-    run = Run("", (track,), loop=True, notes=sweep.notes)
+    run = PlayedRun("", (track,), loop=True, notes=sweep.notes)
     return Page(model.bundled or model.name, (figure,), (run,))
 
 

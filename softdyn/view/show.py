@@ -9,7 +9,7 @@ import numpy as np
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
 
@@ -124,7 +124,7 @@ class View:
         return self.page._repr_html_()
 
     def _page(self, rows: np.ndarray, live: bool) -> Page:
-        run = Run("", (Track(0, rows, "", aims=False),))
+        run = PlayedRun("", (Track(0, rows, "", aims=False),))
         return Page(
             self.model.bundled or self.model.name, (self._figure,), (run,), live, sliders=True
         )

@@ -12,7 +12,7 @@ import softdyn
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
-from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
 from tests.support import ROOT
@@ -171,7 +171,7 @@ def test_cables_take_the_colour_of_their_tension(browser):
         model, [0.0, 1.0], np.zeros((2, 4)), np.array([[1.0, -1.0], [0.0, 0.0]]),
         np.zeros((2, 3)), np.zeros((2, 3)),
     )  # fmt: skip
-    page = Page("finger", (Figure.of(model),), (Run("", (Track(0, rows, "x"),)),), live=True)
+    page = Page("finger", (Figure.of(model),), (PlayedRun("", (Track(0, rows, "x"),)),), live=True)
     with Viewer(page) as viewer:
         browser.open(viewer.url)
         browser.run("(softdyn.following = false, softdyn.seek(0), 1)")
@@ -188,7 +188,7 @@ def test_the_live_viewer_draws_what_is_pushed(browser):
     model = softdyn.load("finger")
     width = 1 + model.nv + model.nu + 6
     track = Track(0, np.zeros((0, width)), "live")
-    page = Page("finger", (Figure.of(model),), (Run("", (track,)),), live=True)
+    page = Page("finger", (Figure.of(model),), (PlayedRun("", (track,)),), live=True)
 
     def row(t, angle):
         q = np.full((1, 4), angle)
@@ -236,7 +236,7 @@ def test_view_py_in_a_browser(browser):
 def test_a_robot_s_name_is_text(browser, tmp_path):
     name = "</script><script>document.title = 'stolen'</script><img src=x onerror='stolen = 1'>"
     model = softdyn.load("finger")
-    page = Page(name, (Figure.of(model),), (Run(name, (Track(0, np.zeros((0, 13)), name),)),))
+    page = Page(name, (Figure.of(model),), (PlayedRun(name, (Track(0, np.zeros((0, 13)), name),)),))
     file = tmp_path / "name.html"
     file.write_text(page.html(), encoding="utf-8")
     browser.open(file.as_uri() + "#pause")

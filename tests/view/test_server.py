@@ -18,7 +18,7 @@ import pytest
 
 import softdyn
 from softdyn.view.loopback import listener
-from softdyn.view.page import Page, Run, Track
+from softdyn.view.page import Page, PlayedRun, Track
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
 from tests.support import ROOT
@@ -28,7 +28,7 @@ from tests.support.command import of_itself
 def blank(model) -> Page:
     width = 1 + model.nv + model.nu + 6
     track = Track(0, np.zeros((0, width)), "live")
-    return Page(model.name, (Figure.of(model),), (Run("", (track,)),), live=True)
+    return Page(model.name, (Figure.of(model),), (PlayedRun("", (track,)),), live=True)
 
 
 @pytest.fixture(scope="module")

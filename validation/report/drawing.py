@@ -23,7 +23,7 @@ AXES = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class RobotDrawing:
     """A robot with its shapes, each on a part or on the root, in the root's axes at zero.
 
     `rest` are coordinates of free bodies as the file puts them; `problem` says why it is drawn as
@@ -37,7 +37,7 @@ class Drawing:
     problem: str = ""
 
     @classmethod
-    def of(cls, side: Side) -> Drawing:
+    def of(cls, side: Side) -> RobotDrawing:
         """The drawing of a robot with the shapes of its file; sticks where those cannot be had."""
         robot = side.neutral
         found: tuple[tuple[int, Visual], ...] = ()
@@ -51,7 +51,7 @@ class Drawing:
             problem = str(error)
         return cls(robot.path.stem, robot, found or tuple(_sticks(robot)), rest, problem)
 
-    def painted(self, colours: Mapping[int, Rgba], other: Rgba) -> Drawing:
+    def painted(self, colours: Mapping[int, Rgba], other: Rgba) -> RobotDrawing:
         """The same in the colours of its parts."""
         shapes = tuple(
             (part, replace(shape, rgba=colours.get(part, other))) for part, shape in self.shapes

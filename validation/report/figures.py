@@ -18,7 +18,7 @@ from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
     OURS,
-    Run,
+    PlottedRun,
     distinct,
     lyapunov_band,
     main_controller,
@@ -35,7 +35,7 @@ REFERENCE_WIDTH = 3.5
 WILD_LENGTHS, WILD_DECADES = 8.0, 60.0  # a curve that goes farther than that up and down is wild
 
 
-def lyapunov(runs: Sequence[Run], kind: str) -> Figure | None:
+def lyapunov(runs: Sequence[PlottedRun], kind: str) -> Figure | None:
     """V/V(0) over time, one curve and band a robot (the paper's Figs. clf_set, clf_tracking).
 
     Trajectories last as long as their rate says, so their time counts in cycles.
@@ -66,7 +66,7 @@ def lyapunov(runs: Sequence[Run], kind: str) -> Figure | None:
     return figure
 
 
-def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
+def convergence(runs: Sequence[PlottedRun], robot: str) -> Figure | None:
     """A robot's tip in x–z from rest to each set point (the paper's Fig. spirob_error)."""
     _, runs = main_controller(of(runs, robot, kind="set_point"))
     if not runs:
@@ -112,7 +112,7 @@ def convergence(runs: Sequence[Run], robot: str) -> Figure | None:
     return figure
 
 
-def tracking(runs: Sequence[Run]) -> Figure | None:
+def tracking(runs: Sequence[PlottedRun]) -> Figure | None:
     """Tip paths of the second cycle, a panel a robot, a line a controller (Fig. tracking)."""
     runs = of(runs, kind="tracking")
     if not runs:
@@ -132,7 +132,7 @@ def tracking(runs: Sequence[Run]) -> Figure | None:
     return figure
 
 
-def draw_second_cycles(axes: Axes, runs: Sequence[Run], colours: dict[str, Any]) -> None:
+def draw_second_cycles(axes: Axes, runs: Sequence[PlottedRun], colours: dict[str, Any]) -> None:
     """One robot's reference and tips from half of the planned duration on."""
     reference = max(runs, key=lambda run: len(run.log.t)).goal
     axes.plot(*reference.T, color=look.REFERENCE, linewidth=REFERENCE_WIDTH, zorder=1)
@@ -156,7 +156,7 @@ def draw_second_cycles(axes: Axes, runs: Sequence[Run], colours: dict[str, Any])
     axes.set_xlabel("x (cm)")
 
 
-def errors(runs: Sequence[Run], kind: str) -> Figure | None:
+def errors(runs: Sequence[PlottedRun], kind: str) -> Figure | None:
     """‖e‖ over time of every run: a row a robot, a column an experiment, a line a controller."""
     runs = of(runs, kind=kind)
     if not runs:
@@ -190,13 +190,13 @@ def errors(runs: Sequence[Run], kind: str) -> Figure | None:
     return figure
 
 
-def legend(runs: Sequence[Run], colours: dict[str, look.Look]) -> list[Line2D]:
+def legend(runs: Sequence[PlottedRun], colours: dict[str, look.Look]) -> list[Line2D]:
     """Handles for the runs' controllers, and for the mark of a failed run if one is."""
     titles = {name: look.controller_title(name) for name in distinct(runs, "controller")}
     return look.legend_handles(titles, colours, any(run.log.failed for run in runs))
 
 
-def weight(run: Run, wild: bool) -> dict[str, Any]:
+def weight(run: PlottedRun, wild: bool) -> dict[str, Any]:
     """Width and layer of a run's line: dashes over a wide solid line show both where they agree.
 
     A `wild` curve would hide all others, so it is thin and behind them.

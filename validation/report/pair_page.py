@@ -10,8 +10,8 @@ from softdyn.description.visuals import Rgba
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.comparison.result import Cause, Comparison, Worst
 from softdyn.validation.mjcf.comparison.side import Side
-from softdyn.validation.report.drawing import Drawing
-from softdyn.view.page import Page, Run, Track
+from softdyn.validation.report.drawing import RobotDrawing
+from softdyn.view.page import Page, PlayedRun, Track
 
 PLAIN = (0.72, 0.74, 0.77, 1.0)
 DIFFERS = (0.84, 0.37, 0.0, 1.0)  # Okabe and Ito's vermillion
@@ -47,9 +47,8 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
                 colours[1][there] = colours[0][k]
     for place, key in enumerate(("a", "b")):
         colours[place].update({numbers[place][joint]: ALONE for joint in found.unmatched[key]})
-    drawings = [
-        Drawing.of(side).painted(paint, PLAIN) for side, paint in zip(sides, colours, strict=True)
-    ]
+    pairs = zip(sides, colours, strict=True)
+    drawings = [RobotDrawing.of(side).painted(paint, PLAIN) for side, paint in pairs]
     states = _states(found.worst)
     times = [k * (MOVE + HOLD) - (MOVE if k else 0.0) for k in range(len(states))]
     motion = []
@@ -62,18 +61,17 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
         motion.append(_frames(np.array(poses)))
     marks = tuple((t, text) for t, (text, _) in zip(times, states, strict=True))
     apart = GAP * max(drawing.size for drawing in drawings)
-    runs = tuple(
-        Run(title, tuple(_tracks(found, drawings, motion, offset, opacity)), loop=True, notes=marks)
-        for title, offset, opacity in (
-            ("side by side", apart, 1.0),
-            ("in one place", 0.0, 0.45),
-        )
+    runs = []
+    for title, offset, opacity in (("side by side", apart, 1.0), ("in one place", 0.0, 0.45)):
+        tracks = tuple(_tracks(found, drawings, motion, offset, opacity))
+        runs.append(PlayedRun(title, tracks, loop=True, notes=marks))
+    return Page(
+        f"{drawings[0].name} and {drawings[1].name}", drawings, tuple(runs), rows=_rows(found)
     )
-    return Page(f"{drawings[0].name} and {drawings[1].name}", drawings, runs, rows=_rows(found))
 
 
 def _tracks(
-    found: Comparison, drawings: list[Drawing], motion: list[np.ndarray], offset: float,
+    found: Comparison, drawings: list[RobotDrawing], motion: list[np.ndarray], offset: float,
     opacity: float,
 ) -> Iterator[Track]:  # fmt: skip
     for k, (key, drawing) in enumerate(zip(("a", "b"), drawings, strict=True)):

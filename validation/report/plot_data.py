@@ -21,7 +21,7 @@ FLOOR = 1e-12  # what V/V(0) is drawn at least as, for the logarithm
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class PlottedRun:
     """A case and its log, up to the first sample that is not finite, a diverged run's last.
 
     Attributes
@@ -39,7 +39,7 @@ class Run:
     error: np.ndarray
 
     @classmethod
-    def load(cls, case: Case, path: Path) -> Run:
+    def load(cls, case: Case, path: Path) -> PlottedRun:
         """Read a case's log."""
         log = Log.load(path)
         n = log.finite_samples
@@ -68,19 +68,19 @@ def finite_errors(log: Log) -> np.ndarray:
 
 
 def of(
-    runs: Iterable[Run],
+    runs: Iterable[PlottedRun],
     robot: str | None = None,
     controller: str | None = None,
     kind: str | None = None,
     value: float | None = None,
-) -> list[Run]:
+) -> list[PlottedRun]:
     """The runs of a robot, a controller, a kind, a value: of those that are given."""
     wanted = {"robot": robot, "controller": controller, "kind": kind, "value": value}
     given = {key: item for key, item in wanted.items() if item is not None}
     return [run for run in runs if all(getattr(run.case, k) == v for k, v in given.items())]
 
 
-def distinct(runs: Iterable[Run], field: str) -> list[Any]:
+def distinct(runs: Iterable[PlottedRun], field: str) -> list[Any]:
     """The values of a field of the runs' cases, in the order of the runs."""
     return list(dict.fromkeys(getattr(run.case, field) for run in runs))
 
@@ -90,7 +90,7 @@ def preferred(values: Sequence[Value], value: Value) -> Value:
     return value if value in values else values[0]
 
 
-def main_controller(runs: Sequence[Run]) -> tuple[str, list[Run]]:
+def main_controller(runs: Sequence[PlottedRun]) -> tuple[str, list[PlottedRun]]:
     """The controller that figures of one controller show, the paper's if it ran, and its runs."""
     names = distinct(runs, "controller")
     name = preferred(names, OURS) if names else OURS
@@ -160,7 +160,7 @@ class Band:
     ends: list[tuple[float, float]]
 
 
-def lyapunov_band(runs: Sequence[Run], bins: int = 300) -> Band | None:
+def lyapunov_band(runs: Sequence[PlottedRun], bins: int = 300) -> Band | None:
     """V/V(0) of the runs, None where no run has a V; a bin holds every sample of its time.
 
     A peak shows in `high` however short it is. Runs from V(0) = 0 have no normalised V.

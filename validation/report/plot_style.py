@@ -103,7 +103,7 @@ def plain(text: str) -> str:
     return f" {text}" if text.startswith("_") else text
 
 
-class Drawing(Figure):
+class NotebookFigure(Figure):
     """A figure that a notebook shows by itself."""
 
     def _repr_png_(self) -> bytes:
@@ -118,7 +118,7 @@ def panels(
 ) -> tuple[Figure, list[list[Axes]]]:
     """A figure of `rows` × `columns` axes; `width` and `height` in inch."""
     layout = ConstrainedLayoutEngine(compress=True, w_pad=0.03, h_pad=0.03)
-    figure = Drawing(figsize=(width, height), layout=layout)
+    figure = NotebookFigure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, [list(row) for row in axes]

@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 from softdyn.validation.files import safe_filename
 from softdyn.validation.report import figures
-from softdyn.validation.report.plot_data import Run, distinct
+from softdyn.validation.report.plot_data import PlottedRun, distinct
 from softdyn.validation.report.plot_style import save, style
 from softdyn.validation.report.time_figures import inputs
 from softdyn.validation.studies import benchmark
@@ -40,7 +40,7 @@ def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
     target.mkdir(parents=True, exist_ok=True)
     with tqdm(cases, disable=None, leave=False, unit="log", desc="logs") as bar:
         store = benchmark.store(folder)
-        runs = [Run.load(case, store.log_path(case.name)) for case in bar]
+        runs = [PlottedRun.load(case, store.log_path(case.name)) for case in bar]
     robots = distinct(runs, "robot")
     drawings: dict[str, Callable[[], Figure | None]] = {
         "lyapunov_set_points": partial(figures.lyapunov, runs, "set_point"),

@@ -12,7 +12,7 @@ from softdyn.description.visuals import Visual
 from softdyn.validation.loop.labels import controller_title, goal, labels_of
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
-from softdyn.view.page import Page, Run, Track, frames
+from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
 RATE = 30.0  # frames a second
@@ -41,13 +41,14 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
         When the log is another robot's.
     """
     figure = replace(Figure.of(model), scenery=tuple(around))
-    return Page(model.bundled or log.robot, (figure,), (Run(goal(log), (track(log, model),)),))
+    run = PlayedRun(goal(log), (track(log, model),))
+    return Page(model.bundled or log.robot, (figure,), (run,))
 
 
 def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
     """Several runs of one robot as one page, to be chosen from a list."""
     runs = tuple(
-        Run(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
+        PlayedRun(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
         for log in logs
     )
     return Page(name, (Figure.of(model),), runs)
@@ -100,7 +101,7 @@ def comparison(
         x += GAP * figures[id(model)].size
     goals = list(dict.fromkeys(goal(log) for log in logs))
     robots = list(dict.fromkeys(log.robot for log in logs))
-    run = Run(" and ".join(goals), tuple(tracks), max(float(log.t[-1]) for log in logs))
+    run = PlayedRun(" and ".join(goals), tuple(tracks), max(float(log.t[-1]) for log in logs))
     return Page(" and ".join(robots), tuple(figures.values()), (run,))
 
 

@@ -18,7 +18,7 @@ from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.figures import FINEST
 from softdyn.validation.report.plot_data import (
     EXAMPLE,
-    Run,
+    PlottedRun,
     distinct,
     finite_errors,
     main_controller,
@@ -28,7 +28,7 @@ from softdyn.validation.report.plot_data import (
 )
 
 
-def inputs(runs: Sequence[Run]) -> Figure | None:
+def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
     """The input and its bounds over time, a row a robot: one set point, one trajectory."""
     _, runs = main_controller(runs)
     runs = [run for run in runs if run.log.u.size]

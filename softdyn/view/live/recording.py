@@ -72,9 +72,9 @@ class Recording:
         """The last recording as a page, empty where there is none."""
         if self._done is None:
             return ""
-        from softdyn.view.page import Page, Run, Track
+        from softdyn.view.page import Page, PlayedRun, Track
 
-        run = Run("recorded", (Track(0, self._done, self._title),))
+        run = PlayedRun("recorded", (Track(0, self._done, self._title),))
         return Page(self._title, (self._figure,), (run,)).html()
 
     def rests(self) -> Iterator[list[list[float]]]:

@@ -11,7 +11,7 @@ from softdyn.commands import compare as command
 from softdyn.validation import compare
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import States, place
-from softdyn.validation.report.drawing import Drawing
+from softdyn.validation.report.drawing import RobotDrawing
 from softdyn.validation.report.pair_page import ALONE, DIFFERS, PLAIN, VALUES, pair_page
 from tests.support import ROOT, pair_robots
 
@@ -50,7 +50,7 @@ def test_hinges_and_slides_stand_where_mujoco_has_them(tmp_path):
     data = mujoco.MjData(model)
     data.qpos[:] = q = [0.3, -0.7, 0.1]
     mujoco.mj_kinematics(model, data)
-    drawing = Drawing.of(Side(file))
+    drawing = RobotDrawing.of(Side(file))
     names = [part.name for part in drawing.robot.parts]
     row = drawing.coordinates({name: [x] for name, x in zip(names, q, strict=True)})
     shapes = posed(drawing.data, row)
@@ -62,7 +62,7 @@ def test_hinges_and_slides_stand_where_mujoco_has_them(tmp_path):
 def test_balls_and_free_bodies_turn_as_in_the_neutral_form(tmp_path):
     file = tmp_path / "balls.xml"
     file.write_text(BALLS)
-    drawing = Drawing.of(Side(file))
+    drawing = RobotDrawing.of(Side(file))
     robot = drawing.robot
     q = ([0.1, -0.2, 0.3, 0.5, -0.8, 0.4], [0.9, 0.2, -0.6])
     row = drawing.coordinates({p.name: v for p, v in zip(robot.parts, q, strict=True)})
@@ -123,6 +123,6 @@ def test_a_file_whose_meshes_are_gone_is_drawn_as_sticks(tmp_path):
         '<inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="m"/></body>'
         "</worldbody></mujoco>"
     )
-    drawing = Drawing.of(Side(file))
+    drawing = RobotDrawing.of(Side(file))
     assert "expected a mesh to read" in drawing.problem
     assert len(drawing.shapes) == 2

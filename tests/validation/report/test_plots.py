@@ -11,7 +11,7 @@ import pytest
 from softdyn import InputError
 from softdyn.validation.loop.log import Log
 from softdyn.validation.report import figures, plot_data, plot_style, plots, time_figures
-from softdyn.validation.report.plot_data import Run, lyapunov_band, thin, thin_path
+from softdyn.validation.report.plot_data import PlottedRun, lyapunov_band, thin, thin_path
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
@@ -119,7 +119,8 @@ def test_the_same_bytes_every_time(full, tmp_path):
     folder, cases, files = full
     first = {file.name: file.read_bytes() for file in files}
     with plot_style.style():
-        runs = [Run.load(case, benchmark.store(folder).log_path(case.name)) for case in cases]
+        store = benchmark.store(folder)
+        runs = [PlottedRun.load(case, store.log_path(case.name)) for case in cases]
         again = plot_style.save(
             figures.lyapunov(runs, "set_point"), tmp_path / "lyapunov_set_points"
         )
@@ -130,7 +131,7 @@ def test_the_users_own_settings_do_not_matter(full, tmp_path):
     import matplotlib
 
     folder, cases, files = full
-    runs = [Run.load(case, benchmark.store(folder).log_path(case.name)) for case in cases]
+    runs = [PlottedRun.load(case, benchmark.store(folder).log_path(case.name)) for case in cases]
     with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "savefig.dpi": 30}):
         before = dict(matplotlib.rcParams)
         with plot_style.style():
@@ -267,7 +268,7 @@ def test_a_thinned_path_stays_within_its_tolerance():
 def make_run(tmp_path, **options):
     case = Case("finger", "soft-id-clf-qp", "set_point", 0.5)
     write(tmp_path, [case], **options)
-    return Run.load(case, benchmark.store(tmp_path).log_path(case.name))
+    return PlottedRun.load(case, benchmark.store(tmp_path).log_path(case.name))
 
 
 def test_a_band_holds_every_sample(tmp_path):
@@ -306,7 +307,7 @@ def test_samples_that_are_not_finite_are_left_out(tmp_path):
     error[-1] = y[-1] = np.nan
     path = tmp_path / "x.npz"
     replace(log, error=error, y=y).save(path)
-    run = Run.load(case, path)
+    run = PlottedRun.load(case, path)
     assert len(run.log.t) == len(run.error) == len(log.t) - 1
     assert np.isfinite(run.log.y).all()
 
