@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -23,6 +23,56 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.files import write_text
 from softdyn.view.scene import TENSION
+
+HEAD = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{title}</title>
+<style>
+{style}
+</style>
+</head>
+"""
+
+
+def head(title: str, style: str) -> str:
+    """The beginning of every page: document type, title, style sheet."""
+    return HEAD.format(title=html.escape(title), style=style)
+
+
+def scene_page(
+    template: str, style: str, script: str, scene: Mapping[str, Any], library: str | None = None
+) -> str:
+    """A page that draws a scene in the browser.
+
+    Parameters
+    ----------
+    template : str
+        Text with the places ``head``, ``library`` (Meshcat's script), ``script`` and ``scene``.
+    style, script : str
+        Its style sheet and its own script.
+    scene : mapping
+        Plain data for the script; ``title`` is the page's.
+    library : str, optional
+        URL of Meshcat's script, which is inside the page by default.
+
+    Raises
+    ------
+    InputError
+        When Meshcat is not installed.
+    """
+    if library is None:
+        meshcat = f"<script>\n{library_file().read_text(encoding='utf-8')}\n</script>"
+    else:
+        meshcat = f'<script src="{html.escape(library)}"></script>'
+    # "</script>" in a robot's name must not end the script that holds it
+    text = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    places = {"head": head(scene["title"], style), "library": meshcat, "script": script}
+    return Template(template).substitute(places, scene=text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +180,6 @@ class Page:
         InputError
             When Meshcat is not installed.
         """
-        if library is None:
-            script = f"<script>\n{library_file().read_text(encoding='utf-8')}\n</script>"
-        else:
-            script = f'<script src="{html.escape(library)}"></script>'
         scene = {
             "title": self.title,
             "tension": [[stop, *rgb] for stop, rgb in TENSION],
@@ -143,15 +189,8 @@ class Page:
             "rows": self.rows,
             "sliders": self.sliders,
         }
-        # "</script>" in a robot's name must not end the script that holds it
-        text = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-        return Template(asset("page.html")).substitute(
-            title=html.escape(self.title),
-            style=asset("style.css"),
-            library=script,
-            player=asset("figure.js") + asset("player.js"),
-            scene=text,
-        )
+        script = asset("figure.js") + asset("player.js")
+        return scene_page(asset("page.html"), asset("style.css"), script, scene, library)
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file that needs neither a server nor a network.

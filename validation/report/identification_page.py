@@ -11,13 +11,14 @@ from matplotlib.figure import Figure
 
 from softdyn.identification import Identified, Measurements
 from softdyn.validation.report.plot_style import style
+from softdyn.view.page import head
 
 SHOWN = 4  # outputs: the ones that the model explains worst
-HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>
-body {{ max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }}
-table {{ border-collapse: collapse; }} td, th {{ padding: 3px 12px; text-align: right; }}
-th:first-child, td:first-child {{ text-align: left; }} tr {{ border-bottom: 1px solid #ddd; }}
-.vague {{ color: #a33; }} img {{ max-width: 100%; }}</style><h1>{title}</h1>
+STYLE = """\
+body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }
+table { border-collapse: collapse; } td, th { padding: 3px 12px; text-align: right; }
+th:first-child, td:first-child { text-align: left; } tr { border-bottom: 1px solid #ddd; }
+.vague { color: #a33; } img { max-width: 100%; }
 """
 
 
@@ -54,10 +55,11 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     with style():
         pictures = (_outputs(data, found), _correlation(found))
         images = [f'<p><img alt="" src="data:image/svg+xml;base64,{_svg(f)}">' for f in pictures]
+    title = f"Identification of {name}"
     return "".join([
-        HEAD.format(title=escape(f"Identification of {name}")),
+        head(title, STYLE), f"<body>\n<h1>{escape(title)}</h1>\n",
         "<table><tr><th>parameter<th>value<th>95 %<th>file<th>unit</tr>", *rows, "</table>",
-        *(f"<p>{escape(note)}" for note in notes), *images, "</html>\n",
+        *(f"<p>{escape(note)}" for note in notes), *images, "</body>\n</html>\n",
     ])  # fmt: skip
 
 

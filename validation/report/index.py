@@ -32,7 +32,7 @@ from softdyn.validation.studies.benchmark_table import (
 from softdyn.validation.studies.engine.case import Case, number_text
 from softdyn.validation.studies.engine.distribution import NOTE
 from softdyn.validation.tables import Table
-from softdyn.view.page import library_file
+from softdyn.view.page import head, library_file
 
 PAGE = "index.html"
 REPLAYS, THUMBNAILS, LIBRARY = "replays", "thumbnails", "meshcat.js"
@@ -209,13 +209,8 @@ def html(
         '<a href="table.tex">table.tex</a>, <a href="results.json">results.json</a>; '
         "logs below <code>runs/</code>.</p>",
     ]  # fmt: skip
-    body = "\n".join(parts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>softdyn benchmark</title>\n<style>\n{STYLE}</style>'
-        f"</head>\n<body>\n{body}\n</body></html>\n"
-    )
+    begin = f"{head('softdyn benchmark', STYLE)}<body>"
+    return "\n".join([begin, *parts, "</body>", "</html>\n"])
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> str:
