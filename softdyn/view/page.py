@@ -246,6 +246,6 @@ def library_file() -> Path:
 
 
 @cache
-def asset(name: str) -> str:
-    """A file of the folder web."""
-    return (files("softdyn.view") / "web" / name).read_text(encoding="utf-8")
+def asset(name: str, room: str = "softdyn.view") -> str:
+    """A file of a package's folder web."""
+    return (files(room) / "web" / name).read_text(encoding="utf-8")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import html
-import json
-from functools import cache
-from importlib.resources import files
-from string import Template
+from functools import partial
 
 import numpy as np
 
 from softdyn.description.robot import input_unit
-from softdyn.view import page
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
+from softdyn.view.page import asset, scene_page
 from softdyn.view.scene import TENSION, Figure
 
 # what three.js's own controls expect, and what they make
@@ -70,19 +66,8 @@ def live_page(
         "pull": pull,
         "path": None if path is None else np.round(path, 5).tolist(),
     }
-    text = json.dumps(scene, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    controls = BEFORE + _asset("transform_controls.js") + AFTER
-    parts = (page.asset("figure.js"), controls, _asset("uplot.js"), _asset("live.js"))
-    library = page.library_file().read_text(encoding="utf-8")
-    return Template(_asset("live.html")).substitute(
-        title=html.escape(title),
-        style=page.asset("style.css") + _asset("uplot.css") + "\n" + _asset("live.css"),
-        library=f"<script>\n{library}\n</script>",
-        script="\n</script>\n<script>\n".join(parts),
-        scene=text,
-    )
-
-
-@cache
-def _asset(name: str) -> str:
-    return (files("softdyn.view.live") / "web" / name).read_text(encoding="utf-8")
+    own = partial(asset, room="softdyn.view.live")
+    controls = BEFORE + own("transform_controls.js") + AFTER
+    parts = (asset("figure.js"), controls, own("uplot.js"), own("live.js"))
+    style = asset("style.css") + own("uplot.css") + "\n" + own("live.css")
+    return scene_page(own("live.html"), style, "\n</script>\n<script>\n".join(parts), scene)
