@@ -77,8 +77,8 @@ def command(arguments: cli.Arguments) -> int:
     executors.follow(benchmark.store(out).run(wanted, executors.strict(jobs)), wanted)
     kept = benchmark.committed()
     if arguments.ensemble:
-        kept = {**kept, **cli.distributions(arguments, benchmark.cells(cases))}
-    report = benchmark.report(cases, out, kept)
+        kept = {**kept, **cli.distributions(arguments, benchmark.labelled(cases))}
+    report = benchmark.benchmark_report(cases, out, kept)
     write_benchmark(report["rows"], out)
     where = f"Table, figures and logs: {out}/"
     if not arguments.no_plots:

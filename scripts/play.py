@@ -61,7 +61,7 @@ def measure(session: Any, arguments: cli.Arguments) -> int:
     from softdyn.validation.timing import live_timing
 
     report = live_timing.measure(session, arguments.measure, browser=shutil.which("chromium"))
-    cli.write_report(report, arguments.json, live_timing.text(report))
+    cli.write_report(report, arguments.json, live_timing.live_time_text(report))
     return cli.PASSED if report["passed"] else cli.FAILED
 
 

@@ -84,10 +84,10 @@ def command(arguments: cli.Arguments) -> int:
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
     for folder in (out, grid):
         cli.make_folder(folder)
-    reproduction.run(wanted, out, jobs, files(arguments))
+    reproduction.run_experiments(wanted, out, jobs, files(arguments))
     ours = benchmark.jobs_of(list(dict.fromkeys(case for _, case in wanted)))
     executors.follow(benchmark.store(grid).run(ours, executors.strict(jobs)), ours)
-    rows = reproduction.rows(wanted, out, grid)
+    rows = reproduction.reproduction_rows(wanted, out, grid)
     write_text(out / "table.md", reproduction.reproduction_document(rows))
     cli.write_report({"rows": rows}, arguments.json, reproduction.reproduction_table(rows).text())
     return cli.PASSED

@@ -74,7 +74,7 @@ class RecordedRun:
     targets: np.ndarray
 
 
-def read(path: Path) -> RecordedRun:
+def read_run(path: Path) -> RecordedRun:
     """A record from a file named ROBOT_CONTROLLER_theta… or omega…, in multiples of π.
 
     Raises
@@ -107,7 +107,7 @@ def records(folder: Path) -> list[RecordedRun]:
     found = sorted(folder.glob("*.npz"))
     if not found:
         raise InputError(str(folder), "recorded runs, *.npz", "none")
-    return [read(path) for path in found]
+    return [read_run(path) for path in found]
 
 
 def row(record: RecordedRun, experiment: str, files: Path | None = None) -> dict[str, Any]:

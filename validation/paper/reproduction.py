@@ -336,7 +336,7 @@ def labelled(wanted: Iterable[tuple[str, Case]], files: Path | None = None) -> d
     return {f"{name}/{benchmark.label(c)}": changed(c, name, files) for name, c in wanted}
 
 
-def run(
+def run_experiments(
     wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1, files: Path | None = None
 ) -> None:
     """Run what is missing or out of date below `folder`; a bar on a terminal."""
@@ -355,12 +355,14 @@ def _by_name(wanted: Iterable[tuple[str, Case]]) -> dict[str, list[Case]]:
     return found
 
 
-def rows(wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path) -> list[dict[str, Any]]:
+def reproduction_rows(
+    wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path
+) -> list[dict[str, Any]]:
     """The table: one row an experiment, robot and controller, ours and the paper's beside it."""
     found = []
     for name, mine in _by_name(wanted).items():
-        ours = {(r["robot"], r["controller"]): r for r in benchmark.rows(mine, grid)}
-        for row in benchmark.rows(mine, folder / name):
+        ours = {(r["robot"], r["controller"]): r for r in benchmark.benchmark_rows(mine, grid)}
+        for row in benchmark.benchmark_rows(mine, folder / name):
             key = row["robot"], row["controller"]
             found.append({"experiment": name, **row, "ours": ours[key]})
     return found

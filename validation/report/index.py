@@ -98,7 +98,7 @@ def make(cases: Iterable[Case], folder: Path, jobs: int = -1) -> Path:
         When a result or a log is missing or damaged.
     """
     cases = list(dict.fromkeys(cases))
-    rows = benchmark.rows(cases, folder, benchmark.committed())
+    rows = benchmark.benchmark_rows(cases, folder, benchmark.committed())
     groups: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
         groups.setdefault((case.robot, case.controller), []).append(case)
@@ -187,7 +187,7 @@ def html(
     total = sum(len(group) for group in groups.values())
     failed = sum(len(row["failed"]) for row in rows)
     cases = [case for group in groups.values() for case in group]
-    simulated = benchmark.report(cases, folder)["simulated_s"]
+    simulated = benchmark.benchmark_report(cases, folder)["simulated_s"]
     parts = [
         "<h1>softdyn benchmark</h1>",
         f"<p>{total} closed loops, {simulated:.0f} s of simulated time, "

@@ -102,7 +102,7 @@ def label(case: Case) -> str:
     return f"{case.robot}/{case.controller}/{cell_title(case.kind, case.value)}"
 
 
-def cells(cases: Iterable[Case]) -> dict[str, Case]:
+def labelled(cases: Iterable[Case]) -> dict[str, Case]:
     """Each case by its label."""
     return {label(case): case for case in cases}
 
@@ -113,14 +113,14 @@ def committed() -> dict[str, Distribution]:
     return read(ENSEMBLES)
 
 
-def report(
+def benchmark_report(
     cases: Sequence[Case],
     folder: Path,
     ensembles: Mapping[str, Distribution] | None = None,
 ) -> dict[str, Any]:
     """All figures: the rows, simulated seconds, and the cases' median step times (µs).
 
-    Those are means by robot and controller; `ensembles` as in `rows`.
+    Those are means by robot and controller; `ensembles` as in `benchmark_rows`.
     """
     kept = store(folder)
     results = [kept.result(case.name) or {} for case in cases]
@@ -130,7 +130,7 @@ def report(
         if median is not None:
             medians.setdefault(case.robot, {}).setdefault(case.controller, []).append(median)
     return {
-        "rows": rows(cases, folder, ensembles),
+        "rows": benchmark_rows(cases, folder, ensembles),
         "simulated_s": sum(result.get("simulated_s", 0.0) for result in results),
         "step_us": {
             robot: {name: float(np.mean(values)) for name, values in found.items()}
@@ -139,7 +139,7 @@ def report(
     }
 
 
-def rows(
+def benchmark_rows(
     cases: Iterable[Case], folder: Path, ensembles: Mapping[str, Distribution] | None = None
 ) -> list[dict[str, Any]]:
     """The table: one row a robot and controller, means over all their runs.

@@ -147,7 +147,7 @@ def _middle(rounds: list[dict[str, Any]]) -> dict[str, Any]:
     return {name: (sum if name in sums else median)(rows) for name, rows in columns.items()}
 
 
-def text(report: Mapping[str, Any]) -> str:
+def live_time_text(report: Mapping[str, Any]) -> str:
     """The report for a terminal."""
     least, largest = report["rows"][1]["ratios"]
     return (

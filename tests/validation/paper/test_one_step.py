@@ -79,7 +79,7 @@ def save(path, q=Q, v=V, ctrl=CTRL, target=TARGET):
 
 @pytest.fixture
 def cut(tmp_path):
-    return one_step.read(save(tmp_path / CUT))
+    return one_step.read_run(save(tmp_path / CUT))
 
 
 def test_a_record_is_read_in_our_terms(cut):
@@ -136,7 +136,7 @@ def test_a_law_s_own_record_is_met(tmp_path):
     q, v, u = map(np.array, zip(*rows, strict=True))
     ctrl = np.einsum("ij,kj->ki", model.state(q[0], v[0]).B, u)
     target = plan.reference(0.0).y + np.array([0, 0, 0.7])
-    record = one_step.read(save(tmp_path / "helix_ic_theta0.5.npz", q, v, ctrl, target))
+    record = one_step.read_run(save(tmp_path / "helix_ic_theta0.5.npz", q, v, ctrl, target))
     found = one_step.row(record, name)
     assert found["input_max"] < 1e-12
     assert found["state_max"] < 1e-12
@@ -150,7 +150,7 @@ def test_a_law_s_own_record_is_met(tmp_path):
 )
 def test_a_name_that_says_nothing_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="recorded run"):
-        one_step.read(save(tmp_path / name))
+        one_step.read_run(save(tmp_path / name))
 
 
 def test_files_that_are_no_records_are_refused(tmp_path):
@@ -159,8 +159,8 @@ def test_files_that_are_no_records_are_refused(tmp_path):
     path = tmp_path / "finger_ic_theta0.npz"
     path.write_bytes(b"PK\x03\x04")
     with pytest.raises(InputError, match="recorded run"):
-        one_step.read(path)
-    wide = one_step.read(save(path, np.zeros((3, 5)), np.zeros((3, 5)), np.zeros((3, 4))))
+        one_step.read_run(path)
+    wide = one_step.read_run(save(path, np.zeros((3, 5)), np.zeros((3, 5)), np.zeros((3, 4))))
     with pytest.raises(InputError, match="5 joints"):
         one_step.row(wide, "reference")
 

@@ -89,7 +89,7 @@ def test_the_page_has_table_versions_command_and_the_failed_run_with_its_reason(
     text = (folder / "index.html").read_text()
     assert "2 closed loops" in text
     assert "1 failed" in text
-    row = benchmark.rows([Case("finger", "ic", "set_point", 0.5)], folder)[0]
+    row = benchmark.benchmark_rows([Case("finger", "ic", "set_point", 0.5)], folder)[0]
     assert f"{row['sp_mean_cm']:.2f} ± 0.00" in text
     assert "0.08 ± 0.14" in text  # the paper's
     assert re.search(

@@ -231,7 +231,7 @@ def test_a_log_of_another_run_is_no_log(call, reference):
     path = benchmark.store(Path("out")).log_path(name.name)
     shutil.copy(path.with_name("tracking_25.npz"), path)
     with pytest.raises(InputError, match=r"tracking_20\.npz: expected the log of"):
-        benchmark.rows([name], Path("out"))
+        benchmark.benchmark_rows([name], Path("out"))
 
 
 # --- interrupted --------------------------------------------------------------------------------
@@ -477,7 +477,7 @@ def test_numbers_as_text(value):
 
 def test_rows_need_results(tmp_path):
     with pytest.raises(InputError, match="the result of a run"):
-        benchmark.rows(benchmark.grid(("finger",), ("ic",)), tmp_path)
+        benchmark.benchmark_rows(benchmark.grid(("finger",), ("ic",)), tmp_path)
 
 
 def test_processes(tmp_path):
