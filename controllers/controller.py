@@ -1,17 +1,17 @@
-"""The controller contract: a callable (State, Reference) → Command, and what guards its input."""
+"""The controller contract: a callable (State, Reference) → Command, and the guard of its input."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import Enum
-from functools import wraps
 from threading import RLock
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
 from softdyn.description.robot import Robot
 
@@ -28,7 +28,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a controller answers.
+    """A controller's answer.
 
     Attributes
     ----------
@@ -60,44 +60,45 @@ class Controller(Protocol):
         ...
 
 
-class Guarded(Protocol):
-    """What `guarded` needs of a controller."""
+class GuardedController(ABC):
+    """A controller whose only public way in is the call that its guard watches.
+
+    The call refuses what is no State of its robot or no Reference: compiled kernels would read and
+    write beyond their arrays. It meets any number: overflow is silent, and a breakdown of LAPACK
+    ends in the guard's fallback.
+
+    Attributes
+    ----------
+    guard : InputGuard
+        It knows the robot, counts, and makes the commands; controllers that take turns may share
+        one.
+    """
 
     guard: InputGuard
 
-
-Self = TypeVar("Self", bound=Guarded)
-Law = Callable[[Self, State, Any], Command]
-
-
-def guarded(law: Law[Self]) -> Law[Self]:
-    """Let a law meet any number: overflow is silent, a breakdown of LAPACK ends in the fallback.
-
-    Compiled kernels are silent by themselves; a law with NumPy's arithmetic in it needs `SILENT`.
-
-    What is no State of this robot or no Reference is an `InputError`: compiled kernels would write
-    beyond their arrays.
-    """
-
-    @wraps(law)
-    def call(self: Self, state: State, reference: Any) -> Command:
+    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The input at this state; see `Command`."""
+        guard = self.guard
         if not (
-            isinstance(state, State)
-            and self.guard.knows(state)
-            and isinstance(reference, Reference)
+            isinstance(state, State) and guard.knows(state) and isinstance(reference, Reference)
         ):
-            raise no_arguments(state, reference, self.guard)
-        with self.guard.lock:
+            raise no_arguments(state, reference, guard)
+        with guard.lock:
             try:
-                return law(self, state, reference)
+                return self._command(state, reference)
             except np.linalg.LinAlgError:
-                return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
+                return guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
 
-    return call if COMPILES else SILENT(call)
+    if not COMPILES:  # compiled kernels are silent by themselves
+        __call__ = SILENT(__call__)
+
+    @abstractmethod
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
+        """The controller's own computation; NumPy's arithmetic in it needs `SILENT`."""
 
 
 def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
-    """What makes these no arguments for the controller of a guard."""
+    """The error to raise about arguments that are none for the controller of this guard."""
     if not isinstance(state, State):
         return InputError("state", "a State, from model.state(q, v)", repr(state))
     if not guard.knows(state):
@@ -109,10 +110,10 @@ def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
 
 
 class InputGuard:
-    """Stands between a law's answer and the robot: always finite, always within bounds, counted.
+    """The one place where an input is checked and clipped: always finite, always within bounds.
 
-    `robot` is the law's own: States of another one are refused. The one fallback is to hold the
-    last good input; before there is one, the input nearest to 0.
+    `robot` is the controller's own: States of another one are refused. The one fallback is to hold
+    the last good input; before there is one, the input nearest to 0.
 
     Attributes
     ----------
@@ -122,9 +123,11 @@ class InputGuard:
         Commands that held the last good input instead.
     max_bound_violation : float
         Largest violation of the bounds by an accepted answer, before clipping.
+    held : ndarray, (nu,)
+        The last good input, read-only.
     lock : RLock
-        Held while the law answers, and for a whole run by `softdyn.validation.simulate`: threads
-        that share a controller take turns.
+        Held while the controller answers, and for a whole run by `softdyn.validation.simulate`:
+        threads that share a controller take turns.
     """
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray, robot: Robot | None = None) -> None:
@@ -137,8 +140,8 @@ class InputGuard:
 
     def __setstate__(self, values: dict[str, Any]) -> None:
         vars(self).update(values, lock=RLock())
-        for array in (self.u_min, self.u_max, self._held):  # NumPy's copies come back writeable
-            array.flags.writeable = False
+        for values_ in (self.u_min, self.u_max, self.held):  # NumPy's copies come back writeable
+            values_.flags.writeable = False
 
     def knows(self, state: State) -> bool:
         """Whether a State is of this robot; of a copy of its description too."""
@@ -154,25 +157,44 @@ class InputGuard:
         self.not_solved = 0
         self.fallbacks = 0
         self.max_bound_violation = 0.0
-        self._held = np.clip(np.zeros_like(self.u_min), self.u_min, self.u_max)
-        self._held.flags.writeable = False
+        self.held = np.clip(np.zeros_like(self.u_min), self.u_min, self.u_max)
+        self.held.flags.writeable = False
 
     def accept(self, u: np.ndarray, V: float, delta: float, clamped: bool = False) -> Command:
-        """A command from the law's answer `u` (nu,); `clamped` laws saturate by design."""
+        """A command from the computed input `u` (nu,); `clamped` laws saturate by design."""
         inside, violation = _clip(u, self.u_min, self.u_max)
         if not violation < np.inf:  # NaN is not
+            if np.shape(u) != self.u_min.shape:
+                raise InputError("u", f"shape {self.u_min.shape}", np.shape(u))
             return self.fall_back(Status.NON_FINITE, V, delta)
         if not clamped and violation > self.max_bound_violation:
             self.max_bound_violation = violation
         inside.flags.writeable = False
-        self._held = inside
+        self.held = inside
         return Command(inside, V, delta, Status.OK)
+
+    def admit(self, u: Any) -> np.ndarray:
+        """The input (nu,) that acts where any controller, a user's own too, answers `u`.
+
+        The last input of this guard passes as it is; any other is checked, clipped, and its
+        violation of the bounds counted.
+
+        Raises
+        ------
+        InputError
+            For anything but finite numbers of shape (nu,).
+        """
+        if u is self.held:
+            return self.held
+        inside, violation = _clip(array("u", u, self.u_min.shape), self.u_min, self.u_max)
+        self.max_bound_violation = max(self.max_bound_violation, violation)
+        return inside
 
     def fall_back(self, status: Status, V: float, delta: float) -> Command:
         """The last good input, counted."""
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
-        return Command(self._held, V, delta, status)
+        return Command(self.held, V, delta, status)
 
 
 def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:
@@ -185,8 +207,13 @@ def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:
 
 @compiled
 def _clip(u, u_min, u_max):
-    """`u` inside its bounds, and how far outside it was; infinite where u is not finite."""
+    """`u` inside its bounds, and how far outside it was.
+
+    Infinitely far where u is not finite, or of another length than the bounds.
+    """
     inside, violation = np.empty(len(u)), 0.0
+    if len(u) != len(u_min):
+        return inside, np.inf
     for i in range(len(u)):
         inside[i] = min(max(u[i], u_min[i]), u_max[i])
         outside = abs(u[i] - inside[i])

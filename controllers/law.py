@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from softdyn import Reference, SetPoint, SoftModel, State
-from softdyn.controllers.controller import Command, InputGuard, guarded, warm_up
+from softdyn.controllers.controller import Command, GuardedController, InputGuard, warm_up
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.qp import DenseQp
 from softdyn.controllers.qps.task import Task
@@ -28,7 +28,7 @@ class Programme(Protocol):
         ...
 
 
-class TaskLaw:
+class TaskLaw(GuardedController):
     """A law of the paper: a programme on the task error, behind a guard.
 
     Parameters
@@ -66,9 +66,6 @@ class TaskLaw:
         self.guard.reset()
         self._programme.reset()
 
-    def command(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         self._task.update(state, reference)
         return self._programme.command(state, self._task, self.guard)
-
-    __call__ = guarded(command)

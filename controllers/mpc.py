@@ -17,7 +17,14 @@ import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
-from softdyn.controllers.controller import SILENT, Command, InputGuard, Status, guarded, warm_up
+from softdyn.controllers.controller import (
+    SILENT,
+    Command,
+    GuardedController,
+    InputGuard,
+    Status,
+    warm_up,
+)
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.qps.prediction import one_period, programme, ramps
 from softdyn.controllers.qps.qp import DenseQp, Problem
@@ -75,7 +82,7 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
     )
 
 
-class Mpc:
+class Mpc(GuardedController):
     """min Σ ‖e_k‖² + speed² ‖q̇_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ u ≤ u_max.
 
     W and R are one metric, the robot's dynamic stiffness over the horizon H at rest,
@@ -129,15 +136,14 @@ class Mpc:
         model = self._model
         self.period = number("period", period, above=0.0)
         self.guard.reset()
-        self._u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        self._u = self.guard.held
         self._unmodelled = np.zeros(model.nv)
         self._expected: tuple[np.ndarray, np.ndarray] | None = None
         self._held = np.zeros(model.nv, bool)
 
-    @guarded
     @SILENT
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`. V is the cost that the horizon predicts."""
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
+        """V of the command is the cost that the horizon predicts."""
         model, u, v = self._model, self._u, state.v
         small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):

@@ -8,13 +8,13 @@ from typing import Any
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
-from softdyn.controllers.controller import Command, guarded
+from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 
 
-class Staged:
+class Staged(GuardedController):
     """The law of `SoftIdClfQp`, with the gains and the horizon of a schedule's present stage.
 
     Parameters
@@ -74,9 +74,7 @@ class Staged:
         """The law that gave the last command."""
         return self.stages[self._staying]
 
-    @guarded
-    def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The input at this state; see `Command`."""
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         schedule = self.gains
         distance = math.dist(state.y.tolist(), reference.y.tolist())  # lists: 1 µs less
         self._near = self._near + self.period if distance < schedule.arrive else 0.0
@@ -84,7 +82,7 @@ class Staged:
             self._staying = not distance > schedule.leave
         else:
             self._staying = self._near > schedule.dwell
-        return self.stages[self._staying].command(state, reference)
+        return self.stages[self._staying]._command(state, reference)
 
 
 def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shutil
 import time
 import warnings
@@ -17,6 +18,7 @@ from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, Soft
 from softdyn.controllers import (
     BEYOND,
     CONTROLLERS,
+    Certified,
     Command,
     Gains,
     InputGuard,
@@ -25,6 +27,7 @@ from softdyn.controllers import (
     Staged,
     Status,
 )
+from softdyn.controllers.controller import GuardedController
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
@@ -265,6 +268,24 @@ def test_any_gains_keep_the_contract(name: str, gains: Gains) -> None:
             ask(controller, robot(which), state, reference)
 
 
+@pytest.mark.parametrize("name", [*CLASSES, "best", "mpc", "certified"])
+def test_the_guard_is_the_only_way_in(name: str) -> None:
+    """Compiled kernels would read beyond their arrays in a State of another robot."""
+    if name == "mpc":
+        controller = BEYOND[name](robot("spirob"))
+    else:
+        controller = build("best" if name == "certified" else name, "spirob")
+    if name == "certified":
+        controller = Certified(controller)
+    other, goal = drawn("finger")[4]
+    parts = (*getattr(controller, "stages", ()), *vars(controller).values())
+    for one in (controller, *(part for part in parts if isinstance(part, GuardedController))):
+        public = {key: getattr(one, key) for key in dir(one) if not key.startswith("_")}
+        assert {key for key, value in public.items() if inspect.ismethod(value)} == {"reset"}
+        with pytest.raises(InputError, match="state: expected a State of the controller's own"):
+            one(other, goal)
+
+
 def test_the_guard() -> None:
     u_min, u_max = np.array([-1.0, 2.0]), np.array([1.0, 3.0])
     guard = InputGuard(u_min, u_max)
@@ -286,3 +307,19 @@ def test_the_guard() -> None:
     assert (guard.fallbacks, guard.not_solved) == (4, 1)
     with pytest.raises(ValueError, match="read-only"):
         good.u[0] = 7.0
+    for u in (np.zeros(1), np.zeros(3)):
+        with pytest.raises(InputError, match="shape"):
+            guard.accept(u, 1.0, 0.0)
+
+
+def test_the_guard_admits_the_answers_of_any_controller() -> None:
+    guard = InputGuard(np.array([-1.0, 2.0]), np.array([1.0, 3.0]))
+    command = guard.accept(np.array([5.0, 2.5]), 1.0, 0.0, clamped=True)
+    assert guard.admit(command.u) is command.u  # checked and clipped once
+    assert guard.max_bound_violation == 0.0
+    np.testing.assert_array_equal(guard.admit([0, 2]), [0.0, 2.0])
+    np.testing.assert_array_equal(guard.admit([-1.5, 2.25]), [-1.0, 2.25])
+    assert guard.max_bound_violation == 0.5
+    for bad in ([0.0], [0.0, np.nan], [[0.0, 2.0]], "up", None):
+        with pytest.raises(InputError, match="u: expected finite numbers of shape"):
+            guard.admit(bad)
