@@ -40,11 +40,22 @@ class Parser(argparse.ArgumentParser):
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
+    def moved(self, name: str, now: str) -> None:
+        """An option of earlier versions: one line says what does its work now."""
+        self.add_argument(name, action=_Moved, const=now, nargs="*", help=argparse.SUPPRESS)
+
     def error(self, message: str) -> NoReturn:
         """Exit with code 2; what was typed may be long, and have lines."""
         from softdyn.exceptions import one_line
 
         self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
+
+
+class _Moved(argparse.Action):
+    """Ends the command with the line of `Parser.moved`."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        parser.error(f"argument {self.option_strings[0]}: now `{self.const}`")
 
 
 def finite(text: str) -> float:

@@ -21,15 +21,12 @@ What differs is listed by cause, the largest effect at random states first, each
 gravity, on the tips. What only one file, or only its format, states (armature in the MJCF alone)
 is listed apart. Then each cause is repaired in turn: what is left must be nothing.
 
---catalogue compares the robots of example-robot-data with the MJCFs of public repositories that are
-found in the folders given, a row a pair.
-
 exit codes: 0 the files agree; 1 they differ; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)
-parser.add_argument("a", metavar="A", nargs="?", help="a URDF or an MJCF")
-parser.add_argument("b", metavar="B", nargs="?", help="the other file")
+parser.add_argument("a", metavar="A", help="a URDF or an MJCF")
+parser.add_argument("b", metavar="B", help="the other file")
 parser.add_argument("--map", metavar="FILE", help="TOML: joints of A = joints of B")
 parser.add_argument("--strict", action="store_true", help="fail for what one file alone states too")
 parser.add_argument(
@@ -39,34 +36,21 @@ parser.add_argument("--html", metavar="FILE", help="write both robots as a page"
 parser.add_argument("--view", action="store_true", help="show that page in the browser")
 parser.add_argument("--samples", type=cli.count, default=8, metavar="N", help="random states (8)")
 parser.add_argument("--seed", type=cli.whole, default=0, metavar="S", help="of the random states")
-parser.add_argument(
-    "--catalogue", nargs="+", metavar="DIR", help="folders with the repositories of public MJCFs"
-)
-parser.add_argument("--markdown", metavar="FILE", help="write the rows of --catalogue as a table")
 cli.add_server_options(parser)
 cli.add_json(parser)
+parser.moved("--catalogue", "python -m tests.proof pairs DIR …")
 
 
 def command(arguments: cli.Arguments) -> int:
     """Compare, report."""
-    from softdyn import InputError
     from softdyn.validation import compare
     from softdyn.validation.mjcf.comparison.side import Side
 
     cli.check_outputs(
         arguments.json,
-        arguments.markdown,
         arguments.html,
         inputs=(arguments.a, arguments.b, arguments.map),
     )
-    if arguments.catalogue is not None:
-        if arguments.a is not None:
-            raise InputError("--catalogue", "no A and B", arguments.a)
-        return catalogue(arguments)
-    if arguments.b is None:
-        raise InputError("A B", "two files, or --catalogue DIR", arguments.a)
-    if arguments.markdown is not None:
-        raise InputError("--markdown", "--catalogue", "two files")
     mapping = None if arguments.map is None else read_map(arguments.map)
     sides = Side.of(arguments.a), Side.of(arguments.b)
     result = compare(
@@ -148,18 +132,6 @@ def read_map(path: str) -> dict[str, str]:
         if not isinstance(other, str):
             raise InputError(path, "lines joint = joint", f"{joint} = {other!r}")
     return table
-
-
-def catalogue(arguments: cli.Arguments) -> int:
-    """One row a public pair."""
-    from softdyn.validation.files import write_text
-    from softdyn.validation.mjcf import public_pairs
-
-    survey = public_pairs.survey(arguments.catalogue, arguments.samples, arguments.seed)
-    if arguments.markdown is not None:
-        write_text(arguments.markdown, survey.document())
-    cli.write_report(survey.to_dict(), arguments.json, str(survey))
-    return cli.PASSED if survey.passed else cli.FAILED
 
 
 main = cli.program(parser, command, __name__)

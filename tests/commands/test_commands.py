@@ -70,6 +70,24 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
     assert not list(folder.glob("soft*"))
 
 
+@pytest.mark.parametrize(
+    ("line", "now"),
+    [
+        ("crosscheck --catalogue --floating", "python -m tests.proof robots"),
+        ("crosscheck --random 3", "python -m tests.proof robots --random N"),
+        ("compare --catalogue a b", "python -m tests.proof pairs DIR …"),
+        ("converge --closed-forms", "python -m tests.proof closed-forms"),
+        ("converge --peer --json -", "python -m tests.proof peer"),
+    ],
+)
+def test_an_option_that_moved_names_the_new_command(line, now, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(line.split())
+    assert stop.value.code == 2
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", f"error: argument {line.split()[1]}: now `{now}`\n")
+
+
 @pytest.mark.parametrize("name", sorted(MOVED))
 def test_an_old_spelling_names_the_new_one(name, capsys):
     assert not set(MOVED) & set(NAMES)

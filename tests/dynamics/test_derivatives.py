@@ -14,9 +14,9 @@ from softdyn.dynamics.derivatives import (
     stiffness,
     tendon_curvature,
 )
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
 
 BAR = 1e-7
 # of the random robots: continuous and prismatic joints, elastic, damped, branching tendons

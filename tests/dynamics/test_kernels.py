@@ -12,9 +12,9 @@ import pytest
 import softdyn
 from softdyn.dynamics import engine, kernels
 from softdyn.dynamics.tendons import Segments
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.control_cases import BUNDLED, MICRO, robot
 from tests.support.oracles import relative
-from tests.support.random_robots import write_robot
 
 FIELDS = (
     "M", "bias", "g", "K", "D", "B", "h", "J", "Jdot", "y", "ydot", "lengths", "moment_arms",

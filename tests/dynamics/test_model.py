@@ -10,10 +10,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SoftModel, UrdfError
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import gradient, rate, relative
-from tests.support.random_robots import write_robot
 
 BUNDLED = ("finger", "helix", "spirob", "spirob48")
 RANDOM = tuple(range(12))

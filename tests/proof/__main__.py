@@ -8,7 +8,8 @@ import sys
 from softdyn.commands import cli
 
 PROGRAMS = (
-    "fuzz", "textbook", "closed_forms", "peer", "compare_steps", "twins", "tables", "pictures",
+    "fuzz", "robots", "pairs", "textbook", "closed_forms", "peer",
+    "compare_steps", "twins", "tables", "pictures",
 )  # fmt: skip
 
 

@@ -17,8 +17,8 @@ from softdyn.commands import statics as command
 from softdyn.statics.equilibria import _newton
 from softdyn.validation.crosschecks.rests import hold
 from softdyn.validation.report import statics_figure
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.oracles import gradient, relative
-from tests.support.random_robots import write_robot
 
 G = 9.81
 STIFFNESS = 0.5

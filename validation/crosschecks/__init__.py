@@ -10,10 +10,6 @@ trajectories
     Both engines along time, and their ladders of steps.
 result
     What a cross-check found, and its text.
-batch
-    Many robots: the catalogue of example-robot-data, or random ones.
-random_robots
-    A seed in, URDF text out.
 rests
     Whether the twin stays at an equilibrium.
 rest_report

@@ -4,5 +4,5 @@
 - `export`: a robot written in the other format and read back (`to_mjcf`, `to_urdf`, `xml_text`);
 - `scene`: a user's own MJCF as the plant; `scene_inputs` maps our inputs to its actuators,
   `scenery` is what it looks like;
-- `readers`: what Pinocchio makes of an MJCF; `public_pairs`: public files compared, as tables.
+- `readers`: what Pinocchio makes of an MJCF.
 """

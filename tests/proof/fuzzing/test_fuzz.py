@@ -18,13 +18,13 @@ from softdyn.validation import Log
 from softdyn.validation.live.session import Session
 from softdyn.validation.studies.engine import store
 from tests.proof import fuzz
+from tests.proof.crosschecks.random_robots import random_urdf
 from tests.proof.fuzzing import arguments, campaign, data, messages
 from tests.proof.fuzzing.inputs import mutant
 from tests.proof.fuzzing.second_reading import differences
 from tests.proof.fuzzing.verdict import ACCEPTED, EXCEPTION, FINDINGS, LOST, MESSAGE, REFUSED, judge
 from tests.support.fragile import fragile
 from tests.support.misuses import ARM, MISUSES
-from tests.support.random_robots import random_urdf
 
 BASES = sorted(fuzz.CORPUS.glob("base/*.urdf"))
 FOUND = sorted(fuzz.CORPUS.glob("found/*.urdf"))

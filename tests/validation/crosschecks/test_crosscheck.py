@@ -16,8 +16,8 @@ from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, re
 from softdyn.validation.crosschecks.result import CrossCheck, TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import _rates, damping_couples_branches
 from softdyn.validation.twin.twin import Twin
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.command import command
-from tests.support.random_robots import write_robot
 
 SOLID = (
     '<inertial><origin xyz="0.05 -0.02 0.1" rpy="0.3 -0.8 2"/><mass value="0.7"/>'

@@ -3,7 +3,8 @@
 import pytest
 
 from softdyn import UrdfError
-from softdyn.validation.mjcf.readers import pinocchio_reads, survey_readers
+from softdyn.validation.mjcf.readers import pinocchio_reads
+from tests.proof.mjcf.reader_survey import survey_readers
 
 BODY = (
     '<inertial pos="0 0.1 0.2" mass="2" diaginertia="0.1 0.2 0.25"/><joint name="{}" axis="0 {} 1" '

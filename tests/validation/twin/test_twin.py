@@ -13,7 +13,7 @@ import pytest
 import softdyn
 from softdyn import InputError, UrdfError
 from softdyn.validation.twin.twin import SimulationError, Twin
-from tests.support.random_robots import write_robot
+from tests.proof.crosschecks.random_robots import write_robot
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
 

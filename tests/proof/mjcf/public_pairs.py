@@ -15,8 +15,8 @@ from softdyn.description.library import example_files
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.result import Comparison
-from softdyn.validation.mjcf.readers import Readers, survey_readers
 from softdyn.validation.tables import Table, document
+from tests.proof.mjcf.reader_survey import Readers, survey_readers
 
 # Ends of paths: of example-robot-data, or of a file below the user's folders.
 PAIRS = (
@@ -44,7 +44,7 @@ PAIRS = (
     ("go2/go2.xml", "go2w/go2w.xml"),
     ("franka_emika_panda/panda.xml", "franka_emika_panda/panda_nohand.xml"),
 )
-COMMAND = "scripts/compare.py --catalogue DIR … --markdown docs/pairs.md"
+COMMAND = "python -m tests.proof pairs DIR … --markdown docs/pairs.md"
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> PairRepor
     files: list[Path] = list(example_files())
     for folder in folders:
         if not Path(folder).is_dir():
-            raise InputError("--catalogue", "a folder", folder)
+            raise InputError("DIR", "a folder", folder)
         files += sorted(f for f in Path(folder).rglob("*") if f.suffix in (".xml", ".urdf"))
     rows, missing = [], []
     for pair in PAIRS:
@@ -156,7 +156,7 @@ def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> PairRepor
         except SoftdynError as error:
             rows.append(PairRow(*pair, None, str(error)))
     if not rows:
-        raise InputError("--catalogue", "folders with public MJCFs", ", ".join(folders))
+        raise InputError("DIR", "folders with public MJCFs", ", ".join(folders))
     return PairReport(tuple(rows), tuple(dict.fromkeys(missing)), survey_readers(folders))
 
 

@@ -15,10 +15,10 @@ import softdyn
 from softdyn import SoftdynError
 from softdyn.description.library import example_files
 from softdyn.validation.crosschecks.crosscheck import crosscheck
-from softdyn.validation.crosschecks.random_robots import write_robot
 from softdyn.validation.crosschecks.result import finite
 from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table, document, inline
+from tests.proof.crosschecks.random_robots import write_robot
 
 FIXED, REPAIRED, FLOATING = "fixed base", "fixed base, inertia repaired", "floating base"
 
