@@ -70,38 +70,67 @@ def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -
     if reorder:
         options["fastmath"] = {"reassoc", "contract"}
     announce_compilation()
-    try:
-        kernel = numba.njit(cache=True, **options)(function)
-        files = kernel._cache._cache_file
-        name = Path(files._cache_path) / files._index_name
-        kernel._cache._cache_file = KernelFile(
-            name, kernel_sources(Path(function.__code__.co_filename))
-        )
-    except (
-        RuntimeError,
-        AttributeError,
-    ):  # nowhere to write one, or a Numba that keeps it elsewhere
-        kernel = numba.njit(**options)(function)
+    kernel = numba.njit(**options)(function)
+    # no folder can be written, or a Numba without these classes: compiled in every process
+    with suppress(RuntimeError, AttributeError):
+        kernel._cache = KernelCache(function)
     return kernel
 
 
-class KernelFile:
+class KernelCache:
     """One kernel's compiled signatures in a file that knows its own checksum; a cache, no more.
 
-    Numba's own looks at the kernel's source file alone, and would keep what was inlined from
-    others; and what is damaged in it ends in an error, or in other code than was compiled.
+    A dispatcher of Numba asks it as it would ask `numba.core.caching.FunctionCache`, which looks
+    at the kernel's source file alone, and would keep what was inlined from others; and damage to
+    its files ends in an error, or in other code than was compiled.
 
     Parameters
     ----------
-    index : Path
-        Where Numba would keep the kernel's index.
-    sources : str
-        A digest of all that the kernel is made of.
+    function : Callable
+        The kernel's source.
+
+    Raises
+    ------
+    RuntimeError
+        No folder can be written, or a closure, whose values no source tells.
     """
 
-    def __init__(self, index: Path, sources: str) -> None:
-        self._stem = index.with_suffix("")
-        self._path = index.with_name(f"{self._stem.name}-{sources[:16]}.kernel")
+    def __init__(self, function: Callable[..., Any]) -> None:
+        if function.__closure__ is not None:
+            raise RuntimeError("a kernel with a closure is not cached")
+        self._form = numba.core.caching.CompileResultCacheImpl(function)
+        self.cache_path = self._form.locator.get_cache_path()
+        self._stem = self._form.filename_base
+        sources = kernel_sources(Path(function.__code__.co_filename))
+        self._path = Path(self.cache_path, f"{self._stem}-{sources[:16]}.kernel")
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """The compiled signature, ready to be called; None where none was saved."""
+        context.refresh()
+        found = self._read().get((signature, context.codegen().magic_tuple()))
+        return None if found is None else self._form.rebuild(context, found)
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Keep a signature; in silence not, where the disk does not let it."""
+        if not self._form.check_cachable(result):
+            return
+        new = {(signature, result.codegen.magic_tuple()): self._form.reduce(result)}
+        content = numba.core.serialize.dumps(self._read() | new)
+        part = self._path.with_name(f"{self._path.name}.{secrets.token_hex(8)}")
+        with suppress(OSError):
+            try:
+                part.write_bytes(hashlib.sha256(content).digest() + content)
+                part.replace(self._path)
+            finally:
+                part.unlink(missing_ok=True)
+            for old in self._path.parent.glob(f"{glob.escape(self._stem)}-*.kernel"):
+                if old != self._path:
+                    old.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Forget everything."""
+        with suppress(OSError):
+            self._path.unlink(missing_ok=True)
 
     def _read(self) -> dict[Any, Any]:
         with suppress(OSError):
@@ -110,29 +139,6 @@ class KernelFile:
                 found: dict[Any, Any] = pickle.loads(content[32:])
                 return found
         return {}
-
-    def load(self, key: Any) -> Any:
-        """What was saved under a signature's key; None without."""
-        return self._read().get(key)
-
-    def save(self, key: Any, data: Any) -> None:
-        """Keep a signature; in silence not, where the disk does not let it."""
-        content = numba.core.serialize.dumps(self._read() | {key: data})
-        part = self._path.with_name(f"{self._path.name}.{secrets.token_hex(8)}")
-        with suppress(OSError):
-            try:
-                part.write_bytes(hashlib.sha256(content).digest() + content)
-                part.replace(self._path)
-            finally:
-                part.unlink(missing_ok=True)
-            for old in self._path.parent.glob(f"{glob.escape(self._stem.name)}-*.kernel"):
-                if old != self._path:
-                    old.unlink(missing_ok=True)
-
-    def flush(self) -> None:
-        """Forget everything."""
-        with suppress(OSError):
-            self._path.unlink(missing_ok=True)
 
 
 def kernel_sources(file: Path) -> str:

@@ -154,22 +154,42 @@ def test_kernels_keep_their_source():
 def test_a_read_only_installation_still_compiles(monkeypatch):
     """Where Numba finds no place for a cache it says so with a RuntimeError."""
     calls = []
-    njit = softdyn.compiled.numba.njit
 
-    def no_cache(*args, cache=False, **options):
-        calls.append(cache)
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return njit(*args, **options)
+    def no_place(function):
+        calls.append(function)
+        raise RuntimeError("cannot cache function: no locator available")
 
-    monkeypatch.setattr(softdyn.compiled.numba, "njit", no_cache)
+    monkeypatch.setattr(softdyn.compiled.numba.core.caching, "CompileResultCacheImpl", no_place)
 
     @compiled
     def double(x):
         return 2 * x
 
     assert double(2.0) == 4.0
-    assert calls[:2] == [True, False]  # Numba itself goes on to use it
+    assert calls == [double.py_func]
+
+
+def test_a_kernel_whose_folder_cannot_be_written_is_cached_for_the_user(tmp_path):
+    """The second process finds what the first one compiled."""
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "kernel.py").write_text(DOUBLE)
+    (package / "__pycache__").write_text("no folder")  # which stops even root
+    for cached in ("0", "1"):
+        assert run_double(package, XDG_CACHE_HOME=str(tmp_path)) == ["4.0", cached]
+    (file,) = tmp_path.rglob("*.kernel")
+    assert package not in file.parents
+
+
+def test_a_closure_is_compiled_and_not_cached(tmp_path):
+    """Two kernels of one source may differ in it."""
+    (tmp_path / "kernel.py").write_text(
+        "from softdyn.compiled import compiled\ndef times(factor):\n"
+        "    @compiled\n    def scale(x):\n        return factor * x\n    return scale\n"
+        "print(times(2.0)(2.0), times(3.0)(2.0))\n"
+    )
+    for _ in range(2):
+        assert run_double(tmp_path) == ["4.0", "6.0"]
 
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
@@ -265,8 +285,8 @@ def test_a_damaged_cache_is_made_anew(tmp_path, capsys):
 
 
 def test_another_numba_only_loses_the_cache(tmp_path):
-    """One that keeps its files elsewhere."""
-    hide = "import numba.core.caching as c\nc.IndexDataCacheFile.__init__ = lambda *_, **__: None\n"
+    """One whose caching has other classes."""
+    hide = "import numba.core.caching as c\ndel c.CompileResultCacheImpl\n"
     (tmp_path / "kernel.py").write_text(hide + DOUBLE)
     assert run_double(tmp_path) == ["4.0", "0"]
     assert list(tmp_path.rglob("*.kernel")) == []
