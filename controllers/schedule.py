@@ -18,6 +18,7 @@ from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.gains import Gains
 from softdyn.dynamics.model import check_model
+from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
 
 FOLDER = Path(__file__).parent / "schedules"
@@ -88,6 +89,18 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
     return Schedule(**{**table, **stages})
 
 
+def read_schedule(file: str | Path) -> Schedule:
+    """The `Schedule` in a TOML file, see `make_schedule`.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read or holds no schedule.
+    """
+    with errors_in(str(file)):
+        return make_schedule(read_toml(file))
+
+
 def schedule_path(model: SoftModel) -> Path:
     """Where a robot's schedule stands: beside the file that names its inputs.
 
@@ -119,10 +132,8 @@ def tuned(model: SoftModel) -> Schedule | None:
         said = f"{file} was tuned for another robot than {model.robot.path} is now: it is not used"
         warnings.warn(f"{said}. `softdyn tune` makes it anew", stacklevel=2)
         return None
-    try:
+    with errors_in(str(file)):
         return make_schedule(table)
-    except InputError as error:
-        raise InputError(f"{file}: {error.name}", error.expected, error.got) from None
 
 
 def _stage(name: str, table: Any) -> Stage:

@@ -16,6 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from softdyn.files import read_toml
+
 if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation.studies.engine.case import Case
@@ -314,21 +316,6 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     say(summary)
 
 
-@contextmanager
-def share_bar(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal for work of a known time: told what is done, and how much of it."""
-    from tqdm import tqdm
-
-    layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}]"
-    with tqdm(total=1.0, desc=first, disable=None, leave=False, bar_format=layout) as bar:
-
-        def tell(text: str, share: float) -> None:
-            bar.set_description_str(text, refresh=False)
-            bar.update(min(share, 1.0) - bar.n)
-
-        yield tell
-
-
 def say(text: str) -> None:
     """Print `text` at once, or say why not: a full disk must not pass for a success."""
     from softdyn import InputError
@@ -343,13 +330,6 @@ def say(text: str) -> None:
         # what is left in the buffer would fail again, with a traceback, at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise InputError("stdout", "a stream to write to", error.strerror or error) from None
-
-
-def read_toml(path: str) -> dict[str, Any]:
-    """The table in a TOML file."""
-    from softdyn.validation.files import read_toml as read
-
-    return read(path)
 
 
 def check_outputs(*targets: str | None, inputs: Iterable[str | None] = ()) -> None:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from softdyn.commands import cli
@@ -11,23 +13,21 @@ EPILOG = """\
 ROBOT is a path to an annotated URDF, the name of a robot of example-robot-data with --annotations,
 or a bundled name (finger, helix, spirob, spirob48).
 
-Of anyone's robot the statics find targets that it can rest at and paths that it can follow. Gains
-are drawn at random and then searched by CMA-ES; the best few meet on other targets, and the winner
-is tested against mpc on others still, on fewer where the time is short. The answer comes in about
---seconds, statics included; on top come a first use's compilation and the runs under way at the
-end; the least is two runs of mpc, four candidates, two of the winner. If it beats mpc it is written
-beside the file (my.urdf: my.schedule.toml, or beside the annotations), where `best` finds it as
-long as the robot's dynamics do not change; if not, nothing is written, and `best` stays mpc.
---gains is a schedule to begin with besides.
+A robot of your own: the statics find points that it can rest at and paths that it can follow. Gains
+are drawn at random and then searched by CMA-ES. The best few meet on other targets, and the winner
+is tested against mpc on targets that neither saw, on fewer where the time is short. The answer
+comes in about --seconds, statics included; a first use's compilation and the runs under way at the
+end come on top. Two runs of mpc, four candidates and their test are made however long they take.
+A winner that beats mpc is written beside the file (my.urdf: my.schedule.toml, or beside the
+annotations), where `best` finds it as long as the robot's dynamics do not change. Otherwise nothing
+is written, and `best` stays mpc. --gains is a schedule to begin with besides.
 
-A bundled robot: CMA-ES in the logarithms of the gains and the horizon of a stage: first of the
-approach, on the first second of runs, then of the stay, on whole runs. Set points at theta = 0.25,
-0.75, 1.25 and 1.75 pi, trajectories at 0.12, 0.17, 0.25 and 0.45 pi rad/s. The start and the best
-of the search then meet on 28 other set points and 9 trajectories, which decide. None of all these
-is in the paper. The start is --gains, a schedule as those in controllers/schedules/, by default the
-robot's own, or else the published gains in both stages. --again repeats a search from its summary,
-as those in docs/tuning/. --summary gets the settings, each stage's winner and the finals (JSON),
---trace every candidate with its scores (JSON), after every generation anew.
+A bundled robot: CMA-ES searches the approach on the first second of runs, then the stay on whole
+runs. The start and the best then meet on other set points and trajectories, which decide. None of
+them is the paper's. The start is --gains, else the robot's own schedule, else its published gains
+in both stages. --again repeats a search from its summary, as those in docs/tuning/. --summary gets
+the settings, each stage's winner and the finals (JSON); --trace gets every candidate with its
+scores (JSON), anew after every generation.
 
 Needs the extra: pip install 'softdyn[tune]'.
 
@@ -42,19 +42,13 @@ what.add_argument("--again", metavar="FILE", help="all settings from a summary (
 parser.add_argument(
     "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
 )
-parser.option("--seconds", cli.positive, "S", "until the answer for anyone's robot", 300.0)
+parser.option("--seconds", cli.positive, "S", "own robot: until the answer", 300.0)
 parser.add_argument("--gains", metavar="FILE", help="the schedule to start from, TOML")
-for stage, generations in (("approach", 10), ("stay", 8)):
-    parser.add_argument(
-        f"--{stage}", type=int, default=generations, metavar="N",
-        help=f"bundled: generations of the {stage}, 0 to keep it (default: {generations})",
-    )  # fmt: skip
-parser.add_argument(
-    "--finalists", type=cli.count, default=6, metavar="N",
-    help="bundled: how many meet at the end, the start included (default: 6)",
-)  # fmt: skip
+parser.option("--approach", int, "N", "bundled: generations of the approach, 0 to keep it", 10)
+parser.option("--stay", int, "N", "bundled: generations of the stay, 0 to keep it", 8)
+parser.option("--finalists", cli.count, "N", "bundled: how many meet at the end, with the start", 6)
 parser.option("--population", cli.count, "N", "bundled: candidates a generation", 10)
-parser.add_argument("--seed", type=cli.count, default=1, metavar="S", help="> 0")
+parser.option("--seed", cli.count, "S", "> 0", 1)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.add_argument(
     "--out", metavar="FILE", help="default: beside the robot's file; bundled: schedule.toml"
@@ -66,61 +60,76 @@ parser.add_argument("--trace", metavar="FILE", help="bundled; default: none")
 def command(arguments: cli.Arguments) -> int:
     """Tune a bundled robot on the paper's ellipse, any other one on what its statics find."""
     import softdyn
+    from softdyn.controllers.schedule import read_schedule
+    from softdyn.validation.studies.schedule_search import tables
 
-    if arguments.again is None and arguments.robot not in softdyn.bundled_names():
-        return tune_own(arguments)
-    return tune_bundled(arguments)
+    start = tables(read_schedule(arguments.gains)) if arguments.gains else None
+    bundled = arguments.again is not None or arguments.robot in softdyn.bundled_names()
+    return (tune_bundled if bundled else tune_own)(arguments, start)
 
 
-def tune_own(arguments: cli.Arguments) -> int:
+def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
     """Find targets, search, test, write what is better."""
     from time import monotonic
 
     from softdyn.controllers.registry import make_controller
     from softdyn.controllers.schedule import schedule_path
     from softdyn.validation.files import write_json, write_text
+    from softdyn.validation.studies import tuning
     from softdyn.validation.studies.engine.sources import load_model
-    from softdyn.validation.studies.own import tuning as own_tuning
-    from softdyn.validation.studies.own.tasks import find_tasks
+    from softdyn.validation.studies.tuning_targets import find_targets
 
     model = load_model(arguments.robot, arguments.annotations)
-    if model.nu:  # what a first use compiles is not in the time: every law compiles when it is made
+    if model.nu:  # a first use's compilation is not in the time: controllers compile when made
         make_controller("mpc", model)
         make_controller("soft-id-clf-qp", model, {"Kp": 100.0, "eps": 0.05, "horizon": 0.05})
     began = monotonic()
     out = arguments.out or str(schedule_path(model))
     cli.check_outputs(out, arguments.summary)
-    start = cli.read_toml(arguments.gains) if arguments.gains else None
-    with cli.share_bar("statics") as tell:
-        tasks = find_tasks(arguments.robot, arguments.annotations, model, arguments.seed)
-        found = own_tuning.search(
-            tasks, arguments.seconds, began=began, start=start, seed=arguments.seed,
+    with share_bar("statics") as tell:
+        targets = find_targets(arguments.robot, arguments.annotations, model, arguments.seed)
+        found = tuning.search(
+            targets, arguments.seconds, began=began, start=start, seed=arguments.seed,
             jobs=arguments.jobs or -1, tell=tell,
         )  # fmt: skip
-    text = own_tuning.text(tasks, found)
+    text = tuning.text(targets, found)
     if arguments.summary is not None:
         write_json(arguments.summary, {"robot": model.name, **found})
     if found["better"]:
-        write_text(out, own_tuning.for_robot(tasks, found["schedule"], text))
+        write_text(out, tuning.for_robot(targets, found["schedule"], text))
     cli.say(f"{text}{f': {out}' if found['better'] else ''}")
     return cli.PASSED if found["better"] else cli.FAILED
 
 
-def tune_bundled(arguments: cli.Arguments) -> int:
+@contextmanager
+def share_bar(first: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal for work of a known time: told what is done, and how much of it."""
+    from tqdm import tqdm
+
+    layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}]"
+    with tqdm(total=1.0, desc=first, disable=None, leave=False, bar_format=layout) as bar:
+
+        def tell(text: str, share: float) -> None:
+            bar.set_description_str(text, refresh=False)
+            bar.update(min(share, 1.0) - bar.n)
+
+        yield tell
+
+
+def tune_bundled(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
     """Search, write the trace as it grows, the schedule and the summary at the end."""
     from softdyn.validation.files import write_json, write_text
-    from softdyn.validation.studies import tuning
+    from softdyn.validation.studies import paper_tuning, schedule_search
 
     out, summary = arguments.out or "schedule.toml", arguments.summary or "tuning.json"
     cli.check_outputs(out, summary, arguments.trace)
     if arguments.again:
-        wanted = tuning.read(arguments.again)
+        wanted = paper_tuning.read(arguments.again)
     else:
-        table = cli.read_toml(arguments.gains) if arguments.gains else None
-        wanted = tuning.Search(
+        wanted = paper_tuning.Search(
             arguments.robot,
-            tuning.first_schedule(arguments.robot, table),
-            {stage: getattr(arguments, stage) for stage in tuning.STAGES},
+            start or paper_tuning.first_schedule(arguments.robot),
+            {stage: getattr(arguments, stage) for stage in schedule_search.STAGES},
             arguments.population,
             arguments.finalists,
             arguments.seed,
@@ -129,12 +138,13 @@ def tune_bundled(arguments: cli.Arguments) -> int:
 
     def keep(entry: dict[str, Any]) -> None:
         trace.append(entry)
-        write_json(arguments.trace, {"settings": vars(wanted), "trace": trace})
+        if arguments.trace:
+            write_json(arguments.trace, {"settings": vars(wanted), "trace": trace})
 
-    found = tuning.search(wanted, arguments.jobs or -1, keep if arguments.trace else None)
-    write_text(out, tuning.toml(found.pop("schedule")))
+    found = paper_tuning.search(wanted, arguments.jobs or -1, keep)
+    write_text(out, schedule_search.toml(found.pop("schedule")))
     write_json(summary, found)
-    cli.say(tuning.text(found))
+    cli.say(paper_tuning.text(found))
     return cli.PASSED
 
 

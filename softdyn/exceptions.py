@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +56,17 @@ class InputError(SoftdynError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
         return type(self), (self.name, self.expected, self.got)
+
+
+@contextmanager
+def errors_in(where: str) -> Iterator[None]:
+    """Put the place in a file before every InputError of the block that does not name the file."""
+    try:
+        yield
+    except InputError as error:
+        if error.name.startswith(where.split(":")[0]):
+            raise
+        raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
 
 
 def one_line(value: object, limit: int = 120) -> str:

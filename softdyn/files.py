@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import secrets
 import stat
 import tomllib
 from collections.abc import Iterator
@@ -107,7 +106,7 @@ def followed(path: Path) -> Path:
 
 def beside(path: Path) -> Path:
     """A name for a file that becomes `path`: of no other process, thread or machine."""
-    return path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+    return path.with_name(f".{path.name}.{os.urandom(8).hex()}.part")
 
 
 def not_writable(path: Path, error: OSError) -> InputError:

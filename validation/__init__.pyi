@@ -4,7 +4,7 @@ from .live.playing import play
 from .loop.closed_loop import simulate
 from .loop.log import Log
 from .mjcf.comparison.comparison import compare
-from .studies.own.side_by_side import benchmark
+from .studies.side_by_side import benchmark
 from .twin.state_map import StateMap
 from .twin.twin import Twin
 

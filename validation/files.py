@@ -15,7 +15,6 @@ from typing import Any
 from softdyn import InputError
 from softdyn.files import atomic as atomic
 from softdyn.files import beside, followed, is_stream, not_writable
-from softdyn.files import read_toml as read_toml
 from softdyn.files import write_text as write_text
 
 MAX_JSON = 64_000_000  # bytes

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from softdyn.design.layout import FREEDOMS
@@ -20,7 +18,7 @@ from softdyn.design.rods import (
     Section,
 )  # fmt: skip
 from softdyn.design.units import TomlTable
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, errors_in
 
 ROUTINGS = {"channel": False, "discs": True}
 """Whether a cable runs straight from disc to disc."""
@@ -51,7 +49,7 @@ def read_arm(table: TomlTable) -> Arm:
     labels = [cable.name for cable in cables]
     if len(set(labels)) < len(labels):
         raise InputError(table.where, "a unique name of each cable", ", ".join(labels))
-    with placed(table.where):
+    with errors_in(table.where):
         return Arm(
             sections=sections,
             cables=tuple(cables),
@@ -77,7 +75,7 @@ def read_mount(table: TomlTable | None) -> Mount:
     """Where it is mounted: hanging down from the origin by default."""
     if table is None:
         return Mount()
-    with placed(table.where):
+    with errors_in(table.where):
         mount = Mount(
             table.vector("position", "length", (0.0, 0.0, 0.0)),
             table.vector("direction", "none", (0.0, 0.0, -1.0)),
@@ -87,21 +85,10 @@ def read_mount(table: TomlTable | None) -> Mount:
     return mount
 
 
-@contextmanager
-def placed(where: str) -> Iterator[None]:
-    """Errors of what is built inside begin with the place in the file."""
-    try:
-        yield
-    except InputError as error:
-        if error.name.startswith(where.split(":")[0]):
-            raise
-        raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
-
-
 def _material(table: TomlTable | None, default: Material | None) -> Material | None:
     if table is None:
         return default
-    with placed(table.where):
+    with errors_in(table.where):
         material = Material(
             table.quantity("youngs_modulus", "modulus"),
             table.quantity("poissons_ratio", "none", 0.49),
@@ -124,7 +111,7 @@ def _section(table: TomlTable, k: int, material: Material | None) -> Section:
             kind = "curvature" if freedom.turns else "none"
             strains[name] = rest.quantity(name, kind, 0.0)
         rest.finish()
-    with placed(table.where):
+    with errors_in(table.where):
         section = Section(
             length=table.quantity("length", "length"),
             radius=table.profile("radius", "length"),
@@ -152,7 +139,7 @@ def _plate(table: TomlTable | None, material: Material) -> Plate | None:
     radius, thickness = (table.quantity(name, "length") for name in ("radius", "thickness"))
     density = table.quantity("density", "density", material.density)
     mass = table.quantity("mass", "mass", density * math.pi * radius * radius * thickness)
-    with placed(table.where):
+    with errors_in(table.where):
         plate = Plate(radius, thickness, mass)
     table.finish()
     return plate
@@ -161,7 +148,7 @@ def _plate(table: TomlTable | None, material: Material) -> Plate | None:
 def _damping(table: TomlTable | None) -> Damping:
     if table is None:
         return Damping(ratio=0.1)
-    with placed(table.where):
+    with errors_in(table.where):
         damping = Damping(
             table.quantity("ratio", "none", None),
             table.quantity("time_constant", "time", None),
@@ -174,7 +161,7 @@ def _damping(table: TomlTable | None) -> Damping:
 def _payload(table: TomlTable | None) -> Payload | None:
     if table is None:
         return None
-    with placed(table.where):
+    with errors_in(table.where):
         payload = Payload(
             table.quantity("mass", "mass"),
             table.quantity("radius", "length"),
@@ -197,7 +184,7 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
         "end": table.choice("to", places, sections[-1]),
         "turns": table.quantity("turns", "none", 0.0),
     }
-    with placed(table.where):
+    with errors_in(table.where):
         found = [
             Cable(
                 angle=first + 2 * math.pi * i / count,

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from softdyn.design import finger, log_spiral
-from softdyn.design.arm_table import MOTIONS, PAIRS, placed, read_mount, read_name
+from softdyn.design.arm_table import MOTIONS, PAIRS, read_mount, read_name
 from softdyn.design.shapes import phalanx_mesh, spiral_mesh, stl
 from softdyn.design.units import TomlTable
 from softdyn.design.urdf_text import Input
+from softdyn.exceptions import errors_in
 
 TURNS = {name: name for name in MOTIONS if name in ("bend", "bend_y", "bend_z", "twist")}
 Files = tuple[str, str, dict[str, bytes]]
@@ -23,7 +24,7 @@ def read_spiral(table: TomlTable) -> Files:
     assert own is not None
     count, first = own.count("cables", 3), own.quantity("angle", "angle", 0.0)
     words = own.words("freedoms", TURNS, ["bend", "twist"])
-    with placed(own.where):
+    with errors_in(own.where):
         spiral = log_spiral.LogSpiral(
             length=own.quantity("length", "length"),
             mass=own.quantity("mass", "mass"),
@@ -49,7 +50,7 @@ def read_finger(table: TomlTable) -> Files:
     mount = table.table("mount")
     tendons = []
     for k, item in enumerate(table.tables("tendon"), 1):
-        with placed(item.where):
+        with errors_in(item.where):
             tendons.append(
                 finger.FingerTendon(
                     joints=tuple(
@@ -64,7 +65,7 @@ def read_finger(table: TomlTable) -> Files:
         item.finish()
     table.finish()
     assert own is not None
-    with placed(own.where):
+    with errors_in(own.where):
         made = finger.Finger(
             lengths=own.numbers("lengths", "length"),
             radius=own.profile("radius", "length"),

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from softdyn.design.arm_file import urdf
-from softdyn.design.arm_table import placed, read_arm
+from softdyn.design.arm_table import read_arm
 from softdyn.design.layout import lay_out
 from softdyn.design.plausible import check
 from softdyn.design.preset_tables import Files, read_finger, read_spiral
 from softdyn.design.rods import Arm
 from softdyn.design.units import TomlTable
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, errors_in
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
     table = TomlTable(values, file)
     arm = read_arm(table)
     table.finish()
-    with placed(file):
+    with errors_in(file):
         check(lay_out(arm))
     return arm
 

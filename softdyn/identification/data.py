@@ -11,7 +11,7 @@ from scipy.ndimage import minimum_filter1d
 
 from softdyn.checks import array, in_degrees, near
 from softdyn.dynamics.model import SoftModel
-from softdyn.exceptions import InputError
+from softdyn.exceptions import InputError, errors_in
 
 MAX_ROWS = 1_000_000
 AXES = ("x", "y", "z")
@@ -188,10 +188,8 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
             raise InputError(f"{path}: column q.{joint.name}", expected, f"{most:g}: degrees?")
     stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
                for names in (inputs, outputs)]  # fmt: skip
-    try:
+    with errors_in(str(path)):
         return Measurements(column["t"], stacked[0], outputs, stacked[1])
-    except InputError as error:
-        raise InputError(f"{path}: {error.name}", error.expected, error.got) from None
 
 
 def _numbers(path: str | Path, header: list[str], line: int, row: list[str]) -> list[float]:

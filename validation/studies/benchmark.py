@@ -49,16 +49,25 @@ def grid(
 
     Set points `thetas` and rates `omegas` are the paper's where there are none.
     """
-    runs = [("set_point", theta) for theta in (experiments.THETAS if thetas is None else thetas)]
-    runs += [("tracking", omega) for omega in (experiments.OMEGAS if omegas is None else omegas)]
-    controllers = tuple(controllers)
+    controllers, runs = tuple(controllers), targets(thetas, omegas)
     every = (
-        Case(robot, controller, kind, float(value) + 0.0)  # -0 is 0
+        Case(robot, controller, kind, value)
         for robot in robots
         for controller in controllers
         for kind, value in runs
     )
     return list(dict.fromkeys(every))
+
+
+def targets(
+    thetas: Iterable[float] | None = None, omegas: Iterable[float] | None = None
+) -> list[tuple[str, float]]:
+    """Kind and value of the set points and rates that `grid` runs."""
+    wanted = (
+        ("set_point", experiments.THETAS if thetas is None else thetas),
+        ("tracking", experiments.OMEGAS if omegas is None else omegas),
+    )
+    return [(kind, float(value) + 0.0) for kind, values in wanted for value in values]  # -0 is 0
 
 
 def store(folder: Path) -> Store:
@@ -153,12 +162,23 @@ def benchmark_rows(
     InputError
         A case without a result, or with a log that is not the result's.
     """
-    groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
+    runs = []
     for case in cases:
         result = store(folder).figures(case, case.name)
         if result is None:
             where = str(store(folder).result_path(case.name))
             raise InputError(where, "the result of a run", "none")
+        runs.append((case, result))
+    return rows_of(runs, ensembles)
+
+
+def rows_of(
+    runs: Iterable[tuple[Case, dict[str, Any]]],
+    ensembles: Mapping[str, Distribution] | None = None,
+) -> list[dict[str, Any]]:
+    """One row a robot and controller; `ensembles` as in `rows`."""
+    groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
+    for case, result in runs:
         groups.setdefault((case.robot, case.controller), []).append((case, result))
     return [
         row(*key, group) | ({} if ensembles is None else distributions(group, ensembles))

@@ -14,7 +14,7 @@ from softdyn import InputError, SoftModel, UrdfError
 from softdyn.checks import number
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.files import read_toml
+from softdyn.files import read_toml
 from softdyn.validation.studies.engine import sources
 from softdyn.validation.studies.sweep import FIGURES, GAINS, PLANT, TARGETS, Axis, Sweep
 

@@ -1,393 +1,329 @@
-"""Tuning of a schedule's gains by CMA-ES, on other set points and rates than the paper's.
+"""Tuning of a schedule for a user's robot, on targets that its statics find.
 
-Two searches: of the approach on the first second of runs, with the law of that stage alone, then of
-the stay on whole runs that begin with the approach found. Runs near unstable shapes hang on
-roundings, and a search finds the lucky: so its best few are run again on many more cases, and those
-decide.
+`tuning_targets` deals the targets out to three sets: the search, the finals, and a test that
+neither saw. The search draws gains at random over decades, in the robot's own scales, and continues
+by CMA-ES from the best. The test compares the schedule with predictive control, which needs no
+gains: a schedule that is not better is not worth having.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from os import cpu_count
+from time import monotonic
 from typing import Any
 
-import softdyn
-from softdyn import InputError
-from softdyn.controllers import Schedule, SoftIdClfQp, Stage
-from softdyn.controllers.qps.horizon import default_horizon
-from softdyn.controllers.schedule import make_schedule, tuned
-from softdyn.validation.files import read_json
-from softdyn.validation.studies import experiments
+import numpy as np
+
+from softdyn.validation.loop.metrics import mean_std
+from softdyn.validation.studies import schedule_search
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
+from softdyn.validation.studies.schedule_search import STAGES, WORST, Entry, Tables
+from softdyn.validation.studies.tuning_targets import TuningTargets
+from softdyn.validation.tables import Table
 
-THETAS, OMEGAS = (0.25, 0.75, 1.25, 1.75), (0.12, 0.17, 0.25, 0.45)
-# of the finals, at the published period and at 1 ms
-MANY_THETAS = (0.04, 0.12, 0.27, 0.38, 0.62, 0.73, 0.88, 1.12, 1.27, 1.38, 1.62, 1.73, 1.88, 1.96)
-MANY_OMEGAS = (0.08, 0.09, 0.11, 0.12, 0.14, 0.17, 0.25, 0.35, 0.45)
-APPROACH = 1.0  # s
-WORST = 10.0  # cost of a failed run; no run costs more
-SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
-TUNED = ("Kp", "eps", "w2", "w3", "w4", "null_damping", "rho", "horizon", "u_ref")
+RMS, FINAL = 0.1, 0.01  # of the length: a mean and a final error that cost 1
+DRAWN, BATCH = 24, 4  # candidates of the first search; how many run at a time
+ENDS = {"draw": 0.4, "approach": 0.7, "stay": 1.0}  # shares of the search's time
+POPULATION, GENERATIONS, FINALISTS = 6, 100, 2
+RIVAL, DECIDE = 0.25, 0.4  # of the time: predictive control on the test; finals and test at most
+# decades that gains are drawn from; w2 and w3 in the robot's own scales, the horizon in ε
+RANGES = {
+    "Kp": (20.0, 2000.0), "eps": (0.01, 0.2), "w2": (1e-2, 3.0), "w3": (1e-5, 10.0),
+    "null_damping": (3.0, 100.0), "horizon": (0.5, 1.5),
+}  # fmt: skip
+COLUMNS = (
+    ("", "name", ""), ("cost", "cost", ".3f"), ("final error (cm)", "final_cm", ".3f"),
+    ("rms on paths (cm)", "rms_cm", ".3f"), ("failed", "failed", "d"),
+    ("step (us)", "step_us", ".0f"),
+)  # fmt: skip
 
-Tables = Mapping[str, Any]
-Cost = Callable[[Case, Mapping[str, Any]], float]
-Candidate = Callable[[Mapping[str, float]], Tables]
-
-
-def approach_cases(robot: str) -> list[Case]:
-    """The first second of set points at the published period and 1 ms, and of trajectories."""
-    return [
-        Case(robot, "best", kind, value, period=period, duration=APPROACH)
-        for kind, values, periods in (
-            ("set_point", THETAS, (None, 0.001)),
-            ("tracking", OMEGAS[2:], (None,)),
-        )
-        for value in values
-        for period in periods
-    ]
+Tell = Callable[[str, float], None]
+"""(what is being done, share of the time that has passed) → None."""
 
 
-def stay_cases(robot: str) -> list[Case]:
-    """Whole set points, two of them at 1 ms, and two cycles of each rate."""
-    points = [
-        Case(robot, "best", "set_point", theta, period=None if i < 2 else 0.001)
-        for i, theta in enumerate(THETAS)
-    ]
-    return points + [Case(robot, "best", "tracking", omega) for omega in OMEGAS]
+def cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
+    """A run's rms error in tenths of the length; to a point also its final error in hundredths."""
+    if result["failed"] or result["mse_cm2"] is None:
+        return WORST
+    rms = math.sqrt(result["mse_cm2"]) / (100 * length * RMS)
+    final = 0.0 if case.target else result["final_error_cm"] / (100 * length * FINAL)
+    return min(WORST, rms + final)
 
 
-def final_cases(robot: str) -> list[Case]:
-    """Whole set points at the published period and 1 ms, and two cycles of each rate."""
-    points = [
-        Case(robot, "best", "set_point", theta, period=period)
-        for theta in MANY_THETAS
-        for period in (None, 0.001)
-    ]
-    return points + [Case(robot, "best", "tracking", omega) for omega in MANY_OMEGAS]
+def seconds(*cases: Case) -> float:
+    """How long the runs last together (s, simulated)."""
+    return sum(case.duration or 0.0 for case in cases)
 
 
-def approach_cost(case: Case, result: Mapping[str, Any]) -> float:
-    """Seconds in which the first error would cost what the run does, in tenths, and what is left.
+def drawn(targets: TuningTargets, rng: np.random.Generator) -> dict[str, Any]:
+    """A schedule of random gains, both stages the same.
 
-    10 ∫ ‖e‖² dt / ‖e(0)‖² + ‖e(T)‖ / ‖e(0)‖, e against a moving target where it moves.
+    w2 ‖q̈‖² and w3 ‖u‖² are so many times ‖μ‖² for a tip a tenth of the robot's length away, with q̈
+    the acceleration that this asks for and u what holds the robot at a typical equilibrium.
     """
-    if result["failed"]:
-        return WORST
-    first = result["first_error_cm"]
-    lost = 10 * APPROACH * result["mse_cm2"] / first**2
-    return float(min(WORST, lost + result["final_error_cm"] / first))
-
-
-def stay_cost(case: Case, result: Mapping[str, Any]) -> float:
-    """The paper's figure of the run, in `SETTLED` lengths or `TRACKED` lengths squared."""
-    if result["failed"]:
-        return WORST
-    length = 100 * experiments.setup(case.robot).length
-    if case.kind == "set_point":
-        return float(min(WORST, result["final_error_cm"] / length / SETTLED))
-    return float(min(WORST, result["mse_cm2"] / length**2 / TRACKED))
-
-
-# -- schedules as tables ---------------------------------------------------------------------------
-
-
-def tables(schedule: Schedule) -> dict[str, Any]:
-    """What `softdyn.controllers.schedule.make_schedule` reads."""
-    found = asdict(schedule)
-    for stage in ("approach", "stay"):
-        found[stage] |= found[stage].pop("gains")
-    return found
-
-
-def first_schedule(robot: str, table: Tables | None = None) -> dict[str, Any]:
-    """Where a search starts: `table`, the robot's tuned schedule, or its published gains twice."""
-    model = softdyn.load(robot)
-    length = experiments.setup_of(model).length
-    schedule = make_schedule(table) if table else tuned(model)
-    if schedule is None:
-        gains = SoftIdClfQp(model).gains
-        both = Stage(gains, default_horizon(gains))
-        schedule = Schedule(both, both, arrive=0.02 * length, leave=0.2 * length, dwell=0.2)
-    return tables(schedule)
-
-
-def only(schedule: Tables, stage: str, values: Mapping[str, float]) -> dict[str, Any]:
-    """A schedule whose both stages are one of `schedule`'s, with other values."""
-    both = {**schedule[stage], **values}
-    return {**schedule, "approach": both, "stay": both}
-
-
-def changed(schedule: Tables, stage: str, values: Mapping[str, float]) -> dict[str, Any]:
-    """The schedule with other values in one stage, of four digits."""
-    new = {name: float(f"{value:.4g}") for name, value in values.items()}
-    return {**schedule, stage: {**schedule[stage], **new}}
-
-
-def toml(schedule: Tables) -> str:
-    """A schedule as text."""
-    parts = {"": schedule} | {f"\n[{name}]\n": schedule[name] for name in STAGES}
-    return "".join(
-        head + "".join(f"{k} = {v:g}\n" for k, v in table.items() if not isinstance(v, Mapping))
-        for head, table in parts.items()
+    model, length = targets.model, targets.model.robot.length
+    Kp, eps, w2, w3, null_damping, horizon = (
+        float(10 ** rng.uniform(*np.log10(ends))) for ends in RANGES.values()
     )
+    J = model.state(model.q0, np.zeros(model.nv)).J
+    w2 *= (float(np.linalg.norm(J, 2)) or 1.0) ** 2
+    w3 *= (Kp * length / 10 / targets.inputs) ** 2
+    stage = {
+        "Kp": Kp, "eps": eps, "w1": 1.0, "w2": w2, "w3": w3, "w4": w2 / 2, "rho": 1000.0,
+        "null_damping": null_damping, "horizon": horizon * eps, "u_ref": 0.0,
+    }  # fmt: skip
+    stage = {name: float(f"{x:.4g}") for name, x in stage.items()}
+    return {
+        "arrive": 0.02 * length, "leave": 0.2 * length, "dwell": 0.2,
+        "approach": stage, "stay": stage,
+    }  # fmt: skip
 
 
-# -- searching -------------------------------------------------------------------------------------
-
-# stage → what it is judged on, and what becomes of the schedule: the approach is tuned alone, for
-# the stay is not yet
-STAGES = {
-    "approach": (approach_cases, approach_cost, only),
-    "stay": (stay_cases, stay_cost, changed),
-}
-
-
-@dataclass(frozen=True)
-class Search:
-    """A tuning: with the same one the same candidates come again.
+@dataclass(eq=False)
+class Tuning:
+    """A search under way: how much of its time has passed, and the best that it has found.
 
     Attributes
     ----------
-    robot : str
-        Its name.
-    start : mapping
-        The tables of the schedule that it starts from.
-    generations : mapping
-        Stage → how many of CMA-ES (Hansen, `cma`); 0 keeps the stage.
-    population : int
-        Candidates a generation.
-    finalists : int
-        How many meet at the end, the start included; 0 for no finals.
-    seed : int
-        Above 0.
+    targets, time, began, seed, jobs, tell
+        As of `search`.
+    wall, simulated : float
+        What runs of `best` took, and how much of them was not cut short by a failure (s).
+    candidates : int
+        How many were judged.
+    contenders : list of mapping
+        Schedules, the best first.
+    costs : dict[str, float]
+        Part of the search → the least cost.
     """
 
-    robot: str
-    start: Tables
-    generations: Mapping[str, int]
-    population: int
-    finalists: int
+    targets: TuningTargets
+    time: float
+    began: float
     seed: int
+    jobs: int
+    tell: Tell
+    wall: float = 0.0
+    simulated: float = 0.0
+    candidates: int = 0
+    contenders: list[Tables] = field(default_factory=list)
+    costs: dict[str, float] = field(default_factory=dict)
 
+    # -- the time ----------------------------------------------------------------------------------
 
-def read(path: str | Path) -> Search:
-    """The search that a summary, see `search`, is of.
+    def spent(self) -> float:
+        """The share of the time that has passed."""
+        return (monotonic() - self.began) / self.time
 
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or is no such summary.
-    """
-    expected = "a summary that tune.py wrote"
-    settings = read_json(path, expected).get("settings")
-    if not isinstance(settings, dict) or set(settings) != {f.name for f in fields(Search)}:
-        raise InputError(str(path), expected, "other settings")
-    wanted = Search(**settings)
-    generations = wanted.generations
-    counts = {"population": 1, "finalists": 0, "seed": 1}
-    if not (
-        isinstance(wanted.robot, str)
-        and isinstance(generations, dict)
-        and set(generations) == set(STAGES)
-        and all(_is_count(number, 0) for number in generations.values())
-        and all(_is_count(settings[name], least) for name, least in counts.items())
-    ):
-        raise InputError(str(path), expected, "settings of another kind")
-    try:
-        make_schedule(wanted.start)
-    except (InputError, TypeError, AttributeError) as error:
-        raise InputError(str(path), expected, error) from None
-    return wanted
+    def share(self, simulated: float) -> float:
+        """The share of the time that so many simulated seconds (s) take; 0 while not known."""
+        return simulated * self.wall / self.simulated / self.time if self.simulated else 0.0
 
+    def is_short(self, simulated: float, until: float) -> bool:
+        """Whether so many simulated seconds (s) would end after this share of the time."""
+        return self.spent() + self.share(simulated) > until
 
-def _is_count(value: Any, least: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and least <= value < 2**32
+    def say(self, text: str) -> None:
+        """Tell what is being done."""
+        self.tell(text, self.spent())
+
+    # -- what runs ---------------------------------------------------------------------------------
+
+    def judge(self, cases: list[Case], schedules: Sequence[Tables]) -> list[Entry]:
+        """`schedule_search.judge`, and what it took."""
+        since, price = monotonic(), partial(cost, self.targets.model.robot.length)
+        found = schedule_search.judge(cases, price, self.jobs, schedules)
+        scores = [score for entry in found for score in entry["scores"]]
+        runs = zip(cases * len(schedules), scores, strict=True)
+        whole = seconds(*(case for case, score in runs if score < WORST))
+        if whole > 0:
+            self.wall += monotonic() - since
+            self.simulated += whole
+        self.candidates += len(schedules)
+        return found
+
+    def run_rival(self) -> list[dict[str, Any]]:
+        """Predictive control on the first runs of the test, as many as fit into its time.
+
+        One for each process at a time, and never less than two.
+        """
+        self.say("predictive control")
+        cases, found = self.targets.cases("test", "mpc"), list[dict[str, Any]]()
+        chunk = max(2, (cpu_count() or 1) if self.jobs < 0 else self.jobs)
+        took = 0.0
+        while len(found) < len(cases) and (not found or self.spent() + took < RIVAL):
+            before = self.spent()
+            found += run_all(cases[len(found) : len(found) + chunk], self.jobs)
+            took = self.spent() - before
+        return found
+
+    def draw(self, start: Tables | None, end: Callable[[], float]) -> None:
+        """Judge `start` and random gains until `end`, a share of the time; four at least."""
+        rng, cases = np.random.default_rng(self.seed), self.targets.cases("search", window=True)
+        found: list[tuple[float, Tables]] = []
+        while len(found) < DRAWN and (not found or self.spent() < end()):
+            some = [start] if start and not found else []
+            some = some + [drawn(self.targets, rng) for _ in range(BATCH - len(some))]
+            entries = self.judge(cases, some)
+            found += [(entry["cost"], one) for entry, one in zip(entries, some, strict=True)]
+            self.costs["draw"], best = min(found, key=lambda pair: pair[0])
+            self.contenders = [best]
+            self.say(f"{len(found)} random gains, best cost {self.costs['draw']:.3g}")
+
+    def refine(self, stage: str, end: float) -> None:
+        """CMA-ES on one stage until `end`, a share of the time; nothing where that is too soon."""
+        cases = self.targets.cases("search", window=stage == "approach")
+        if self.is_short((1 + POPULATION) * seconds(*cases), end):
+            return
+        schedule = self.contenders[0]
+        trace = schedule_search.search_stage(
+            schedule, stage, partial(self.judge, cases), generations=GENERATIONS,
+            population=POPULATION, seed=self.seed,
+            each=lambda entry: self.say(f"{stage}, cost {entry['cost']:.3g}"),
+            enough=partial(self.is_short, POPULATION * seconds(*cases), end),
+        )  # fmt: skip
+        ranked = sorted(trace, key=lambda entry: entry["cost"])[:FINALISTS]
+        self.costs[stage] = ranked[0]["cost"]
+        best = [schedule_search.changed(schedule, stage, entry["values"]) for entry in ranked]
+        if stage == "approach":  # the search of the stay begins with the approach's gains
+            best = [{**best[0], "stay": best[0]["approach"]}]
+        self.contenders = best + self.contenders
+
+    def decide(self, count: int) -> Tables:
+        """The best of so many contenders, on the targets of the finals."""
+        contenders = self.contenders[: max(1, count)]
+        if len(contenders) == 1:
+            return contenders[0]
+        self.say("finals")
+        finals = [entry["cost"] for entry in self.judge(self.targets.cases("final"), contenders)]
+        self.costs["final"], best = min(zip(finals, contenders, strict=True), key=lambda x: x[0])
+        return best
 
 
 def search(
-    wanted: Search, jobs: int = -1, each: Callable[[dict[str, Any]], None] | None = None
+    targets: TuningTargets,
+    time: float,
+    *,
+    began: float | None = None,
+    start: Tables | None = None,
+    seed: int = 1,
+    jobs: int = -1,
+    tell: Tell = lambda _text, _spent: None,
 ) -> dict[str, Any]:
-    """Tune one stage after the other, then let the finals decide.
+    """Find a schedule and compare it with predictive control, in about so many seconds.
+
+    Predictive control runs first, on as many targets of the test as fit, so that no target is
+    chosen by its result. The search ends when finals and test, priced by the runs before them, need
+    the rest of the time. What has begun is finished: for a slow robot two runs of predictive
+    control, four candidates and the test are made however long they take.
 
     Parameters
     ----------
-    wanted : Search
-        What to search, and from where.
+    targets : TuningTargets
+        What the robot is tried on.
+    time : float
+        How long all of it may take (s).
+    began : float, optional
+        When that time began, as `time.monotonic` says; now by default.
+    start : mapping, optional
+        Tables of a schedule that the search begins with, besides random ones.
+    seed : int
+        Above 0. The same seed gives the same candidates again, as far as the time lasts.
     jobs : int
         Processes, -1 for one per core.
-    each : Callable[[dict], None], optional
-        Told every candidate with its stage and its scores as it comes.
+    tell : Callable[[str, float], None]
+        Told what is being done, and the share of the time that has passed.
 
     Returns
     -------
     dict
-        ``settings``; ``winners`` of the searches, by stage; ``finals``, the start first, with the
-        scores of the best; ``schedule``, the tables of what was found.
-    """
-
-    def tell(stage: str, entry: dict[str, Any]) -> None:
-        if each is not None:
-            each({"stage": stage, **entry})
-
-    schedule: Tables = wanted.start
-    contenders = [schedule]
-    winners = {}
-    for stage, (cases, cost, candidate) in STAGES.items():
-        if wanted.generations[stage] == 0:
-            continue
-        trace = tune(
-            cases(wanted.robot),
-            cost,
-            partial(candidate, schedule, stage),
-            {name: schedule[stage][name] for name in TUNED if schedule[stage][name] > 0},
-            generations=wanted.generations[stage],
-            population=wanted.population,
-            seed=wanted.seed,
-            jobs=jobs,
-            each=partial(tell, stage),
-        )
-        ranked = sorted(trace, key=lambda entry: entry["cost"])
-        keys = ("generation", "values", "cost")
-        winners[stage] = {"start_cost": trace[0]["cost"]} | {key: ranked[0][key] for key in keys}
-        found = [changed(schedule, stage, entry["values"]) for entry in ranked]
-        schedule, contenders = found[0], [wanted.start, *found]
-    finals: list[dict[str, Any]] = []
-    if wanted.finalists:
-        contenders = contenders[: wanted.finalists]
-        judged = judge(final_cases(wanted.robot), stay_cost, contenders, jobs)
-        finals = [{"schedule": c} | j for c, j in zip(contenders, judged, strict=True)]
-        for final in finals:
-            tell("final", final)
-        best = min(finals, key=lambda final: final["cost"])
-        schedule = best["schedule"]
-        finals = [final if final is best else without_scores(final) for final in finals]
-    return {
-        "settings": vars(wanted), "winners": winners, "finals": finals, "schedule": schedule
-    }  # fmt: skip
-
-
-def without_scores(entry: dict[str, Any]) -> dict[str, Any]:
-    """An entry of a trace without what each of its cases cost."""
-    return {key: value for key, value in entry.items() if key != "scores"}
-
-
-def text(found: Mapping[str, Any]) -> str:
-    """What `search` found, for people."""
-    lines = [
-        f"{stage}: cost {winner['start_cost']:.4g} at the start, {winner['cost']:.4g} now"
-        for stage, winner in found["winners"].items()
-    ]
-    if found["finals"]:
-        costs = ", ".join(f"{final['cost']:.4g}" for final in found["finals"])
-        lines.append(f"final: cost {costs} (start first)")
-    return "\n".join(lines)
-
-
-def judge(
-    cases: Sequence[Case], cost: Cost, schedules: Sequence[Tables], jobs: int = -1
-) -> list[dict[str, Any]]:
-    """For each schedule the cost of every case, and the mean for each kind of experiment, halved.
-
-    Set points and trajectories weigh the same, however many there are of each.
-    """
-    runs = [replace(case, parameters=schedule) for schedule in schedules for case in cases]
-    results = run_all(runs, jobs)
-    found = []
-    for i in range(len(schedules)):
-        part = results[i * len(cases) : (i + 1) * len(cases)]
-        scores = [cost(case, result) for case, result in zip(cases, part, strict=True)]
-        kinds: dict[str, list[float]] = {}
-        for case, score in zip(cases, scores, strict=True):
-            kinds.setdefault(case.kind, []).append(score)
-        means = [sum(some) / len(some) for some in kinds.values()]
-        found.append({"scores": scores, "cost": sum(means) / len(means)})
-    return found
-
-
-def need_cma() -> Any:
-    """The package `cma`, or an InputError that says how to install it."""
-    try:
-        import cma
-    except ImportError:
-        raise InputError("cma", "pip install 'softdyn[tune]'", "no such package") from None
-    return cma
-
-
-def tune(
-    cases: Sequence[Case],
-    cost: Cost,
-    candidate: Candidate,
-    start: Mapping[str, float],
-    *,
-    generations: int,
-    population: int,
-    seed: int,
-    spread: float = 0.15,
-    jobs: int = -1,
-    each: Callable[[dict[str, Any]], None] | None = None,
-    enough: Callable[[], bool] = lambda: False,
-) -> list[dict[str, Any]]:
-    """Minimise the cost over `cases`, see `judge`, in the logarithms of `start`'s values.
-
-    Parameters
-    ----------
-    cases : sequence of Case
-        What a candidate is judged on.
-    cost : Callable[[Case, mapping], float]
-        What a case with its figures costs.
-    candidate : Callable[[mapping], mapping]
-        Parameters → what the controller is built with.
-    start : mapping
-        Parameter → value > 0; what the first candidate is.
-    generations, population : int
-        Of CMA-ES (Hansen, `cma`).
-    seed : int
-        Above 0; with the same one the same candidates come again.
-    spread : float
-        First standard deviation, in decades.
-    jobs : int
-        Processes, -1 for one per core.
-    each : Callable[[dict], None], optional
-        Told every entry of the trace as it comes.
-    enough : Callable[[], bool]
-        Asked before every generation whether to end.
-
-    Returns
-    -------
-    list of dict
-        The trace: parameters and what `judge` says, in order; the start is the first.
+        ``schedule``; ``better``, whether it beats predictive control on the test; ``rows`` of that
+        test; ``costs`` of the search by part; ``candidates``, how many were tried; ``seconds``.
 
     Raises
     ------
     InputError
-        Without the package `cma` (pip install 'softdyn[tune]').
+        Without the package `cma`.
     """
-    cma = need_cma()
-    names = list(start)
-    centre = [math.log10(start[name]) for name in names]
-    trace: list[dict[str, Any]] = []
+    schedule_search.need_cma()
+    run = Tuning(targets, time, monotonic() if began is None else began, seed, jobs, tell)
+    rival = run.run_rival()
+    first = run.spent()
+    test = seconds(*targets.cases("test")[: len(rival)])
+    final = seconds(*targets.cases("final"))
 
-    def costs(points: Sequence[Sequence[float]], generation: int) -> list[float]:
-        found = [{name: 10.0**x for name, x in zip(names, point, strict=True)} for point in points]
-        judged = judge(cases, cost, [candidate(values) for values in found], jobs)
-        for values, entry in zip(found, judged, strict=True):
-            trace.append({"generation": generation, "values": values, **entry})
-            if each is not None:
-                each(trace[-1])
-        return [entry["cost"] for entry in judged]
+    def end(part: str) -> float:
+        """The share of the time at which a part of the search ends: finals and test follow."""
+        wanted = run.share(test + (2 + FINALISTS) * final)
+        last = 1.0 - max(run.share(test), min(DECIDE, wanted))
+        return first + ENDS[part] * (last - first)
 
-    costs([centre], 0)
-    search = cma.CMAEvolutionStrategy(
-        centre, spread, {"seed": seed, "popsize": population, "verbose": -9}
+    run.draw(start, partial(end, "draw"))
+    for stage in STAGES:
+        run.refine(stage, end(stage))
+    left = 1.0 - run.spent() - run.share(test)
+    schedule = run.decide(int(left / max(run.share(final), 1e-9)))
+    run.say("test against mpc")
+    cases = targets.cases("test", "best", schedule)[: len(rival)]
+    pairs = (("best", run_all(cases, jobs)), ("mpc", rival))
+    rows = [row(name, targets, cases, results) for name, results in pairs]
+    return {
+        "schedule": schedule, "better": rows[0]["cost"] < rows[1]["cost"], "rows": rows,
+        "costs": run.costs, "candidates": run.candidates, "seconds": monotonic() - run.began,
+    }  # fmt: skip
+
+
+def row(
+    name: str, targets: TuningTargets, cases: Sequence[Case], results: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """The figures of one controller on the runs of the test."""
+    runs = list(zip(cases, results, strict=True))
+    prices = [cost(targets.model.robot.length, case, result) for case, result in runs]
+    finals = [_number(result["final_error_cm"]) for case, result in runs if not case.target]
+    squares = [_number(result["mse_cm2"]) for case, result in runs if case.target]
+    square = mean_std(squares)[0]
+    return {
+        "name": name, "cost": float(np.mean(prices)), "costs": prices,
+        "final_cm": mean_std(finals)[0],
+        "rms_cm": None if square is None else math.sqrt(square),
+        "failed": sum(bool(result["failed"]) for result in results),
+        "step_us": float(np.median([_number(r["step_us"]["median"]) for r in results])),
+        "targets": len(finals), "paths": len(squares),
+    }  # fmt: skip
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
+    """What `search` found, for people."""
+    points, paths = (sum(map(len, some.values())) for some in (targets.points, targets.loops))
+    costs = ", ".join(f"{name} {value:.3g}" for name, value in found["costs"].items())
+    first, whole = found["rows"][0], len(targets.cases("test"))
+    tested = f"{first['targets']} targets and {first['paths']} paths"
+    if first["targets"] + first["paths"] < whole:
+        tested += f" of {whole} (more with more --seconds)"
+    verdict = (
+        "the schedule beats predictive control"
+        if found["better"]
+        else "predictive control is better: no schedule is worth having here"
     )
-    for generation in range(1, generations + 1):
-        if enough():
-            break
-        points = search.ask()
-        search.tell(points, costs(points, generation))
-    return trace
+    return "\n".join((
+        f"{targets.model.name}: {points} targets and {paths} paths, found by its statics",
+        f"{found['candidates']} candidates in {found['seconds']:.0f} s; least costs: {costs}",
+        f"on {tested} that no step of the search saw:",
+        Table.of(COLUMNS, found["rows"]).text(),
+        verdict,
+    ))  # fmt: skip
+
+
+def for_robot(targets: TuningTargets, schedule: Tables, text: str) -> str:
+    """A schedule as the text of a file for one robot, with what it is as a comment."""
+    about = "".join(f"# {line}".rstrip() + "\n" for line in text.splitlines())
+    return about + f'robot = "{targets.model.robot.digest}"\n' + schedule_search.toml(schedule)

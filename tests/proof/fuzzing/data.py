@@ -28,12 +28,13 @@ import softdyn
 from softdyn import InputError, SetPoint, SoftdynError
 from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.schedule import make_schedule
-from softdyn.validation.files import read_toml, to_json
+from softdyn.files import read_toml
+from softdyn.validation.files import to_json
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.studies import sweep_file, tuning
+from softdyn.validation.studies import paper_tuning, schedule_search, sweep_file
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
@@ -106,8 +107,8 @@ def kinds() -> list[Kind]:
     (job,) = worker.jobs_of([Case("finger", "ic", "set_point", 0.5)])
     ended = CaseResult({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
                     step_us=log.step_times_us)  # fmt: skip
-    schedule = tuning.first_schedule("finger")
-    search = tuning.Search("finger", schedule, {"approach": 2, "stay": 1}, 4, 2, 1)
+    schedule = paper_tuning.first_schedule("finger")
+    search = paper_tuning.Search("finger", schedule, {"approach": 2, "stay": 1}, 4, 2, 1)
     with TemporaryDirectory() as name:
         folder = Path(name)
         log.save(folder / "log.npz")
@@ -123,7 +124,7 @@ def kinds() -> list[Kind]:
         Kind("times.json", times, change_json, Stored("times", times)),
         Kind("summary.json", summary, change_json, read_summary),
         Kind("sweep.toml", SWEEP.encode(), change_text, read_sweep),
-        Kind("schedule.toml", tuning.toml(schedule).encode(), change_text, read_schedule),
+        Kind("schedule.toml", schedule_search.toml(schedule).encode(), change_text, read_schedule),
     ]
 
 
@@ -218,8 +219,8 @@ class Stored:
 def read_summary(data: bytes, path: Path) -> str:
     """A tuning's settings are those in the file, and can be run."""
     path.write_bytes(data)
-    search = tuning.read(path)
-    tuning.toml(search.start)
+    search = paper_tuning.read(path)
+    schedule_search.toml(search.start)
     settings = json.loads(data)["settings"]
     return (
         "" if repr(sorted(settings.items())) == repr(sorted(vars(search).items())) else "settings"
@@ -253,7 +254,7 @@ def read_schedule(data: bytes, path: Path) -> str:
     """A schedule has every number of its file."""
     path.write_bytes(data)
     table = read_toml(path)
-    found = tuning.tables(make_schedule(table))
+    found = schedule_search.tables(make_schedule(table))
     for name, value in table.items():
         if isinstance(value, dict):
             if any(found[name][key] != number for key, number in value.items()):

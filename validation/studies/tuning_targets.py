@@ -1,10 +1,11 @@
-"""What anyone's robot is tried on: points and paths from its statics, dealt out to three sets."""
+"""Targets for the tuning of a user's robot: points and paths from its statics, in three sets."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from softdyn.validation.studies.engine.case import Case
 
 POINTS, PATHS = {"search": 3, "final": 3, "test": 6}, {"search": 1, "final": 1, "test": 1}
 NEAREST = 0.05  # of the length: a target closer to the start is no task
-POINT_TIME, WINDOW = 2.5, 1.0  # s of a run to a point, and of one that only tells the approach
+POINT_TIME, WINDOW = 2.5, 1.0  # s of a run to a point, and of one that only judges the approach
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Follow:
 
 
 @dataclass(frozen=True, eq=False)
-class Tasks:
-    """What a robot is tried on: points and paths for each of `POINTS`.
+class TuningTargets:
+    """The targets of a robot: points and paths for each of `POINTS`.
 
     Attributes
     ----------
@@ -41,11 +42,11 @@ class Tasks:
     model : SoftModel
         The robot.
     points : dict[str, list of ndarray, (3,)]
-        Tips of stable rests.
+        Tips of stable equilibria.
     loops : dict[str, list of Loop]
-        Paths that stable rests follow.
+        Paths that stable equilibria follow.
     inputs : float
-        A typical input at such rests, where it is not the least one.
+        A typical input at such equilibria, where it is not the least one.
     """
 
     robot: str
@@ -72,12 +73,12 @@ class Tasks:
                  target=Follow(loop))
             for loop in self.loops[part]
         ]  # fmt: skip
-        # a few of them are of both kinds
+        # the first few of them are of both kinds
         return points[:1] + paths + points[1:]
 
 
-def find_tasks(robot: str, annotations: str | None, model: SoftModel, seed: int) -> Tasks:
-    """Points and paths for a robot, spread over where its statics say that it can rest.
+def find_targets(robot: str, annotations: str | None, model: SoftModel, seed: int) -> TuningTargets:
+    """Points and paths for a robot, spread over its stable equilibria.
 
     Raises
     ------
@@ -93,30 +94,20 @@ def find_tasks(robot: str, annotations: str | None, model: SoftModel, seed: int)
         one
         for one in spread_rests(model, 2 * wanted, seed)
         if np.linalg.norm(one.y - start) > NEAREST * model.robot.length
-    ]
+    ][:wanted]
     if len(rests) < len(POINTS):
         expected = f"at least {len(POINTS)} stable rests with the tip away from where it starts"
         raise InputError(str(model.robot.path), expected, len(rests))
-    rests = rests[:wanted]
-    # dealt out in turn, for the first ones are the outermost
+    # dealt out in turn, because the first ones are the outermost
     parts = [name for k in range(wanted) for name, n in POINTS.items() if k < n]
     dealt: dict[str, list[Equilibrium]] = {name: [] for name in POINTS}
     for name, one in zip(parts, rests, strict=False):
         dealt[name].append(one)
     loops = {
-        name: list(_some(map(loop_around, reversed(some)), PATHS[name]))
+        name: list(islice(filter(None, map(loop_around, reversed(some))), PATHS[name]))
         for name, some in dealt.items()
     }
     least = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
     inputs = float(np.median([np.linalg.norm(one.u - least) for one in rests]))
     points = {name: [one.y for one in some] for name, some in dealt.items()}
-    return Tasks(robot, annotations, model, points, loops, max(inputs, 1e-9))
-
-
-def _some(found: Iterator[Loop | None], count: int) -> Iterator[Loop]:
-    for loop in found:
-        if count <= 0:
-            return
-        if loop is not None:
-            count -= 1
-            yield loop
+    return TuningTargets(robot, annotations, model, points, loops, max(inputs, 1e-9))

@@ -1,4 +1,4 @@
-"""Tuning of anyone's robot: what it is tried on, what a run costs, what is written when."""
+"""Tuning of a user's robot: its targets, what a run costs, what is written when."""
 
 from __future__ import annotations
 
@@ -14,12 +14,9 @@ from softdyn.commands import tune as command
 from softdyn.controllers import Mpc, Staged
 from softdyn.controllers.schedule import make_schedule
 from softdyn.controllers.staged import best
-from softdyn.validation.studies import tuning
+from softdyn.validation.studies import schedule_search, tuning, tuning_targets
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
-from softdyn.validation.studies.own import budget as own_budget
-from softdyn.validation.studies.own import tasks as own_tasks
-from softdyn.validation.studies.own import tuning as own_tuning
 
 
 @pytest.fixture
@@ -30,29 +27,29 @@ def arm(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def tasks():
-    return own_tasks.find_tasks("finger", None, softdyn.load("finger"), seed=1)
+def targets():
+    return tuning_targets.find_targets("finger", None, softdyn.load("finger"), seed=1)
 
 
-def test_search_finals_and_test_share_no_target(tasks):
-    assert {name: len(some) for name, some in tasks.points.items()} == own_tasks.POINTS
-    every = [tuple(y) for some in tasks.points.values() for y in some]
+def test_search_finals_and_test_share_no_target(targets):
+    assert {name: len(some) for name, some in targets.points.items()} == tuning_targets.POINTS
+    every = [tuple(y) for some in targets.points.values() for y in some]
     assert len({*every}) == len(every)
-    start = tasks.model.state(tasks.model.q0, np.zeros(4)).y
+    start = targets.model.state(targets.model.q0, np.zeros(4)).y
     assert min(np.linalg.norm(np.array(y) - start) for y in every) > 0.05 * 0.24
-    schedule = own_tuning.drawn(tasks, np.random.default_rng(0))
+    schedule = tuning.drawn(targets, np.random.default_rng(0))
     assert make_schedule(schedule).approach == make_schedule(schedule).stay
     with pytest.raises(InputError, match="a robot with inputs"):
-        own_tasks.find_tasks("ur5", None, load_model("ur5"), seed=1)
+        tuning_targets.find_targets("ur5", None, load_model("ur5"), seed=1)
 
 
 def test_a_run_costs_its_errors_in_parts_of_the_length():
     case = Case("finger", "best", "point", (0.1, 0, -0.1))
     run = {"failed": False, "mse_cm2": 4.0, "final_error_cm": 0.5}
     # 2 cm of a tenth of 1 m, 0.5 cm of a hundredth
-    assert own_tuning.cost(1.0, case, run) == pytest.approx(0.2 + 0.5)
-    assert own_tuning.cost(1.0, case, run | {"failed": True}) == 10.0
-    assert own_tuning.cost(1.0, case, run | {"mse_cm2": None}) == 10.0
+    assert tuning.cost(1.0, case, run) == pytest.approx(0.2 + 0.5)
+    assert tuning.cost(1.0, case, run | {"failed": True}) == 10.0
+    assert tuning.cost(1.0, case, run | {"mse_cm2": None}) == 10.0
 
 
 @pytest.mark.parametrize("wins", [True, False])
@@ -60,16 +57,14 @@ def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, c
     """Two short runs a candidate; who wins the test is decided here."""
     one, none = (dict.fromkeys(("search", "final", "test"), k) for k in (1, 0))
     for name, value in (("POINTS", one), ("PATHS", none), ("POINT_TIME", 0.05), ("WINDOW", 0.05)):
-        monkeypatch.setattr(own_tasks, name, value)
-    monkeypatch.setattr(own_tuning, "DRAWN", 4)
-    real = own_tuning.compared
+        monkeypatch.setattr(tuning_targets, name, value)
+    monkeypatch.setattr(tuning, "DRAWN", 4)
+    real = tuning.row
 
-    def decided(*arguments):
-        rows = real(*arguments)
-        rows[0]["cost"] = rows[1]["cost"] + (-1 if wins else 0)
-        return rows
+    def decided(name, *arguments):
+        return real(name, *arguments) | {"cost": 0.0 if wins and name == "best" else 1.0}
 
-    monkeypatch.setattr(own_tuning, "compared", decided)
+    monkeypatch.setattr(tuning, "row", decided)
     code = command.main([str(arm), "--seconds", "1", "--jobs", "1"])
     said = capsys.readouterr().out
     written = arm.with_name("arm.schedule.toml")
@@ -98,7 +93,7 @@ def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, c
         (160.0, 0.4, 4.0, 0.0, 4),
     ],
 )
-def test_the_answer_comes_in_time(tasks, time, price, rival, broken, tested, monkeypatch):
+def test_the_answer_comes_in_time(targets, time, price, rival, broken, tested, monkeypatch):
     """A clock that only runs cost: `price` and `rival` s for a simulated one, two at a time."""
     now, rng, longest = 100.0, np.random.default_rng(0), 0.0
 
@@ -107,20 +102,19 @@ def test_the_answer_comes_in_time(tasks, time, price, rival, broken, tested, mon
         failed = [case.controller == "best" and rng.random() < broken for case in cases]
         rates = [rival if case.controller == "mpc" else price * (1 - 0.9 * f)
                  for case, f in zip(cases, failed, strict=True)]  # fmt: skip
-        took = 0.3 + sum(r * own_budget.seconds(c) for r, c in zip(rates, cases, strict=True)) / 2
+        took = 0.3 + sum(r * tuning.seconds(c) for r, c in zip(rates, cases, strict=True)) / 2
         now, longest = now + took, max(longest, took)
         return [{"failed": f, "mse_cm2": 1.0, "final_error_cm": rng.random(),
                  "step_us": {"median": 1.0}} for f in failed]  # fmt: skip
 
-    for module in (own_tuning, own_budget):
-        monkeypatch.setattr(module, "monotonic", lambda: now)
-    for module in (own_tuning, tuning):
+    monkeypatch.setattr(tuning, "monotonic", lambda: now)
+    for module in (tuning, schedule_search):
         monkeypatch.setattr(module, "run_all", run_all)
-    found = own_tuning.search(tasks, time, began=now - 5.0, jobs=2)
+    found = tuning.search(targets, time, began=now - 5.0, jobs=2)
     assert found["seconds"] == now - 95.0
     # it ends in time, by one batch of runs; and does not end early
     assert 0.5 * time < found["seconds"] < time + longest
     assert found["rows"][0]["targets"] + found["rows"][0]["paths"] == tested
     assert found["rows"][0]["paths"] == 1
-    text = own_tuning.text(tasks, found)
+    text = tuning.text(targets, found)
     assert ("more with more --seconds" in text) == (tested < 7)

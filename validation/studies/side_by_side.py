@@ -1,4 +1,4 @@
-"""Controllers side by side, from Python: classes of one's own beside those of the package."""
+"""`benchmark` from Python: a user's own controller classes beside those of the package."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.benchmark import row
+from softdyn.validation.studies.benchmark import rows_of, targets
 from softdyn.validation.studies.benchmark_table import benchmark_document, benchmark_table
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
@@ -80,12 +80,10 @@ def benchmark(
         What is no robot or controller, or a controller that cannot be built.
     """
     makes = controllers if isinstance(controllers, Mapping) else dict.fromkeys(controllers)
-    asked = [("set_point", x) for x in thetas] + [("tracking", x) for x in omegas]
-    cases = []
+    asked, cases = targets(thetas, omegas), []
     for one in robots:
         model = one if isinstance(one, SoftModel) else softdyn.load(one)
-        robot = model.bundled or str(model.robot.path)
-        overlay = model.robot.overlay
+        robot, overlay = model.bundled or str(model.robot.path), model.robot.overlay
         for name, make in makes.items():
             if make is not None and not callable(make):
                 raise InputError(name, "a class, called with the model", repr(make))
@@ -94,7 +92,4 @@ def benchmark(
                      annotations=None if overlay is None else str(overlay))
                 for kind, value in study_targets(model, asked)
             ]  # fmt: skip
-    groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
-    for case, result in zip(cases, run_all(cases, jobs), strict=True):
-        groups.setdefault((case.robot, case.controller), []).append((case, result))
-    return Benchmark(tuple(row(*pair, runs) for pair, runs in groups.items()))
+    return Benchmark(tuple(rows_of(zip(cases, run_all(cases, jobs), strict=True))))
