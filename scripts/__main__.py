@@ -17,8 +17,8 @@ COMMANDS = {
     "see what a robot's file amounts to": ("check", "view", "statics", "converge"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "close one loop and look at it": ("run", "play", "replay", "obstacle"),
-    "choose a controller and its gains": ("sweep", "tune", "robustness"),
-    "repeat the paper and go beyond it": ("benchmark", "reproduce", "hold", "beyond", "certify"),
+    "choose a controller and its gains": ("sweep", "tune"),
+    "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
     "time the control step": ("step_time",),
 }
 # what a command of earlier versions is called now

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from softdyn import SoftModel
     from softdyn.validation.studies.engine.case import Case
     from softdyn.validation.studies.engine.distribution import Distribution
+    from softdyn.validation.studies.engine.store import Executor, Store
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -149,17 +150,39 @@ def add_ensemble_options(parser: Parser) -> None:
     )
 
 
-def distributions(arguments: Arguments, cells: Mapping[str, Case]) -> dict[str, Distribution]:
-    """What `add_ensemble_options` asks for, run below --out and kept."""
-    from softdyn.validation.studies.engine import distribution, ensemble, executors
-    from softdyn.validation.studies.engine.store import Store
+def distributions(
+    arguments: Arguments,
+    cells: Mapping[str, Case],
+    store: Store | None = None,
+    execute: Executor | None = None,
+    folder: Path = Path(),
+) -> dict[str, Distribution]:
+    """What `add_ensemble_options` asks for, run below --out and kept.
 
-    store, keep = Store(Path(arguments.out), runs="ensemble"), Path(arguments.keep or "")
+    Parameters
+    ----------
+    arguments : Arguments
+    cells : mapping
+        Label → case.
+    store, execute : optional
+        Where results are kept and what runs them; ``ensemble/`` and --jobs processes by default.
+    folder : Path
+        Relative paths of robots and controllers are relative to it.
+    """
+    from softdyn.validation.studies.engine import distribution, ensemble, executors
+    from softdyn.validation.studies.engine import store as stores
+
+    keep = Path(arguments.keep or "")
     before = distribution.read(keep) if arguments.keep and keep.exists() else {}
     found = ensemble.run(
-        cells, store, executors.strict(arguments.jobs or -1), arguments.ensemble, arguments.seed,
+        cells,
+        store or stores.Store(Path(arguments.out), runs="ensemble"),
+        execute or executors.strict(arguments.jobs or -1),
+        arguments.ensemble,
+        arguments.seed,
         before,
-    )  # fmt: skip
+        folder,
+    )
     both = distribution.join(before, found)
     if arguments.keep:
         distribution.write(keep, both)
@@ -169,25 +192,6 @@ def distributions(arguments: Arguments, cells: Mapping[str, Case]) -> dict[str, 
 def summaries(cells: Mapping[str, Distribution]) -> dict[str, Any]:
     """Cells as a command's JSON has them."""
     return {"cells": {label: cell.summary() for label, cell in cells.items()}}
-
-
-def add_trial_options(parser: Parser, out: str) -> None:
-    """What commands take that run the paper's robots through many closed loops."""
-    parser.add_argument("--robots", nargs="+", default=["finger", "helix", "spirob"], metavar="R")
-    parser.add_argument("--controller", default="best", metavar="CONTROLLER")
-    parser.add_argument("--jobs", type=count, metavar="N", help="default: one per core")
-    parser.option("--out", str, "DIR", "what ran lies here, and is not run again", out)
-    add_ensemble_options(parser)
-    add_json(parser)
-
-
-def check_trials(arguments: Arguments) -> None:
-    """Refuse, before any work, what `add_trial_options` cannot know to be wrong."""
-    from softdyn.controllers import find_controller
-
-    check_outputs(arguments.json, arguments.keep)
-    make_folder(Path(arguments.out))
-    find_controller(arguments.controller)
 
 
 def add_own_options(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""A sweep: closed loops over a grid or random samples, spelt out.
+"""A sweep: closed loops over a grid, over random samples or one change at a time, spelt out.
 
 Every case is plain data with nothing left to look up, in an order that depends on the sweep file
 alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md`` describes it.
@@ -6,7 +6,7 @@ alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import product
@@ -16,11 +16,16 @@ from typing import Any
 from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import from_table
+from softdyn.controllers.qps.horizon import default_horizon
+from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
+from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
+from softdyn.validation.studies.study_targets import Target, study_targets
+from softdyn.validation.studies.sweep_values import GROUPS, Axis, ByRobot
 from softdyn.validation.twin.plant_errors import PlantErrors
 
 FIGURES = {
@@ -28,25 +33,26 @@ FIGURES = {
     "mse_cm2": "mean squared error (cm²)",
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
-PLANT = ("period", "duration", "timestep", "contacts", "friction")
+TIMES = ("period", "duration", "timestep")  # of [plant], but of the case and not of its plant
 GAINS = tuple(field.name for field in fields(Gains))
 TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}  # in a file → of a case
 NAMES = {kind: name for name, kind in TARGETS.items()}
+NOMINAL = "none"  # the change that changes nothing
+HORIZON_SHARE = "gains.horizon_per_eps"
 
 
 def inputs(case: Case) -> dict[str, Any]:
     """A case in the words of a sweep file."""
+    plant = {name: parameter(case, f"plant.{name}") for name in GROUPS["plant"]}
     return {
         "robot": case.robot,
         "controller": case.controller,
         "kind": NAMES[case.kind],
         "target": case.value,
         "gains": case.parameters,
-        "period": case.period,
-        "duration": case.duration,
-        "timestep": case.timestep,
-        "contacts": case.plant.contacts,
-        "friction": case.plant.friction,
+        **plant,
+        "signals": {name: getattr(case.signals, name) for name in GROUPS["signals"]},
+        "ellipse_scale": case.ellipse_scale,
         "sample": case.sample,
     }
 
@@ -54,41 +60,21 @@ def inputs(case: Case) -> dict[str, Any]:
 def parameter(case: Case, name: str) -> Any:
     """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case; None without."""
     group, _, key = name.rpartition(".")
-    found = inputs(case)
     if group == "gains":
-        return (found["gains"] or {}).get(key)
+        gains = case.parameters or {}
+        return gains["horizon"] / gains["eps"] if name == HORIZON_SHARE else gains.get(key)
     if group == "plant":
-        return found[key]
-    return found["target"] if found["kind"] == name else None
+        return getattr(case if key in TIMES else case.plant, key)
+    if group == "signals":
+        return getattr(case.signals, key)
+    if name == "ellipse_scale":
+        return case.ellipse_scale
+    return case.value if NAMES[case.kind] == name else None
 
 
 def store(folder: Path) -> Store:
     """Where a sweep keeps what came of its cases."""
     return Store(folder, runs="cases")
-
-
-@dataclass(frozen=True)
-class Axis:
-    """The values of one parameter: of the grid, or one per sample.
-
-    Attributes
-    ----------
-    name : str
-        ``gains.Kp``, ``plant.period``, ``theta``, …
-    values : tuple
-        In the file's order.
-    drawn : str, optional
-        The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
-    """
-
-    name: str
-    values: tuple[Any, ...]
-    drawn: str | None = None
-
-    @property
-    def varies(self) -> bool:
-        """Whether there is more than one value."""
-        return len(self.values) > 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +83,14 @@ class Sweep:
 
     Attributes
     ----------
-    path : Path
-        The file.
+    path, folder : Path
+        The file, and what relative paths in it are relative to.
     robots, controllers : tuple of str
         Their names in the file.
     targets : tuple of Axis
         One per kind of target in the file.
     axes : tuple of Axis
-        Of gains and plant, in the file's order.
+        Of gains, plant, signals and the ellipse, in the file's order.
     samples, seed : int
         Number of random samples (None without) and their seed.
     logs : bool
@@ -115,9 +101,24 @@ class Sweep:
         The robots' analytic models.
     annotations : dict of str to str
         Robot → the file of its annotations, where its own has none.
+    equilibria : bool
+        Whether a robot that is not the paper's goes to points that it can rest at instead.
+    shorter_periods : tuple of float
+        Control periods (s) of set points besides the usual one, where they are shorter.
+    changes : mapping
+        Name → the parameters that differ in it; each is run by itself.
+    rows : tuple of str
+        What tells the rows of a table of all cells apart; all that differs by default.
+    means : bool
+        Whether that table has the mean of each row.
+    must_not_fail : tuple of str
+        Names of the changes whose runs from rest decide the exit code.
+    gains : mapping
+        Gains of every case, below those of the axes.
     """
 
     path: Path
+    folder: Path
     robots: tuple[str, ...]
     controllers: tuple[str, ...]
     targets: tuple[Axis, ...]
@@ -128,90 +129,136 @@ class Sweep:
     figure: str
     models: dict[str, SoftModel]
     annotations: dict[str, str]
+    equilibria: bool
+    shorter_periods: tuple[float, ...]
+    changes: Mapping[str, Mapping[str, Any]]
+    rows: tuple[str, ...]
+    means: bool
+    must_not_fail: tuple[str, ...]
+    gains: Mapping[str, Any]
 
     def jobs(self) -> list[CaseJob]:
         """Every case with what it depends on."""
         heads = [{"inputs": inputs(case)} for case in self.cases]
-        return worker.jobs_of(self.cases, heads=heads, folder=self.path.parent, log=self.logs)
+        return worker.jobs_of(self.cases, heads=heads, folder=self.folder, log=self.logs)
+
+    @property
+    def tabulated(self) -> bool:
+        """Whether the file asks for a table of all cells."""
+        return bool(self.rows) or len(self.changes) > 1
 
     def varying(self) -> list[Axis]:
-        """Gains and plant parameters with more than one value."""
+        """Parameters with more than one value."""
         return [axis for axis in self.axes if axis.varies]
 
     @cached_property
     def cases(self) -> list[Case]:
-        """Every case: robots, controllers, targets, grid, samples; the last varies fastest.
+        """Every case, the last of the file's parameters varying fastest.
 
         Raises
         ------
         InputError
             For a combination that cannot be run, e.g. a timestep that does not divide the period.
         """
-        found = list(self._expand())
         names: dict[str, Case] = {}
-        for case in found:
+        for case, _ in self.changed_cases:
             if names.setdefault(case.name, case) is not case:
                 raise InputError(str(self.path), "cases that differ", f"{case.name} twice")
-        return found
+        return list(names.values())
 
-    def _expand(self) -> Iterator[Case]:
+    @cached_property
+    def changed_cases(self) -> list[tuple[Case, str]]:
+        """Every case, and the name of the change that it has."""
+        return list(self._expand())
+
+    def _expand(self) -> Iterator[tuple[Case, str]]:
         grid = [axis for axis in self.axes if not axis.drawn]
         drawn = [axis for axis in self.axes if axis.drawn]
-        targets = [
-            (axis, value)
-            for axis in self.targets
-            for value in ([None] if axis.drawn else axis.values)
-        ]
+        targets = {robot: self._targets_of(robot) for robot in self.robots}
         combinations = [dict(zip((a.name for a in grid), values, strict=True))
                         for values in product(*(axis.values for axis in grid))]  # fmt: skip
-        for robot, controller, (axis, target), fixed in product(
-            self.robots, self.controllers, targets, combinations
-        ):
-            for sample in range(self.samples or 1):
-                values = fixed | {a.name: a.values[sample] for a in drawn}
-                goal = axis.values[sample] if axis.drawn else target
-                index = None if self.samples is None else sample
-                yield self._case(robot, controller, axis.name, goal, values, index)
+        for robot, controller in product(self.robots, self.controllers):
+            for (kind, target), combination in product(targets[robot], combinations):
+                for fixed, change in product(
+                    self._at_periods(robot, kind, combination), self.changes
+                ):
+                    if kind == "point" and "ellipse_scale" in self.changes[change]:
+                        continue  # a point lies on no ellipse
+                    other = {n: _of_robot(v, robot) for n, v in self.changes[change].items()}
+                    for sample in range(self.samples or 1):
+                        values = fixed | {a.name: a.values[sample] for a in drawn} | other
+                        goal = target.values[sample] if isinstance(target, Axis) else target
+                        index = None if self.samples is None else sample
+                        yield self._case(robot, controller, kind, goal, values, index), change
+
+    def _targets_of(self, robot: str) -> list[Target]:
+        """Kinds and values; of random samples the axis."""
+        found = [
+            (TARGETS[axis.name], value)
+            for axis in self.targets
+            for value in ([axis] if axis.drawn else axis.values)
+        ]
+        return study_targets(self.models[robot], found) if self.equilibria else found
+
+    def _at_periods(
+        self, robot: str, kind: str, values: dict[str, Any]
+    ) -> Iterator[dict[str, Any]]:
+        """A combination at the shorter periods, then as it is."""
+        usual = values.get("plant.period", experiments.setup_of(self.models[robot]).period)
+        if kind != "tracking":
+            yield from (
+                values | {"plant.period": period} for period in self.shorter_periods
+                if period < usual
+            )  # fmt: skip
+        yield values
 
     def _case(
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
         sample: int | None,
     ) -> Case:  # fmt: skip
-        groups: dict[str, dict[str, Any]] = {"gains": {}, "plant": {}}
+        groups: dict[str, dict[str, Any]] = {"gains": {}, "plant": {}, "signals": {}, "": {}}
         for name, value in values.items():
-            group, _, key = name.partition(".")
+            group, _, key = name.rpartition(".")
             groups[group][key] = value
         plant, model = groups["plant"], self.models[robot]
+        times = {name: plant.pop(name) for name in TIMES if name in plant}
         case = Case(
-            robot, controller, TARGETS[kind], target,
-            parameters=resolve_gains(model, controller, groups["gains"]),
-            period=plant.get("period"),
-            plant=PlantErrors(plant.get("contacts", False), plant.get("friction", False)),
+            robot, controller, kind, target,
+            parameters=resolve_gains(model, controller, {**self.gains, **groups["gains"]}),
+            period=times.get("period"),
+            plant=PlantErrors(**plant),
+            signals=SignalPath(**groups["signals"]),
             annotations=self.annotations.get(robot),
             sample=sample,
+            **groups[""],
         )  # fmt: skip
         try:
             experiment = case.experiment(model)
-            duration = plant.get("duration", experiment.duration)
-            grid = TimeGrid.plan(duration, experiment.period, plant.get("timestep"))
+            duration = times.get("duration", experiment.duration)
+            step = times.get("timestep")
+            step = None if step is None else min(step, experiment.period)
+            grid = TimeGrid.plan(duration, experiment.period, step)
         except InputError as error:
             where = f"{self.path}: {robot}, {error.name}"
             raise InputError(where, error.expected, error.got) from None
-        times = {name: getattr(grid, name) for name in ("period", "duration", "timestep")}
-        return replace(case, **times)
+        return replace(case, **{name: getattr(grid, name) for name in TIMES})
 
 
-def resolve_gains(model: SoftModel, controller: str, given: dict[str, Any]) -> Any:
+def _of_robot(value: Any, robot: str) -> Any:
+    return value.values.get(robot, value.default) if isinstance(value, ByRobot) else value
+
+
+def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -> Any:
     """All gains of a controller of the paper, the published ones where `given` has none.
 
-    Its options, such as a horizon, are as given. Any other controller gets what is given, and None
-    without any.
+    Its options, such as a horizon, are as given; a horizon may be given as a share of ε. Any other
+    controller gets what is given, and None without any.
     """
     if controller not in CONTROLLERS:
-        return given or None
+        return dict(given) or None
     options = CONTROLLERS[controller].options
-    own = {name: value for name, value in given.items() if name in GAINS}
-    gains = from_table(model, controller, own)
-    return {name: float(value) for name, value in asdict(gains).items()} | {
-        name: value for name, value in given.items() if name in options
-    }
+    gains = from_table(model, controller, {n: v for n, v in given.items() if n in GAINS})
+    found = {name: float(value) for name, value in asdict(gains).items()}
+    found |= {name: value for name, value in given.items() if name in options}
+    share = given.get(HORIZON_SHARE.removeprefix("gains."))
+    return found if share is None else found | {"horizon": share * default_horizon(gains)}

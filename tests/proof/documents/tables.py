@@ -20,7 +20,7 @@ from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.paper import one_step
-from softdyn.validation.studies import benchmark, beyond, experiments, hold, robustness
+from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import (
@@ -183,7 +183,11 @@ def _beyond(controller: str) -> str:
                 for value, cell in zip(values, _grid(robot, name, kind), strict=True):
                     own[f"{robot}/{name}/{published}/{cell_title(kind, value)}"] = cell
     ordered = sorted(own, key=lambda label: _place(label, controller))
-    return _noted(beyond.markdown({label: own[label] for label in ordered}))
+    parts = []
+    for symbol, mean in zip(SYMBOLS.values(), ("mean (cm)", "mean (cm²)"), strict=True):
+        mine = {label: own[label] for label in ordered if f"/{symbol} = " in label}
+        parts += [pivot(mine, ["robot", "controller", "period"], mean)] if mine else []
+    return _noted("\n\n".join(parts))
 
 
 def _place(label: str, first: str) -> tuple[int, bool, float]:
@@ -192,7 +196,7 @@ def _place(label: str, first: str) -> tuple[int, bool, float]:
 
 
 def _robustness() -> str:
-    return _noted(robustness.markdown(_cells("robustness")))
+    return _noted(pivot(_cells("robustness"), ["robot", "controller", "change"]))
 
 
 def _reference_plant() -> str:
@@ -206,7 +210,7 @@ def _hold() -> str:
         robot, share, _, column = label.split("/")
         if share == "0":  # the published law itself
             cells[label] = benchmark.committed()[f"{robot}/{LAW}/{column}"]
-    return _noted(hold.markdown(cells))
+    return _noted(pivot(cells, ["robot", "τ / ε", "τ"]))
 
 
 def _one_step() -> str:

@@ -24,7 +24,8 @@ from softdyn.validation import Log, paper, simulate
 from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import cluster as dask
 from softdyn.validation.studies.engine import executors, fingerprint, sources, worker
-from softdyn.validation.studies.sweep_file import MAX_CASES, draw, read
+from softdyn.validation.studies.sweep_file import read
+from softdyn.validation.studies.sweep_values import MAX_CASES, draw
 from tests.support import ROOT
 
 SCRIPTS = ROOT / "scripts"
@@ -309,7 +310,7 @@ MISUSES = [
     ({"more": "[samples]\ncount = 2"}, "samples: expected a parameter with uniform or log_uniform"),
     ({"more": "[samples]\nseed = 2"}, "samples.count: expected a whole number from 1"),
     ({"more": "[samples]\ncount = 2\nseed = -1"}, "samples.seed: expected a whole number from 0"),
-    ({"more": "[plant]\nmass = 1"}, "plant.mass: expected one of period, duration, timestep"),
+    ({"more": "[plant]\nmasses = 1"}, "plant.masses: expected one of period, duration, timestep"),
     ({"more": "[plant]\nperiod = 0"}, "plant.period: expected a finite number > 0, got 0"),
     ({"more": "[plant]\ncontacts = 1"}, "plant.contacts: expected true or false, got 1"),
     ({"more": "[plant]\ncontacts = {uniform = [0, 1]}"}, "plant.contacts: expected true or false"),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from softdyn.validation.studies.engine import worker
@@ -33,6 +34,7 @@ def run(
     count: int = 0,
     seed: int = 1,
     known: Mapping[str, Distribution] | None = None,
+    folder: Path = Path(),
 ) -> dict[str, Distribution]:
     """The distribution of every cell; what `store` has is not run again.
 
@@ -48,20 +50,22 @@ def run(
         Of the nudges.
     known : mapping, optional
         Cells as they were found with other seeds: what moved there is run as often.
+    folder : Path
+        Relative paths of robots and controllers are relative to it.
     """
 
-    def results(cases: Iterable[Case]) -> dict[Case, dict[str, Any]]:
-        jobs = worker.jobs_of(list(dict.fromkeys(cases)))
+    def results(cases: Iterable[Case]) -> dict[str, dict[str, Any]]:
+        jobs = worker.jobs_of([*{case.name: case for case in cases}.values()], folder=folder)
         follow(store.run(jobs, execute), jobs)
-        return {job.case: store.result(job.name) or {} for job in jobs}
+        return {job.name: store.result(job.name) or {} for job in jobs}
 
     def distribution(case: Case, count: int) -> Distribution:
         nudged = members(case, count, seed)
         groups = {"nominal": [case], str(seed): nudged}
-        failed = {key: sum(_failed(found[x]) for x in group) for key, group in groups.items()}
-        figures = tuple(_figure(x, found[x]) for x in nudged)
+        failed = {key: sum(_failed(found[x.name]) for x in group) for key, group in groups.items()}
+        figures = tuple(_figure(x, found[x.name]) for x in nudged)
         lost = {key: number for key, number in failed.items() if number}
-        return Distribution(_figure(case, found[case]), {str(seed): figures}, lost)
+        return Distribution(_figure(case, found[case.name]), {str(seed): figures}, lost)
 
     few = min(SCREEN, count)
     found = results(each for case in cells.values() for each in (case, *members(case, few, seed)))

@@ -1,0 +1,253 @@
+"""The values in a sweep file: single ones, lists, ranges and distributions, strictly read.
+
+A check takes a key and a value, and returns the value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, UrdfError
+from softdyn.checks import number
+from softdyn.controllers import Gains
+
+Check = Callable[[str, Any], Any]
+POINTS = "[x, y, z] in m, or a list of such"
+MAX_CASES = 100_000
+RANGE = ("from", "to", "count", "spacing")
+DRAWN = {"uniform": False, "log_uniform": True}  # distribution → whether of the logarithm
+
+
+def draw(
+    key: str, seed: int, count: int, lower: float, upper: float, log: bool
+) -> tuple[float, ...]:
+    """Random values of one parameter in [lower, upper].
+
+    Every parameter has a stream of its own, so that neither another parameter nor a larger `count`
+    changes the samples that were already drawn.
+    """
+    share = np.random.Generator(np.random.PCG64([seed, *key.encode()])).random(count)
+    if log:
+        low, high = math.log(lower), math.log(upper)
+        values = np.exp(low + (high - low) * share)
+    else:
+        values = lower + (upper - lower) * share
+    return tuple(np.clip(values, lower, upper).tolist())
+
+
+def positive(key: str, value: Any) -> float:
+    """A finite number above 0."""
+    return number(key, value, above=0.0)
+
+
+def point(key: str, value: Any) -> tuple[float, ...]:
+    """Three finite numbers."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise InputError(key, POINTS, repr(value))
+    return tuple(number(key, x) for x in value)
+
+
+def gain(key: str, value: Any) -> float:
+    """A value that this field of `Gains` may have."""
+    Gains(**{"Kp": 1.0, key.removeprefix("gains."): value})
+    return float(value)
+
+
+def anything(key: str, value: Any) -> Any:
+    """A number, true or false, a text, or a list of such, for a user's own controller."""
+    if isinstance(value, list):
+        return tuple(anything(key, item) for item in value)
+    return value if isinstance(value, bool | str) else number(key, value)
+
+
+def flag(key: str, value: Any) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise InputError(key, "true or false", repr(value))
+    return value
+
+
+def not_negative(key: str, value: Any) -> float:
+    """A finite number >= 0."""
+    return number(key, value, lower=0.0)
+
+
+def step(key: str, value: Any) -> float:
+    """A plant step (s); ``inf`` is one a control period."""
+    return math.inf if value == math.inf else positive(key, value)
+
+
+def seed(key: str, value: Any) -> int:
+    """A whole number >= 0."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise InputError(key, "a whole number >= 0", repr(value))
+    return value
+
+
+# group → its parameters and their checks; those of [gains] depend on the controllers
+GROUPS: dict[str, dict[str, Check]] = {
+    "plant": {
+        "period": positive, "duration": positive, "timestep": step, "contacts": flag,
+        "friction": flag, "mass": positive, "stiffness": not_negative, "damping": not_negative,
+        "dry_friction": not_negative, "cable_friction": not_negative, "soft_stops": flag,
+    },
+    "signals": {
+        "delay": not_negative, "lag": not_negative, "noise": not_negative, "seed": seed,
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The values of one parameter: of the grid, or one per sample.
+
+    Attributes
+    ----------
+    name : str
+        ``gains.Kp``, ``plant.period``, ``theta``, …
+    values : tuple
+        In the file's order.
+    drawn : str, optional
+        The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
+    """
+
+    name: str
+    values: tuple[Any, ...]
+    drawn: str | None = None
+
+    @property
+    def varies(self) -> bool:
+        """Whether there is more than one value."""
+        return len(self.values) > 1
+
+
+@dataclass(frozen=True)
+class ByRobot:
+    """A value that differs between robots.
+
+    Attributes
+    ----------
+    values : mapping
+        Robot → its value.
+    default : Any
+        The value of every other robot.
+    """
+
+    values: Mapping[str, Any]
+    default: Any
+
+
+class ValueReader:
+    """Reads values of one file; every error names the file and the key."""
+
+    def __init__(self, path: Path, table: dict[str, Any]) -> None:
+        self.path, self.table = path, table
+        self.count: int | None = None
+        self.seed = 0
+
+    def check(self, fits: Any, key: str, expected: str, got: Any) -> None:
+        """Refuse what does not fit."""
+        if not fits:
+            where = f"{self.path}: {key}" if key else str(self.path)
+            raise InputError(where, expected, got if isinstance(got, str) else repr(got))
+
+    def told(self, key: str, error: InputError | UrdfError, where: str = "") -> InputError:
+        """An error as one of this file."""
+        return InputError(f"{self.path}: {key}", error.expected, error.got + where)
+
+    def axis(self, key: str, name: str, value: Any, check: Check) -> Axis:
+        """The values of one parameter: a number, a list, a range, or a distribution."""
+        drawn = None
+        try:
+            if isinstance(value, dict) and check not in (flag, point, seed):
+                drawn = next((kind for kind in DRAWN if kind in value), None)
+                values = self.draw(key, value, check, drawn) if drawn else (
+                    self.spread(key, value, check))  # fmt: skip
+            else:
+                values = tuple(
+                    check(key, v) for v in (value if isinstance(value, list) else [value])
+                )
+        except InputError as error:
+            raise (
+                error if error.name.startswith(f"{self.path}: ") else self.told(key, error)
+            ) from None
+        self.check(bool(values), key, "at least one value", value)
+        distinct = len({(isinstance(v, bool), v) for v in values}) == len(values)
+        many = f"{len(values)} " if isinstance(value, dict) else ""
+        self.check(distinct or drawn is not None, key, f"{many}distinct values", value)
+        return Axis(name, values, drawn)
+
+    def draw(self, key: str, table: dict[str, Any], check: Check, kind: str) -> tuple[float, ...]:
+        """Random values between both ends of a distribution."""
+        self.known(key, table, (kind,))
+        ends = table[kind]
+        pair = isinstance(ends, list) and len(ends) == 2
+        self.check(pair, f"{key}.{kind}", "[lower, upper]", ends)
+        if self.count is None:
+            expected = f"a table with the count of samples of {key}"
+            raise InputError(f"{self.path}: samples", expected, "none")
+        lower, upper = self.ends(key, ends, check, DRAWN[kind])
+        return draw(key, self.seed, self.count, lower, upper, DRAWN[kind])
+
+    def spread(self, key: str, table: dict[str, Any], check: Check) -> tuple[float, ...]:
+        """The values of a range."""
+        self.known(key, table, RANGE)
+        expected = "a range {from, to, count}, {uniform} or {log_uniform}"
+        self.check(all(name in table for name in RANGE[:3]), key, expected, table)
+        spacing = table.get("spacing", "linear")
+        self.check(spacing in ("linear", "log"), f"{key}.spacing", "linear or log", spacing)
+        count = self.whole(f"{key}.count", table["count"], 2, MAX_CASES)
+        lower, upper = self.ends(key, [table["from"], table["to"]], check, spacing == "log")
+        make = np.geomspace if spacing == "log" else np.linspace
+        return tuple(make(lower, upper, count).tolist())
+
+    def ends(self, key: str, ends: list[Any], check: Check, log: bool) -> tuple[float, float]:
+        """Both ends of a range, each a value that the parameter may have."""
+        for end in ends:
+            number(key, end, above=0.0 if log else -math.inf)
+            check(key, end)
+        fits = ends[0] < ends[1] and math.isfinite(ends[1] - ends[0])
+        self.check(fits, key, "a lower end below the upper", ends)
+        return float(ends[0]), float(ends[1])
+
+    def texts(self, key: str, expected: str, known: Iterable[str]) -> list[str]:
+        """A list of names, none of them twice; none where there is no such key."""
+        value = self.table.get(key, [])
+        fits = isinstance(value, list) and all(isinstance(name, str) for name in value)
+        self.check(fits and len(set(value)) == len(value), key, f"a list of {expected}", value)
+        for name in value:
+            self.check(name in known, key, f"{expected}: any of {', '.join(known)}", name)
+        return list(value)
+
+    def yes(self, key: str, table: Mapping[str, Any]) -> bool:
+        """A key that is true or false, false where there is none."""
+        value = table.get(key.rpartition(".")[2], False)
+        self.check(isinstance(value, bool), key, "true or false", value)
+        return bool(value)
+
+    def section(self, key: str, names: tuple[str, ...] | None) -> dict[str, Any]:
+        """A table of the file, with `names` alone; empty where there is none."""
+        value = self.table.get(key, {})
+        self.check(isinstance(value, dict), key, f"a table [{key}]", value)
+        if names is not None:
+            self.known(key, value, names)
+        return dict(value)
+
+    def known(self, key: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
+        """Refuse a table with another key than `names`."""
+        for name in table:
+            where = f"{key}.{name}" if key else name
+            self.check(name in names, where, f"one of {', '.join(names)}", "an unknown key")
+
+    def whole(self, key: str, value: Any, lower: int, upper: int) -> int:
+        """A whole number between both."""
+        fits = isinstance(value, int) and not isinstance(value, bool) and lower <= value <= upper
+        expected = f"a whole number from {lower} to {upper}"
+        self.check(fits, key, expected, "none" if value is None else value)
+        return int(value)
