@@ -12,7 +12,6 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import CONTROLLERS, Certified
 from softdyn.statics.zero_dynamics import examine, zero_spectrum
-from softdyn.validation.files import atomic
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.report.plot_style import (
@@ -29,6 +28,7 @@ from softdyn.validation.report.plot_style import (
     panels,
     robot_title,
     style,
+    write_figure,
 )
 from softdyn.validation.report.plot_style import (
     CONTROLLERS as LOOKS,
@@ -140,5 +140,4 @@ def draw(path: Path, model: SoftModel, logs: Sequence[Log]) -> None:
         axes[2][0].set_ylabel("least ∂K + ∂g, unactuated")
         names = {"V̇ with the model's q̈": VERMILLION, "what the programme claims, −V/ε + δ": BLUE}
         legend_above(figure, [handle(name, (colour, "-")) for name, colour in names.items()])
-        with atomic(path) as stream:
-            figure.savefig(stream, format="png")
+        write_figure(figure, path)

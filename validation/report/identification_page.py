@@ -5,20 +5,23 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from softdyn.identification import Identified, Measurements
 from softdyn.validation.report.plot_style import style
+from softdyn.validation.tables import Table
 from softdyn.view.page import head
 
+TITLES = ("parameter", "value", "95 %", "file", "unit")
 SHOWN = 4  # outputs: the ones that the model explains worst
 STYLE = """\
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }
 table { border-collapse: collapse; } td, th { padding: 3px 12px; text-align: right; }
 th:first-child, td:first-child { text-align: left; } tr { border-bottom: 1px solid #ddd; }
-.vague { color: #a33; } img { max-width: 100%; }
+.bad { color: #a33; } img { max-width: 100%; }
 """
 
 
@@ -35,15 +38,12 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     """
     rows = []
     for one in found.estimates:
-        low, high = one.interval
-        cells = (
-            (f"{one.value:.6g}", f"{low:.6g} … {high:.6g}", f"{one.parameter.nominal:.6g}")
-            if one.identified
-            else ("not identified", "", f"{one.parameter.nominal:.6g}")
-        )
-        kind = "" if one.identified else ' class="vague"'
-        texts = (one.parameter.label, *cells, one.parameter.unit)
-        rows.append(f"<tr{kind}>" + "".join(f"<td>{escape(text)}</td>" for text in texts))
+        shown: list[Any] = ["not identified", ""]
+        if one.identified:
+            shown = [one.value, "{:.6g} … {:.6g}".format(*one.interval)]
+        rows.append([one.parameter.label, *shown, one.parameter.nominal, one.parameter.unit])
+    table = Table(TITLES, rows, ("", ".6g", "", ".6g", ""))
+    bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
     white = "white" if found.white >= 0.01 else "not white: the model lacks something"
     notes = [
         f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); intervals count their colour.",
@@ -58,7 +58,7 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     title = f"Identification of {name}"
     return "".join([
         head(title, STYLE), f"<body>\n<h1>{escape(title)}</h1>\n",
-        "<table><tr><th>parameter<th>value<th>95 %<th>file<th>unit</tr>", *rows, "</table>",
+        table.html(bad),
         *(f"<p>{escape(note)}" for note in notes), *images, "</body>\n</html>\n",
     ])  # fmt: skip
 

@@ -177,8 +177,12 @@ def save(figure: Figure, path: Path) -> list[Path]:
     """Write `path`.pdf and `path`.png, each whole or not at all, the same bytes every time."""
     written = []
     for kind, metadata in (("pdf", {"CreationDate": None, "ModDate": None}), ("png", {})):
-        file = path.with_name(f"{path.name}.{kind}")
-        with atomic(file) as stream:
-            figure.savefig(stream, format=kind, metadata=metadata)
-        written.append(file)
+        written.append(path.with_name(f"{path.name}.{kind}"))
+        write_figure(figure, written[-1], metadata=metadata)
     return written
+
+
+def write_figure(figure: Figure, path: Path, **options: Any) -> None:
+    """Write a file in the format of its suffix, whole or not at all."""
+    with atomic(path) as stream:
+        figure.savefig(stream, format=path.suffix.lower()[1:], **options)

@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 
 from softdyn.statics import Equilibrium
 from softdyn.validation.crosschecks.rest_report import RestReport
-from softdyn.validation.files import atomic
 from softdyn.validation.report.plot_style import (
     BLACK,
     GREEN,
@@ -25,6 +24,7 @@ from softdyn.validation.report.plot_style import (
     panels,
     robot_title,
     style,
+    write_figure,
 )
 
 FLAT = 1e-6  # of the size: what is so close to a plane is in it
@@ -127,8 +127,7 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
                 axis.annotate(target.name, at, (5, 4), textcoords="offset points", fontsize=7)
             axis.set_aspect("equal")
         figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
-        with atomic(path) as stream:
-            figure.savefig(stream, format=path.suffix.lower()[1:])
+        write_figure(figure, path)
 
 
 def _handles() -> list[Line2D]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from softdyn.validation.report.plot_style import (
     BLACK,
@@ -37,9 +38,7 @@ def bars(rows: list[dict[str, Any]], path: Path) -> list[Path]:
             _stack(axis, own)
             letter(axis, i, f"{robot_title(robot)}\nn = {own[0]['n']}, m = {own[0]['m']}")
         axes[0][0].set_ylabel("one control step, median (µs)")
-        handles, labels = axes[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        return save(figure, path)
+        return _save(figure, axes[0][0], path)
 
 
 def growth(scaling: dict[str, list[dict[str, Any]]], path: Path) -> list[Path]:
@@ -53,9 +52,14 @@ def growth(scaling: dict[str, list[dict[str, Any]]], path: Path) -> list[Path]:
             axis.set_xlabel(f"{variable}, {title} ({fixed} = {rows[0][fixed]})")
             letter(axis, i, f"against {title}")
         axes[0][0].set_ylabel("median (µs)")
-        handles, labels = axes[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        return save(figure, path)
+        return _save(figure, axes[0][0], path)
+
+
+def _save(figure: Figure, axis: Axes, path: Path) -> list[Path]:
+    """Write the figure with the legend of one panel above all."""
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return save(figure, path)
 
 
 def _stack(axis: Axes, rows: list[dict[str, Any]]) -> None:

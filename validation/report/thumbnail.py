@@ -11,8 +11,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure as Canvas
 
 from softdyn.description.visuals import triangles
-from softdyn.validation.files import atomic
 from softdyn.validation.loop.log import Log
+from softdyn.validation.report.plot_style import write_figure
 from softdyn.validation.report.replay import reference_path
 from softdyn.view.scene import Figure, tension_colour
 
@@ -43,8 +43,7 @@ def thumbnail(log: Log, figure: Figure, path: Path) -> None:
     _draw_robot(axes, log, figure, last)
     x, y = _flat(log.y_ref[last])
     axes.plot([x], [y], "o", color=TARGET, markersize=4.5, alpha=0.85, zorder=5)
-    with atomic(path) as stream:
-        canvas.savefig(stream, format="png", transparent=True)
+    write_figure(canvas, path, transparent=True)
 
 
 def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> None:

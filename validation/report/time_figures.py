@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from softdyn.validation.files import atomic
 from softdyn.validation.loop.labels import experiment_title, labels_of
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.verdict import activity
@@ -100,9 +99,7 @@ def save_comparison(
     """Write the figure of `compare`, .png or .pdf; `labels` are what tells the runs apart."""
     path = look.check_path(path)
     with look.style():
-        figure = compare(logs, labels or labels_of(logs))
-        with atomic(path) as stream:
-            figure.savefig(stream, format=path.suffix.lower()[1:], dpi=120)
+        look.write_figure(compare(logs, labels or labels_of(logs)), path, dpi=120)
 
 
 def plot(log: Log, path: str | Path | None = None) -> Figure:
