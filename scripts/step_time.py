@@ -12,7 +12,7 @@ from softdyn.commands import cli  # beside this script
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
-SCALING_ROUNDS, HOSTILE_ROUNDS = 20, 5
+HOSTILE_ROUNDS = 5
 DRIVER = "soft-id-clf-qp"  # drives the loops that states are recorded from
 EPILOG = """\
 Robots and controllers as in benchmark.py. Every figure comes from the same recorded closed-loop
@@ -44,7 +44,6 @@ parser.add_argument(
     "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
 )
 parser.add_argument("--no-stack", action="store_true", help="leave the paper's stack out")
-parser.add_argument("--scaling", action="store_true", help="also against n and m, on chains")
 parser.add_argument("--hostile", action="store_true", help="the slowest step under hostile numbers")
 parser.add_argument("--throughput", action="store_true", help="also whole closed loops")
 parser.add_argument(
@@ -52,6 +51,7 @@ parser.add_argument(
 )
 cli.add_own_options(parser)
 cli.add_json(parser)
+parser.moved("--scaling", "python -m tests.proof scaling")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -98,7 +98,6 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     from softdyn.validation.report import step_figures
     from softdyn.validation.timing import step_report
     from softdyn.validation.timing.recording import recorded
-    from softdyn.validation.timing.step_scaling import scaling
     from softdyn.validation.timing.step_time import SAMPLES, MachineLoad, paper_stack, rows_of
     from softdyn.validation.timing.throughput import throughput
 
@@ -112,15 +111,13 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
         return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
 
     load, report = MachineLoad(), dict[str, Any](rows=[])
-    total = rounds * len(models) + arguments.scaling * SCALING_ROUNDS
+    total = rounds * len(models)
     with tqdm(total=total, unit="round", disable=None, leave=False) as bar:
         for name, model in models.items():
             bar.set_description(name)
             _, drive = driver(model)
             states = recorded(model, drive, arguments.states, out / "states", name)
             report["rows"] += rows_of(name, model, makes, states.steps(), rounds, stack, bar.update)
-        if arguments.scaling:
-            report["scaling"] = scaling(rounds=SCALING_ROUNDS, tick=bar.update)
         if arguments.throughput:
             report["throughput"] = [
                 throughput(model, name, make=make)
@@ -129,8 +126,6 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     report["machine"] = step_report.machine() | load.report()
 
     step_figures.bars(report["rows"], out / "step_time")
-    if arguments.scaling:
-        step_figures.growth(report["scaling"], out / "scaling")
     write_text(out / "step_time.md", step_report.step_document(report))
     write_text(out / "step_time.json", to_json(report) + "\n")
     where = f"\nTables, figures, states: {out}/"

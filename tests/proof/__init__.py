@@ -11,5 +11,6 @@ the wheel.
 - `twins`: the identification of twins whose figures the documents show;
 - `closed_forms`, `peer`, `rods`: chains of joints against theory and against SoRoMoX;
 - `textbook`, `laws`: every controller against the paper's QPs as printed;
-- `compare_steps`, `timing`: step times of another checkout against this one.
+- `compare_steps`, `scaling`, `timing`: step times of another checkout against this one, and
+  against the size of a robot.
 """

@@ -9,7 +9,7 @@ from softdyn.commands import cli
 
 PROGRAMS = (
     "fuzz", "robots", "pairs", "textbook", "closed_forms", "peer",
-    "compare_steps", "twins", "tables", "pictures",
+    "compare_steps", "scaling", "twins", "tables", "pictures",
 )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 ======================== ==================================================================
 `step_time`              one step, its parts, the floor below it, the paper's stack; rounds
-`step_scaling`, `chains` the same against n and m, on generated chains
 `throughput`             whole closed loops per second
 `worst_step`, `hostile`  the slowest step under numbers that no sensor should send
 `recording`              closed-loop states that steps are timed on

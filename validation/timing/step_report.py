@@ -27,12 +27,6 @@ STEP = (  # title, key, format
     ("ratio", "ratio", ".0f"),
     ("as a QP", "ratio_quadratic", ".0f"),
 )
-SCALING = (
-    ("n", "n", ""),
-    ("m", "m", ""),
-    *(column for column in STEP[2:10] if column[1] not in ("p99_us", "p999_us")),
-    ("ProxQP's own", "proxqp_us", ".1f"),
-)
 THROUGHPUT = (
     ("Robot", "robot", ""),
     ("simulated s", "simulated_s", ".0f"),
@@ -61,8 +55,6 @@ def machine() -> dict[str, Any]:
 def step_tables(report: dict[str, Any]) -> dict[str, Table]:
     """The tables of a report by their headings."""
     found = {"One control step": Table.of(STEP, report["rows"])}
-    for axis, rows in report.get("scaling", {}).items():
-        found[f"Against {axis}"] = Table.of(SCALING, rows)
     if "throughput" in report:
         found["Closed loops"] = Table.of(THROUGHPUT, report["throughput"])
     return found
