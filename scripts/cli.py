@@ -37,6 +37,11 @@ class Parser(argparse.ArgumentParser):
         super().__init__(description=description, epilog=epilog, formatter_class=layout)
         # argparse takes -1e-3 for an option: its own pattern knows no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
+        self.outputs: list[str] = []
+
+    def output(self, name: str, metavar: str, help: str) -> None:
+        """An option for a file that the command writes: `check_outputs` knows it."""
+        self.outputs.append(self.add_argument(name, metavar=metavar, help=help).dest)
 
     def option(self, name: str, kind: Callable, metavar: str, help: str, default: Any) -> None:
         """An option with a default, which its help tells."""
@@ -94,11 +99,9 @@ def whole(text: str) -> int:
     return int(text)
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: Parser) -> None:
     """The option for `write_report`, the same in every command."""
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the figures as JSON; - prints them and nothing else"
-    )
+    parser.output("--json", "FILE", "write the figures as JSON; - prints them and nothing else")
 
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
@@ -223,7 +226,7 @@ def program(parser: Parser, command: Command, module: str) -> Callable[..., int]
         prepare_streams()
         arguments = parser.parse_args(argv)
         one_thread()
-        return run(command, arguments)
+        return run(command, arguments, parser)
 
     if module == "__main__":
         sys.exit(main())
@@ -254,12 +257,13 @@ def one_thread() -> None:
         os.environ[f"{library}_NUM_THREADS"] = "1"
 
 
-def run(command: Command, arguments: Arguments) -> int:
+def run(command: Command, arguments: Arguments, parser: Parser) -> int:
     """Call `command` and turn what it raises into an exit code and one line on stderr."""
     from softdyn import InputError, SoftdynError, UrdfError
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
+        check_outputs(parser, arguments)
         return command(arguments)
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -336,11 +340,22 @@ def say(text: str) -> None:
         raise InputError("stdout", "a stream to write to", error.strerror or error) from None
 
 
-def check_outputs(*targets: str | None, inputs: Iterable[str | None] = ()) -> None:
-    """Refuse, before any work, outputs that cannot be written, and those that are another file."""
-    from softdyn.validation.files import check_outputs as check
+def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> None:
+    """Refuse, before any work, outputs that cannot be written or that would replace an input.
 
-    check(*targets, inputs=inputs)
+    The outputs are those of `Parser.output` and `more`; every other argument may name a file that
+    the command reads.
+    """
+    given = vars(arguments)
+    written = [*(given[name] for name in parser.outputs), *more]
+    if not any(written):
+        return
+    from softdyn.validation.files import check_outputs as check
+    from softdyn.validation.inputs import files_read
+
+    values = [value for name, value in given.items() if name not in parser.outputs]
+    each = (x for value in values for x in (value if isinstance(value, list | tuple) else [value]))
+    check(*written, read=files_read(each))
 
 
 def make_folder(path: Path) -> None:

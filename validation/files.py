@@ -8,7 +8,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 
@@ -46,17 +46,16 @@ def check_writable(path: str | Path) -> Path:
     return path
 
 
-def check_outputs(*paths: str | Path | None, inputs: Iterable[str | Path | None] = ()) -> None:
+def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> None:
     """`check_writable` of each file of one command, before any work; None and ``-`` are none.
 
     Raises
     ------
     InputError
-        Also for two outputs that are one file: the second would replace the first; and for one of
-        the files that the command reads, `inputs`.
+        Also for two outputs that are one file, since the second would replace the first; and for
+        one of the files that the command reads, which `inputs.files_read` finds.
     """
     seen: set[Path] = set()
-    read = {followed(Path(path)) for path in inputs if path and os.path.isfile(path)}
     for path in paths:
         if path is None or str(path) == "-":
             continue
@@ -67,7 +66,7 @@ def check_outputs(*paths: str | Path | None, inputs: Iterable[str | Path | None]
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
         if target in read:
-            raise InputError(str(path), "another file than what is read", "that one")
+            raise InputError(str(path), "a file that this command does not read", "one that it reads")
         seen.add(target)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib
 import os
@@ -21,6 +20,7 @@ from softdyn.controllers import find_controller
 from softdyn.controllers.registry import is_own
 from softdyn.controllers.schedule import schedule_path
 from softdyn.description.library import bundled_names, find
+from softdyn.validation.inputs import imported
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
 # Models and classes are built once a thread: a SoftModel's scratch memory is not for two.
@@ -126,37 +126,6 @@ def of_controller(text: str, folder: Path = Path()) -> Source | None:
         return None
     beside = [p for p in imported(path) if p != path.resolve()]
     return Source.of(text, [path, *beside], own=True)
-
-
-def imported(file: Path) -> list[Path]:
-    """A Python file and the modules beside it that it imports, and those that these import.
-
-    softdyn is none of them, also where it lies beside the file: it is a part of every fingerprint.
-    """
-    root = file.resolve().parent
-    found: list[Path] = []
-    todo = [file.resolve()]
-    while todo:
-        path = todo.pop()
-        if path in found:
-            continue
-        found.append(path)
-        for node in ast.walk(ast.parse(path.read_bytes())):
-            for module in _modules(node):
-                if module.partition(".")[0] == "softdyn":
-                    continue
-                base = root.joinpath(*module.split("."))
-                todo += [p for p in (base.with_suffix(".py"), base / "__init__.py") if p.is_file()]
-    return sorted(found)
-
-
-def _modules(node: ast.AST) -> list[str]:
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    if isinstance(node, ast.ImportFrom):
-        module = [node.module] if node.module else []
-        return [*module, *(".".join((*module, alias.name)) for alias in node.names)]
-    return []
 
 
 def load_model(robot: str | Path, annotations: str | Path | None = None) -> SoftModel:
