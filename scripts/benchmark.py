@@ -59,7 +59,6 @@ def command(arguments: cli.Arguments) -> int:
 
     began = perf_counter()
     out, jobs = Path(arguments.out), arguments.jobs or -1
-    cli.check_outputs(arguments.json, arguments.keep)
     cases = benchmark.grid(
         arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
     )

@@ -38,7 +38,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.tables import Table
 
     cli.make_folder(arguments.out)
-    cli.check_outputs(arguments.json)
     rows = []
     runs = len(arguments.robots) * len(arguments.thetas) * len(LAWS)
     with tqdm(total=runs, disable=None, leave=False, unit="run") as bar:

@@ -31,7 +31,6 @@ def command(arguments: cli.Arguments) -> int:
 
     from softdyn.statics import diagnose
 
-    cli.check_outputs(arguments.json, inputs=(arguments.robot, arguments.annotations))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they are in the report
         model = cli.load_robot(arguments)

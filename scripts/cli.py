@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -146,11 +146,7 @@ def add_ensemble_options(parser: Parser) -> None:
         help="every loop from 2 starts nudged by 1e-9 too, from N where its printed figure moves",
     )  # fmt: skip
     parser.option("--seed", whole, "S", "of the nudges", 1)
-    parser.add_argument(
-        "--keep",
-        metavar="FILE",
-        help="join the figures with those in FILE, of other seeds and cells",
-    )
+    parser.output("--keep", "FILE", "join the figures with those in FILE, of other seeds and cells")
 
 
 def distributions(

@@ -32,7 +32,7 @@ parser.add_argument("--strict", action="store_true", help="fail for what one fil
 parser.add_argument(
     "--engines", action="store_true", help="ask Pinocchio and MuJoCo, each file and both together"
 )
-parser.add_argument("--html", metavar="FILE", help="write both robots as a page")
+parser.output("--html", "FILE", "write both robots as a page")
 parser.add_argument("--view", action="store_true", help="show that page in the browser")
 parser.add_argument("--samples", type=cli.count, default=8, metavar="N", help="random states (8)")
 parser.add_argument("--seed", type=cli.whole, default=0, metavar="S", help="of the random states")
@@ -46,11 +46,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation import compare
     from softdyn.validation.mjcf.comparison.side import Side
 
-    cli.check_outputs(
-        arguments.json,
-        arguments.html,
-        inputs=(arguments.a, arguments.b, arguments.map),
-    )
     mapping = None if arguments.map is None else read_map(arguments.map)
     sides = Side.of(arguments.a), Side.of(arguments.b)
     result = compare(

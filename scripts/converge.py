@@ -29,7 +29,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import design
     from softdyn.validation.rods import convergence
 
-    cli.check_outputs(arguments.json, inputs=[arguments.file])
     arm = design.arm_of(cli.read_toml(arguments.file), arguments.file)
     found = convergence.converge(arm, arguments.segments, arguments.tolerance)
     report = {"file": arguments.file, "name": arm.name, **found.to_dict()}

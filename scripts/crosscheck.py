@@ -33,7 +33,6 @@ def command(arguments: cli.Arguments) -> int:
     """Load, compare, report."""
     from softdyn.validation import Twin, crosscheck
 
-    cli.check_outputs(arguments.json, inputs=(arguments.robot, arguments.annotations))
     model = cli.load_robot(arguments)
     show = sys.stderr.isatty()
     result = crosscheck(

@@ -21,6 +21,7 @@ parser.add_argument("robot", metavar="ROBOT", help="a URDF or its name; an MJCF 
 output = parser.add_mutually_exclusive_group(required=True)
 output.add_argument("--mjcf", metavar="FILE", help="write MJCF")
 output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
+parser.outputs += ["mjcf", "urdf"]
 cli.add_robot_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out what it looks like")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links touch each other")
@@ -31,12 +32,6 @@ def command(arguments: cli.Arguments) -> int:
     """Write, then read what was written and compare."""
     from softdyn.validation.mjcf import export
 
-    cli.check_outputs(
-        arguments.json,
-        arguments.mjcf,
-        arguments.urdf,
-        inputs=(arguments.robot, arguments.annotations),
-    )
     if arguments.urdf is not None:
         result, lost = export.write_urdf(arguments.robot, arguments.urdf)
     else:

@@ -66,8 +66,8 @@ parser.add_argument(
 )
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest of the twin", 1e-4)
-parser.add_argument("--out", metavar="URDF", help="write the robot's file with the new numbers")
-parser.add_argument("--html", metavar="FILE", help="write a page: fit, residuals, intervals")
+parser.output("--out", "URDF", "write the robot's file with the new numbers")
+parser.output("--html", "FILE", "write a page: fit, residuals, intervals")
 cli.add_json(parser)
 
 
@@ -79,9 +79,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
 
-    cli.check_outputs(
-        arguments.out, arguments.html, arguments.json, inputs=(arguments.robot, arguments.data)
-    )
     if (arguments.data is None) == (arguments.twin is None):
         raise InputError("DATA", "a file, or --twin", "both" if arguments.data else "neither")
     if arguments.twin is not None and (arguments.out or arguments.html):

@@ -16,9 +16,9 @@ exit codes: 0 written; 2 bad input.
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("file", metavar="FILE", help="TOML")
-parser.add_argument(
-    "--out", metavar="URDF",
-    help="what to write or replace (default: FILE with .urdf; refused if another hand wrote it)",
+parser.output(
+    "--out", "URDF",
+    "what to write or replace (default: FILE with .urdf; refused if another hand wrote it)",
 )  # fmt: skip
 cli.add_json(parser)
 
@@ -27,14 +27,22 @@ def command(arguments: cli.Arguments) -> int:
     """Read, judge, write."""
     from softdyn import InputError, design
     from softdyn.design.urdf_text import GENERATED
+    from softdyn.loading import load_text
     from softdyn.validation.files import atomic
 
+    table = cli.read_toml(arguments.file)
     out = Path(arguments.out or Path(arguments.file).with_suffix(".urdf"))
-    cli.check_outputs(str(out), arguments.json, inputs=[arguments.file])
+    if arguments.out is None:
+        cli.check_outputs(parser, arguments, out)
     own = not out.is_file() or GENERATED.encode() in out.read_bytes()
     if arguments.out is None and not own:
         raise InputError(str(out), "no file, or --out to replace it", "one of another hand")
-    made = design.read(cli.read_toml(arguments.file), arguments.file)
+    made = design.read(table, arguments.file)
+    for name, content in made.meshes.items():
+        there = out.parent / name
+        if there.is_file() and there.read_bytes() != content and not (own and out.is_file()):
+            raise InputError(str(there), "no file, or the mesh that this command writes", "another")
+    load_text(made.text, path=out)  # refuses what `softdyn.load` would refuse, before it is written
     for name, content in {**made.meshes, out.name: made.text.encode()}.items():
         cli.make_folder((out.parent / name).parent)
         with atomic(out.parent / name) as file:

@@ -31,7 +31,7 @@ parser.add_argument("--duration", type=cli.positive, default=3.0, metavar="S")
 parser.add_argument("--limits", action="store_true", help="joint limits are barriers too")
 parser.add_argument("--runs", type=int, default=0, metavar="N", help="random runs (default: 0)")
 parser.add_argument("--seed", type=int, default=0, metavar="S")
-parser.add_argument("--html", metavar="FILE", help="write a page that replays the three runs")
+parser.output("--html", "FILE", "write a page that replays the three runs")
 parser.add_argument("--log", metavar="PREFIX", help="save the three runs, for replay.py")
 cli.add_json(parser)
 
@@ -41,7 +41,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers.gains import from_table
     from softdyn.validation.studies import obstacle
 
-    cli.check_outputs(arguments.json, arguments.html, inputs=(arguments.robot, arguments.gains))
     model = cli.load_robot(arguments)
     table = cli.read_toml(arguments.gains) if arguments.gains else {}
     met = obstacle.meet(

@@ -17,8 +17,8 @@ exit codes: 0 written; 2 bad input.
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("logs", nargs="+", metavar="LOG")
-parser.add_argument("--html", metavar="FILE", help="the page to write")
-parser.add_argument("--plot", metavar="FILE", help="errors and inputs over time: .png or .pdf")
+parser.output("--html", "FILE", "the page to write")
+parser.output("--plot", "FILE", "errors and inputs over time: .png or .pdf")
 parser.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each log")
 parser.add_argument(
     "--side-by-side", action="store_true", help="next to each other, not in one place"
@@ -41,7 +41,6 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.report.time_figures import look, save_comparison
 
         look.check_path(arguments.plot)
-    cli.check_outputs(arguments.html, arguments.plot, inputs=(*arguments.logs, arguments.robot))
     if arguments.labels is not None and len(arguments.labels) != len(arguments.logs):
         raise softdyn.InputError(
             "--labels", f"one for each of {len(arguments.logs)} logs", len(arguments.labels)

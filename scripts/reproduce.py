@@ -72,7 +72,6 @@ def command(arguments: cli.Arguments) -> int:
             name, arguments.robots, arguments.controllers, arguments.thetas, arguments.omegas
         )
     ]
-    cli.check_outputs(arguments.json, arguments.keep)
     if arguments.keep or arguments.ensemble:
         from softdyn.validation.studies.engine.distribution import pivot
 
@@ -107,7 +106,6 @@ def one_step_table(arguments: cli.Arguments) -> int:
     from softdyn.validation.paper import one_step
     from softdyn.validation.tables import Table
 
-    cli.check_outputs(arguments.json)
     asked = [
         (record, name)
         for record in one_step.records(Path(arguments.records))

@@ -80,8 +80,8 @@ parser.add_argument(
 parser.add_argument(
     "--no-verdict", action="store_true", help="exit with 0 unless the run failed, reached or not"
 )
-parser.add_argument("--log", metavar="FILE", help="write the run as NPZ")
-parser.add_argument("--html", metavar="FILE", help="write the run as a page that replays it")
+parser.output("--log", "FILE", "write the run as NPZ")
+parser.output("--html", "FILE", "write the run as a page that replays it")
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
 parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds per second", 1.0)
 cli.add_server_options(parser)
@@ -94,12 +94,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation import paper
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
-    cli.check_outputs(
-        arguments.log,
-        arguments.json,
-        arguments.html,
-        inputs=(arguments.robot, arguments.annotations, arguments.gains, arguments.plant),
-    )
     model = cli.load_robot(arguments)
     experiment = paper.experiment(
         model,

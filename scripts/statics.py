@@ -48,7 +48,7 @@ parser.option("--hold", cli.positive, "S", "length of the twin's run in s", 10.0
 parser.add_argument(
     "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
 )
-parser.add_argument("--map", metavar="FILE", help="draw the rests and the targets: .png or .pdf")
+parser.output("--map", "FILE", "draw the rests and the targets: .png or .pdf")
 cli.add_json(parser)
 
 
@@ -60,8 +60,6 @@ def command(arguments: cli.Arguments) -> int:
         parser.error("argument --map: not allowed with --inputs")
     if arguments.map is not None:
         check_path(arguments.map)
-    inputs = (arguments.robot, arguments.annotations, arguments.log)
-    cli.check_outputs(arguments.map, arguments.json, inputs=inputs)
     model = cli.load_robot(arguments)
     report, text = (lead if arguments.inputs else search)(model, arguments)
     cli.write_report(report, arguments.json, text)

@@ -63,7 +63,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers import find_controller
     from softdyn.controllers.registry import make_controller
 
-    cli.check_outputs(arguments.json)
     names = arguments.controllers or (EVERY if arguments.hostile else CONTROLLERS)
     makes: dict[str, Any] = {name: find_controller(name) for name in names}
     table = cli.own_gains(arguments)

@@ -50,11 +50,9 @@ parser.option("--finalists", cli.count, "N", "bundled: how many meet at the end,
 parser.option("--population", cli.count, "N", "bundled: candidates a generation", 10)
 parser.option("--seed", cli.count, "S", "> 0", 1)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
-parser.add_argument(
-    "--out", metavar="FILE", help="default: beside the robot's file; bundled: schedule.toml"
-)
-parser.add_argument("--summary", metavar="FILE", help="default: none; bundled: tuning.json")
-parser.add_argument("--trace", metavar="FILE", help="bundled; default: none")
+parser.output("--out", "FILE", "default: beside the robot's file; bundled: schedule.toml")
+parser.output("--summary", "FILE", "default: none; bundled: tuning.json")
+parser.output("--trace", "FILE", "bundled; default: none")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -85,7 +83,8 @@ def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
         make_controller("soft-id-clf-qp", model, {"Kp": 100.0, "eps": 0.05, "horizon": 0.05})
     began = monotonic()
     out = arguments.out or str(schedule_path(model))
-    cli.check_outputs(out, arguments.summary)
+    if arguments.out is None:
+        cli.check_outputs(parser, arguments, out)
     with share_bar("statics") as tell:
         targets = find_targets(arguments.robot, arguments.annotations, model, arguments.seed)
         found = tuning.search(
@@ -122,7 +121,8 @@ def tune_bundled(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
     from softdyn.validation.studies import paper_tuning, schedule_search
 
     out, summary = arguments.out or "schedule.toml", arguments.summary or "tuning.json"
-    cli.check_outputs(out, summary, arguments.trace)
+    new = [path for path in (out, summary) if path not in (arguments.out, arguments.summary)]
+    cli.check_outputs(parser, arguments, *new)
     if arguments.again:
         wanted = paper_tuning.read(arguments.again)
     else:

@@ -29,7 +29,7 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
-parser.add_argument("--html", metavar="FILE", help="write the page to a file and serve nothing")
+parser.output("--html", "FILE", "write the page to a file and serve nothing")
 parser.add_argument("--sliders", action="store_true", help="set joints or inputs by slider")
 cli.add_server_options(parser)
 cli.add_robot_options(parser)
@@ -41,7 +41,6 @@ def command(arguments: cli.Arguments) -> int:
         import softdyn
         from softdyn.view.rest_sweep import rest_page
 
-        cli.check_outputs(arguments.html, inputs=(arguments.robot, arguments.annotations))
         model = cli.load_robot(arguments)
         if arguments.sliders and arguments.html is None:
             return sliders(model, arguments, over)

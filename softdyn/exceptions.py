@@ -60,13 +60,18 @@ class InputError(SoftdynError, ValueError):
 
 @contextmanager
 def errors_in(where: str) -> Iterator[None]:
-    """Put the place in a file before every InputError of the block that does not name the file."""
+    """Put the place in a file before every InputError of the block that does not name the file.
+
+    Numbers of which nothing can be computed, a length of 1e-320 m say, are an InputError too.
+    """
     try:
         yield
     except InputError as error:
         if error.name.startswith(where.split(":")[0]):
             raise
         raise InputError(f"{where}: {error.name}", error.expected, error.got) from None
+    except ArithmeticError as error:
+        raise InputError(where, "numbers that can be computed with", error) from None
 
 
 def one_line(value: object, limit: int = 120) -> str:

@@ -67,14 +67,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     InputError
         When it cannot be read, is larger, or is no TOML that Python can hold.
     """
-    try:
-        with open(path, "rb") as file:
-            content = file.read(MAX_TOML + 1)
-    except (OSError, ValueError) as error:  # a name that no system accepts
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(str(path), "a readable file", reason) from None
-    if len(content) > MAX_TOML:
-        raise InputError(str(path), f"a file of at most {MAX_TOML} bytes", "a larger one")
+    content = read_bytes(path, MAX_TOML)
     try:
         table = tomllib.loads(content.decode())
         if _holds_large_integer(table):  # Python cannot even print one of thousands of digits
@@ -82,6 +75,25 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         return table
     except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
         raise InputError(str(path), "a TOML file", error) from None
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """The content of a file, or of an endless one what shows that it is too large.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or has more than `most` bytes.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = file.read(most + 1)
+    except (OSError, ValueError) as error:  # a name that no system accepts
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(str(path), "a readable file", reason) from None
+    if len(content) > most:
+        raise InputError(str(path), f"a file of at most {most} bytes", "a larger one")
+    return content
 
 
 def is_stream(path: Path) -> bool:

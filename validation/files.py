@@ -14,7 +14,7 @@ from typing import Any
 
 from softdyn import InputError
 from softdyn.files import atomic as atomic
-from softdyn.files import beside, followed, is_stream, not_writable
+from softdyn.files import beside, followed, is_stream, not_writable, read_bytes
 from softdyn.files import write_text as write_text
 
 MAX_JSON = 64_000_000  # bytes
@@ -66,7 +66,9 @@ def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> N
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
         if target in read:
-            raise InputError(str(path), "a file that this command does not read", "one that it reads")
+            raise InputError(
+                str(path), "a file that this command does not read", "its input"
+            )
         seen.add(target)
 
 
@@ -85,15 +87,8 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
         When it cannot be read, has more than `MAX_JSON` bytes, or is no JSON object that Python can
         hold, with names that are there once and numbers that are finite.
     """
+    content = read_bytes(path, MAX_JSON)
     try:
-        with open(path, "rb") as file:
-            content = file.read(MAX_JSON + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(str(path), "a readable file", reason) from None
-    try:
-        if len(content) > MAX_JSON:
-            raise ValueError(f"more than {MAX_JSON} bytes")
         value = json.loads(content, object_pairs_hook=_unique, parse_constant=_refuse_constant)
         if not isinstance(value, dict):
             raise ValueError(f"a {type(value).__name__}")

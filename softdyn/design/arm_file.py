@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -85,7 +86,7 @@ def comment(layout: Layout) -> str:
             f" EI {rigid[0]:.4g} to {rigid[1]:.4g} N m^2, from {arm.starts[k]:.4g} m on."
         )
     lines.append(GENERATED)
-    return "\n" + "".join(f"  {line.replace('--', '- -')}\n" for line in lines)
+    return "\n" + "".join(f"  {re.sub('-(?=-)', '- ', line)}\n" for line in lines)
 
 
 def _joint(spring: Spring) -> Joint:

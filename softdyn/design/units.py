@@ -90,14 +90,14 @@ class TomlTable:
             raise self.error(key, "a list of numbers", value)
         return tuple(self._number(key, item) * factor for item in value)
 
-    def count(self, name: str, default: Any = REQUIRED, least: int = 1) -> Any:
+    def count(self, name: str, default: Any = REQUIRED, least: int = 1, most: int = 1000) -> Any:
         """A whole number."""
         self._known.append(name)
         if name not in self.values:
             return self._default(name, "none", default)
         value = self.values[name]
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise self.error(name, f"a whole number >= {least}", value)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise self.error(name, f"a whole number from {least} to {most}", value)
         return value
 
     def flag(self, name: str) -> bool:
@@ -119,7 +119,7 @@ class TomlTable:
         """A list of words, none twice, as a tuple."""
         value = self._typed(name, list, "a list of words", default)
         for word in value:
-            if word not in among:
+            if not isinstance(word, str) or word not in among:
                 raise self.error(name, " or ".join(among), repr(word))
         if len(set(value)) < len(value) or not value:
             raise self.error(name, "a list of at least one word, none twice", value)

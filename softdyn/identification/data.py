@@ -12,8 +12,9 @@ from scipy.ndimage import minimum_filter1d
 from softdyn.checks import array, in_degrees, near
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
+from softdyn.files import read_bytes
 
-MAX_ROWS = 1_000_000
+MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
 AXES = ("x", "y", "z")
 SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
 ENOUGH = 0.2  # of the data in stretches without a stop: no joint more needs to be held
@@ -150,10 +151,8 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         number, angles that are degrees.
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for _, row in zip(range(MAX_ROWS + 2), csv.reader(file), strict=False)]
-    except OSError as error:
-        raise InputError(str(path), "a readable CSV file", error.strerror or error) from None
+        lines = read_bytes(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        rows = [row for _, row in zip(range(MAX_ROWS + 2), csv.reader(lines), strict=False)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), "a CSV file", error) from None
     rows = [row for row in rows if row]

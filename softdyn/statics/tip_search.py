@@ -19,6 +19,7 @@ import numpy as np
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
 from softdyn.statics.branch import REACHED, approach
 from softdyn.statics.equilibria import balance, rest
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
@@ -110,9 +111,11 @@ def inputs_for_tip(
     StaticsError
         The robot does not even settle at rest.
     InputError
-        A target of the wrong shape or not finite.
+        A target of the wrong shape or not finite; a robot without inputs.
     """
     target, latest = array("target", target, (3,)), perf_counter() + seconds
+    if model.nu == 0:
+        raise InputError(str(model.robot.path), "a robot with an <actuator>", "one without inputs")
     known = (rest(model), *starts)
     ends = [approach(one, target) for one in known]
     ends += [approach(one, target, stay_stable=True) for one in known if one.stable]

@@ -42,7 +42,6 @@ def command(arguments: cli.Arguments) -> int:
     from tests.proof.timing.comparison import compare, comparison_table
 
     cli.make_folder(arguments.out / "states")
-    cli.check_outputs(arguments.json)
     folder, make = arguments.out / "states", find_controller(DRIVER)
     for robot in arguments.robots:
         recorded(softdyn.load(robot), make, arguments.states, folder, robot)

@@ -14,7 +14,7 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("folders", nargs="+", metavar="DIR")
 parser.option("--samples", cli.count, "N", "random states", 8)
 parser.option("--seed", cli.whole, "S", "of the random states", 0)
-parser.add_argument("--markdown", metavar="FILE", help="write the rows as a document")
+parser.output("--markdown", "FILE", "write the rows as a document")
 cli.add_json(parser)
 
 
@@ -23,7 +23,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.files import write_text
     from tests.proof.mjcf import public_pairs
 
-    cli.check_outputs(arguments.json, arguments.markdown)
     survey = public_pairs.survey(arguments.folders, arguments.samples, arguments.seed)
     if arguments.markdown is not None:
         write_text(arguments.markdown, survey.document())

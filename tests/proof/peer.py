@@ -22,7 +22,6 @@ def command(arguments: cli.Arguments) -> int:
     """Compare, report."""
     from tests.proof.rods import peer
 
-    cli.check_outputs(arguments.json)
     found = peer.compare(sorted({n for n in arguments.segments if n <= peer.MOST}))
     report = {**found, "ladders": [ladder.to_dict() for ladder in found["ladders"]]}
     cli.write_report(report, arguments.json, peer.peer_table(found))

@@ -27,7 +27,7 @@ FLAGS = (
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--out", default="docs/robots.png", metavar="FILE", help="%(default)s")
-parser.add_argument("--clip", metavar="FILE", help="instead, softdyn play in motion, as GIF")
+parser.output("--clip", "FILE", "instead, softdyn play in motion, as GIF")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -38,7 +38,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.files import atomic
     from softdyn.validation.report.replay import replay
 
-    cli.check_outputs(arguments.out, arguments.clip)
     if arguments.clip is not None:
         return film(arguments.clip)
     browser = shutil.which("chromium") or shutil.which("google-chrome")

@@ -29,7 +29,6 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.tables import Table
     from tests.proof.laws.agreement import COLUMNS, compare
 
-    cli.check_outputs(arguments.json)
     total = len(arguments.robots) * len(arguments.controllers) * arguments.states
     with tqdm(total=total, disable=None, leave=False, unit="state") as bar:
         rows = [
