@@ -87,6 +87,7 @@ def command(arguments: cli.Arguments) -> int:
         cli.write_report(plan, arguments.json, sweep_report.plan_text(plan))
         return cli.PASSED
     cli.make_folder(out)
+
     def execute(order: list[Any]) -> Iterator[Any]:
         if arguments.scheduler is None:
             return executors.patient(arguments.jobs or -1)(order)

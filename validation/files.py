@@ -66,9 +66,7 @@ def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> N
         if target in seen:
             raise InputError(str(path), "a file for one output alone", "another output's file")
         if target in read:
-            raise InputError(
-                str(path), "a file that this command does not read", "its input"
-            )
+            raise InputError(str(path), "a file that this command does not read", "its input")
         seen.add(target)
 
 

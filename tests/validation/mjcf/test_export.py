@@ -144,5 +144,5 @@ def test_the_command(tmp_path):
     assert "agree" in out
     code, _, err = command("export", "out.xml", "--urdf", "out.xml", cwd=tmp_path)
     assert code == 2
-    assert err == "error: out.xml: expected another file than what is read, got that one\n"
+    assert err == "error: out.xml: expected a file that this command does not read, got its input\n"
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4
