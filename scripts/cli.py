@@ -150,38 +150,20 @@ def add_ensemble_options(parser: Parser) -> None:
 
 
 def distributions(
-    arguments: Arguments,
-    cells: Mapping[str, Case],
-    store: Store | None = None,
-    execute: Executor | None = None,
-    folder: Path = Path(),
-) -> dict[str, Distribution]:
-    """What `add_ensemble_options` asks for, run below --out and kept.
+    arguments: Arguments, cells: Mapping[str, Case], store: Store | None = None,
+    execute: Executor | None = None, folder: Path = Path(),
+) -> dict[str, Distribution]:  # fmt: skip
+    """What `add_ensemble_options` asks for, run and kept below --out, by default in ensemble/.
 
-    Parameters
-    ----------
-    arguments : Arguments
-    cells : mapping
-        Label → case.
-    store, execute : optional
-        Where results are kept and what runs them; ``ensemble/`` and --jobs processes by default.
-    folder : Path
-        Relative paths of robots and controllers are relative to it.
+    Relative paths of robots and controllers are relative to `folder`.
     """
     from softdyn.validation.studies.engine import distribution, ensemble, executors
-    from softdyn.validation.studies.engine import store as stores
+    from softdyn.validation.studies.engine.store import Store
 
-    keep = Path(arguments.keep or "")
+    store, keep = store or Store(Path(arguments.out), runs="ensemble"), Path(arguments.keep or "")
+    execute = execute or executors.strict(arguments.jobs or -1)
     before = distribution.read(keep) if arguments.keep and keep.exists() else {}
-    found = ensemble.run(
-        cells,
-        store or stores.Store(Path(arguments.out), runs="ensemble"),
-        execute or executors.strict(arguments.jobs or -1),
-        arguments.ensemble,
-        arguments.seed,
-        before,
-        folder,
-    )
+    found = ensemble.run(cells, store, execute, arguments.ensemble, arguments.seed, before, folder)
     both = distribution.join(before, found)
     if arguments.keep:
         distribution.write(keep, both)

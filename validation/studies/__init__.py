@@ -3,9 +3,8 @@
 - `engine`: `Case` → run → `Store`; see there.
 - `experiments`: the paper's experiments, control periods and published results.
 - `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
-- `sweep`: a grid, random samples or one change at a time, spelt out as cases; `sweep_file` and
-  `sweep_values` read it from a TOML file, `sweep_report` and `sweep_cells` write its tables.
-  ``sweeps/`` has the files that come with softdyn: robustness, horizon, periods.
+- `sweep`: a grid, random samples or one change at a time; `sweep_file` and `sweep_values` read it
+  from a TOML file, `sweep_report` writes its tables. ``sweeps/`` has the files that come along.
 - `side_by_side`: `benchmark` from Python, with a user's own controller classes.
 - `tuning`, `tuning_targets`: a schedule for `best` on a user's robot, and what it is tried on.
 - `paper_tuning`: the schedules of the bundled robots, on the paper's ellipse.

@@ -6,7 +6,7 @@ alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import product
@@ -17,6 +17,8 @@ from softdyn import InputError, SoftModel
 from softdyn.controllers import CONTROLLERS, Gains
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
+from softdyn.validation.files import safe_filename
+from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies import experiments
@@ -25,7 +27,7 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
-from softdyn.validation.studies.sweep_values import GROUPS, Axis, ByRobot
+from softdyn.validation.studies.sweep_values import GROUPS, Axis
 from softdyn.validation.twin.plant_errors import PlantErrors
 
 FIGURES = {
@@ -37,22 +39,21 @@ TIMES = ("period", "duration", "timestep")  # of [plant], but of the case and no
 GAINS = tuple(field.name for field in fields(Gains))
 TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}  # in a file → of a case
 NAMES = {kind: name for name, kind in TARGETS.items()}
+PARAMETERS = (*(f"{group}.{name}" for group in GROUPS for name in GROUPS[group]), "ellipse_scale")
 NOMINAL = "none"  # the change that changes nothing
-HORIZON_SHARE = "gains.horizon_per_eps"
+SHARE = "horizon_per_eps"  # of [gains]
+IN_MS = ("gains.horizon", "plant.period", "signals.delay", "signals.lag")
 
 
 def inputs(case: Case) -> dict[str, Any]:
     """A case in the words of a sweep file."""
-    plant = {name: parameter(case, f"plant.{name}") for name in GROUPS["plant"]}
     return {
         "robot": case.robot,
         "controller": case.controller,
         "kind": NAMES[case.kind],
         "target": case.value,
         "gains": case.parameters,
-        **plant,
-        "signals": {name: getattr(case.signals, name) for name in GROUPS["signals"]},
-        "ellipse_scale": case.ellipse_scale,
+        **{name.removeprefix("plant."): parameter(case, name) for name in PARAMETERS},
         "sample": case.sample,
     }
 
@@ -60,16 +61,16 @@ def inputs(case: Case) -> dict[str, Any]:
 def parameter(case: Case, name: str) -> Any:
     """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case; None without."""
     group, _, key = name.rpartition(".")
+    gains = case.parameters or {}
     if group == "gains":
-        gains = case.parameters or {}
-        return gains["horizon"] / gains["eps"] if name == HORIZON_SHARE else gains.get(key)
+        return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
     if group == "plant":
         return getattr(case if key in TIMES else case.plant, key)
     if group == "signals":
         return getattr(case.signals, key)
-    if name == "ellipse_scale":
-        return case.ellipse_scale
-    return case.value if NAMES[case.kind] == name else None
+    if name in NAMES.values():
+        return case.value if NAMES[case.kind] == name else None
+    return getattr(case, name)
 
 
 def store(folder: Path) -> Store:
@@ -106,9 +107,10 @@ class Sweep:
     shorter_periods : tuple of float
         Control periods (s) of set points besides the usual one, where they are shorter.
     changes : mapping
-        Name → the parameters that differ in it; each is run by itself.
+        Name → parameter that differs → robot → its value, ``default`` for any other robot; each
+        change is run by itself.
     rows : tuple of str
-        What tells the rows of a table of all cells apart; all that differs by default.
+        What tells the rows of a table of all cases apart; without any there is no such table.
     means : bool
         Whether that table has the mean of each row.
     must_not_fail : tuple of str
@@ -131,7 +133,7 @@ class Sweep:
     annotations: dict[str, str]
     equilibria: bool
     shorter_periods: tuple[float, ...]
-    changes: Mapping[str, Mapping[str, Any]]
+    changes: Mapping[str, Mapping[str, Mapping[str, Any]]]
     rows: tuple[str, ...]
     means: bool
     must_not_fail: tuple[str, ...]
@@ -141,11 +143,6 @@ class Sweep:
         """Every case with what it depends on."""
         heads = [{"inputs": inputs(case)} for case in self.cases]
         return worker.jobs_of(self.cases, heads=heads, folder=self.folder, log=self.logs)
-
-    @property
-    def tabulated(self) -> bool:
-        """Whether the file asks for a table of all cells."""
-        return bool(self.rows) or len(self.changes) > 1
 
     def varying(self) -> list[Axis]:
         """Parameters with more than one value."""
@@ -161,13 +158,36 @@ class Sweep:
             For a combination that cannot be run, e.g. a timestep that does not divide the period.
         """
         names: dict[str, Case] = {}
-        for case, _ in self.changed_cases:
+        for case, _ in self._expanded:
             if names.setdefault(case.name, case) is not case:
                 raise InputError(str(self.path), "cases that differ", f"{case.name} twice")
         return list(names.values())
 
     @cached_property
-    def changed_cases(self) -> list[tuple[Case, str]]:
+    def cells(self) -> dict[str, Case]:
+        """Every case by its place ``row/…/target`` in a table of all, row by row.
+
+        Raises
+        ------
+        InputError
+            Two cases in one place.
+        """
+        table: dict[str, dict[str, Case]] = {}
+        for case, change in self._expanded:
+            row = "/".join(change if n == "change" else _text(case, n) for n in self.rows)
+            column = cell_title(case.kind, case.value)
+            if table.setdefault(row, {}).setdefault(column, case) is not case:
+                expected = "parameters that tell all cases apart"
+                raise InputError(f"{self.path}: rows", expected, f"two of {row}/{column}")
+        return {f"{row}/{column}": table[row][column] for row in table for column in table[row]}
+
+    def failures(self, failed: Collection[str]) -> int:
+        """How many of the cases with these names must not fail."""
+        names = (c.name for c, change in self._expanded if change in self.must_not_fail)
+        return sum(name in failed for name in names)
+
+    @cached_property
+    def _expanded(self) -> list[tuple[Case, str]]:
         """Every case, and the name of the change that it has."""
         return list(self._expand())
 
@@ -184,7 +204,7 @@ class Sweep:
                 ):
                     if kind == "point" and "ellipse_scale" in self.changes[change]:
                         continue  # a point lies on no ellipse
-                    other = {n: _of_robot(v, robot) for n, v in self.changes[change].items()}
+                    other = {n: v.get(robot, v["default"]) for n, v in self.changes[change].items()}
                     for sample in range(self.samples or 1):
                         values = fixed | {a.name: a.values[sample] for a in drawn} | other
                         goal = target.values[sample] if isinstance(target, Axis) else target
@@ -244,8 +264,12 @@ class Sweep:
         return replace(case, **{name: getattr(grid, name) for name in TIMES})
 
 
-def _of_robot(value: Any, robot: str) -> Any:
-    return value.values.get(robot, value.default) if isinstance(value, ByRobot) else value
+def _text(case: Case, name: str) -> str:
+    """A parameter in a row's name."""
+    value = parameter(case, name)
+    if not isinstance(value, float):
+        return safe_filename(str(value))
+    return f"{1e3 * value:g} ms" if name in IN_MS else f"{value:g}"
 
 
 def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -> Any:
@@ -260,5 +284,4 @@ def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -
     gains = from_table(model, controller, {n: v for n, v in given.items() if n in GAINS})
     found = {name: float(value) for name, value in asdict(gains).items()}
     found |= {name: value for name, value in given.items() if name in options}
-    share = given.get(HORIZON_SHARE.removeprefix("gains."))
-    return found if share is None else found | {"horizon": share * default_horizon(gains)}
+    return found | ({"horizon": given[SHARE] * default_horizon(gains)} if SHARE in given else {})

@@ -12,14 +12,13 @@ from typing import Any
 from softdyn.validation.files import write_text
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.studies.engine.case import Case
+from softdyn.validation.studies.engine.distribution import NOTE, Distribution, pivot
 from softdyn.validation.studies.engine.store import OUTCOMES, Store
 from softdyn.validation.studies.engine.worker import CaseJob
-from softdyn.validation.studies.sweep import FIGURES, Sweep, inputs, parameter
-from softdyn.validation.studies.sweep_values import GROUPS
+from softdyn.validation.studies.sweep import FIGURES, PARAMETERS, SHARE, Sweep, inputs, parameter
 from softdyn.validation.tables import Table, document, inline
 
 BEST = 10
-ALWAYS = 5  # parameters of [plant] that have a column, whatever the cases
 SHOWN_REASONS = 20
 RESULTS = (
     "outcome", *FIGURES, "steps", "simulated_s", "not_solved", "fallbacks", "max_bound_violation",
@@ -28,11 +27,11 @@ RESULTS = (
 UNITS = {
     "gains.Kp": "1/s²", "gains.eps": "s", "gains.null_damping": "1/s",
     "plant.period": "s", "plant.duration": "s", "plant.timestep": "s",
-    "plant.dry_friction": "N m or N", "signals.delay": "s", "signals.lag": "s",
-    "signals.noise": "m",
+    "plant.dry_friction": "N m or N", "signals.noise": "m",
     "theta": "π rad", "omega": "π rad/s",
 }  # fmt: skip
 SYMBOLS = {"theta": "θ", "omega": "ω"}
+TITLES = {f"gains.{SHARE}": "τ / ε", "gains.horizon": "τ", "plant.period": "period"}
 
 Row = tuple[Case, dict[str, Any]]
 
@@ -115,15 +114,9 @@ def plan_text(plan: Mapping[str, Any]) -> str:
     return f"{plan['cases']} cases, {run}"
 
 
-def write(
-    sweep: Sweep,
-    found: list[Row],
-    folder: Path,
-    table: str | None = None,
-    cells: Mapping[str, Case] | None = None,
-) -> list[str]:
-    """Every case as CSV, a table of all or the best ones as Markdown; returns their files."""
-    texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found, table, cells)}
+def write(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
+    """Every case as CSV; `table` or the best ones as Markdown; returns their files."""
+    texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found, table)}
     for name, text in texts.items():
         write_text(folder / name, text)
     return [str(folder / name) for name in texts]
@@ -173,20 +166,13 @@ def _words(outcome: str) -> str:
 def to_csv(found: list[Row]) -> str:
     """One line a case, in the sweep's order: inputs, outcome, figures, reason, file."""
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
-    plant = [f"plant.{name}" for name in GROUPS["plant"]][:ALWAYS]
-    others = ["ellipse_scale", *(f"{group}.{name}" for group in GROUPS for name in GROUPS[group])]
-    usual = Case("", "", "set_point", 0.0)
-    plant += [
-        name for name in others
-        if name not in plant and any(parameter(c, name) != parameter(usual, name) for c, _ in found)
-    ]  # fmt: skip
     titles = ["robot", "controller", "theta", "omega", *"xyz", *gains]
-    titles += [*(name.removeprefix("plant.") for name in plant), "sample", *RESULTS]
+    titles += [*(n.removeprefix("plant.") for n in PARAMETERS), "sample", *RESULTS]
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
         named = (parameter(case, name) for name in ("theta", "omega"))
-        varied = (parameter(case, name) for name in (*gains, *plant))
+        varied = (parameter(case, name) for name in (*gains, *PARAMETERS))
         figures = (result.get(name) for name in RESULTS)
         about = (case.robot, case.controller, *named, *point, *varied, case.sample)
         lines.append([*about, *figures, _file(case)])
@@ -200,32 +186,27 @@ def _file(case: Case) -> str:
 # -- Markdown --------------------------------------------------------------------------------------
 
 
-def to_markdown(
-    sweep: Sweep,
-    found: list[Row],
-    table: str | None = None,
-    cells: Mapping[str, Case] | None = None,
-) -> str:
-    """What varied, how the cases ended, the best of every robot, and why cases failed.
-
-    Parameters
-    ----------
-    sweep : Sweep
-    found : list of Row
-    table : str, optional
-        A table of all cases, in the place of the best ones.
-    cells : mapping, optional
-        What cases are called there.
-    """
+def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
+    """What varied, how the cases ended, `table` or the best of every robot, why cases failed."""
     blocks = [f"# Sweep {inline(sweep.path.name)}", _counts(found, len(sweep.cases))]
-    blocks.append("\n".join(_varied(sweep)))
-    for robot in sweep.robots if table is None else ():
+    blocks += ["\n".join(_varied(sweep)), table]
+    for robot in sweep.robots if not table else ():
         of_robot = [row for row in found if row[0].robot == robot]
         if of_robot:
             blocks += _best(sweep, robot, of_robot)
-    blocks += [] if table is None else [table]
-    names = {case.name: name for name, case in (cells or {}).items()}
-    return document(*blocks, *_reasons(sweep, found, names))
+    return document(*blocks, *_reasons(sweep, found))
+
+
+def table(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
+    """All cells; with means one table of final errors and one of trajectories."""
+    titles, asked = [TITLES.get(name) or label(name) for name in sweep.rows], sweep.cells
+    kinds = [("", {"set_point", "point", "tracking"})]
+    if sweep.means:
+        kinds = [("mean (cm)", {"set_point", "point"}), ("mean (cm²)", {"tracking"})]
+    groups = [({k: cell for k, cell in cells.items() if asked[k].kind in some}, mean)
+              for mean, some in kinds]  # fmt: skip
+    parts = [pivot(group, titles, mean) for group, mean in groups if group]
+    return "\n\n".join(parts + [NOTE] * any(cell.moves for cell in cells.values()))
 
 
 def _counts(found: list[Row], total: int) -> str:
@@ -301,12 +282,13 @@ def _target(case: Case) -> str:
     return cell_title(case.kind, case.value) + unit
 
 
-def _reasons(sweep: Sweep, found: list[Row], called: Mapping[str, str]) -> list[str]:
+def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
     """Why cases did not end well, the first few word for word."""
     failures = [(case, result) for case, result in found if result["outcome"] != "done"]
     if not failures:
         return []
     names = _columns(sweep)
+    called = {c.name: name for name, c in sweep.cells.items()} if sweep.rows else {}
     parts = []
     for case, result in failures[:SHOWN_REASONS]:
         inputs = [f"{n} = {v}" for n, v in zip(names, _inputs(case, names), strict=True)]

@@ -6,7 +6,7 @@ A check takes a key and a value, and returns the value.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,13 +83,6 @@ def step(key: str, value: Any) -> float:
     return math.inf if value == math.inf else positive(key, value)
 
 
-def seed(key: str, value: Any) -> int:
-    """A whole number >= 0."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise InputError(key, "a whole number >= 0", repr(value))
-    return value
-
-
 # group → its parameters and their checks; those of [gains] depend on the controllers
 GROUPS: dict[str, dict[str, Check]] = {
     "plant": {
@@ -97,9 +90,7 @@ GROUPS: dict[str, dict[str, Check]] = {
         "friction": flag, "mass": positive, "stiffness": not_negative, "damping": not_negative,
         "dry_friction": not_negative, "cable_friction": not_negative, "soft_stops": flag,
     },
-    "signals": {
-        "delay": not_negative, "lag": not_negative, "noise": not_negative, "seed": seed,
-    },
+    "signals": {"delay": not_negative, "lag": not_negative, "noise": not_negative},
 }  # fmt: skip
 
 
@@ -127,22 +118,6 @@ class Axis:
         return len(self.values) > 1
 
 
-@dataclass(frozen=True)
-class ByRobot:
-    """A value that differs between robots.
-
-    Attributes
-    ----------
-    values : mapping
-        Robot → its value.
-    default : Any
-        The value of every other robot.
-    """
-
-    values: Mapping[str, Any]
-    default: Any
-
-
 class ValueReader:
     """Reads values of one file; every error names the file and the key."""
 
@@ -165,7 +140,7 @@ class ValueReader:
         """The values of one parameter: a number, a list, a range, or a distribution."""
         drawn = None
         try:
-            if isinstance(value, dict) and check not in (flag, point, seed):
+            if isinstance(value, dict) and check not in (flag, point):
                 drawn = next((kind for kind in DRAWN if kind in value), None)
                 values = self.draw(key, value, check, drawn) if drawn else (
                     self.spread(key, value, check))  # fmt: skip
@@ -216,14 +191,17 @@ class ValueReader:
         self.check(fits, key, "a lower end below the upper", ends)
         return float(ends[0]), float(ends[1])
 
-    def texts(self, key: str, expected: str, known: Iterable[str]) -> list[str]:
-        """A list of names, none of them twice; none where there is no such key."""
+    def names(self, key: str, known: Collection[str] = ()) -> list[str]:
+        """A list of distinct names; of `known` where there are any, and then perhaps none."""
         value = self.table.get(key, [])
-        fits = isinstance(value, list) and all(isinstance(name, str) for name in value)
-        self.check(fits and len(set(value)) == len(value), key, f"a list of {expected}", value)
-        for name in value:
-            self.check(name in known, key, f"{expected}: any of {', '.join(known)}", name)
-        return list(value)
+        found = [value] if isinstance(value, str) else value
+        fits = isinstance(found, list) and all(isinstance(n, str) and n for n in found)
+        fits = fits and len(set(found)) == len(found) and bool(found or known)
+        got = found if key in self.table else "nothing"
+        self.check(fits, key, "a list of distinct names", got)
+        for name in found:
+            self.check(not known or name in known, key, f"any of {', '.join(known)}", name)
+        return list(found)
 
     def yes(self, key: str, table: Mapping[str, Any]) -> bool:
         """A key that is true or false, false where there is none."""
