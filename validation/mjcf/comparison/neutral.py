@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True, eq=False)
 class Transform:
-    """A rigid displacement x → rotation x + translation (3, 3), (3,)."""
+    """A rigid displacement x → rotation x + translation (3, 3), (3,), or a stack of them (n, …)."""
 
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -33,19 +34,25 @@ class Transform:
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """Where a point (…, 3) goes."""
-        return point @ self.rotation.T + self.translation
+        return (self.rotation @ point[..., None])[..., 0] + self.translation
 
     @property
     def inverse(self) -> Transform:
         """The displacement back."""
-        return Transform(self.rotation.T, -self.rotation.T @ self.translation)
+        back = self.rotation.swapaxes(-1, -2)
+        return Transform(back, -(back @ self.translation[..., None])[..., 0])
 
     @property
-    def angle(self) -> float:
+    def turn(self) -> np.ndarray:
+        """Twice the sine of the angle along the axis of the rotation (…, 3)."""
+        skew = self.rotation - self.rotation.swapaxes(-1, -2)
+        return skew[..., (2, 0, 1), (1, 2, 0)]
+
+    @property
+    def angle(self) -> Any:
         """Angle of the rotation (rad), accurate near zero."""
-        skew = self.rotation - self.rotation.T
-        sine = math.hypot(skew[2, 1], skew[0, 2], skew[1, 0]) / 2
-        return math.atan2(sine, (float(np.trace(self.rotation)) - 1) / 2)
+        trace = np.einsum("...ii->...", self.rotation)
+        return np.arctan2(np.linalg.norm(self.turn, axis=-1) / 2, (trace - 1) / 2)
 
 
 @dataclass(frozen=True, eq=False)

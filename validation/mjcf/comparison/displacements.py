@@ -1,0 +1,361 @@
+"""How B's parts are displaced against A's at zero: the explanation that takes the fewest digits.
+
+All that a joint carries goes along with its displacement, so a chain of displacements explains what
+both files show: axes, centres, tensors, frames, points of cables. An error may be rounding or
+centimetres of another hand. It therefore counts by its digits above `GRAIN`, which is a vote at
+every width at once, and so does each displacement. The explanation with the fewest digits is taken.
+It is looked for from the root outward; `BEAM` explanations are pursued at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from softdyn.validation.mjcf.comparison.matching import plain_name
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
+from softdyn.validation.mjcf.comparison.terms import cross, skew
+
+GRAIN = 1e-9  # m, rad, relative: what is less is rounding
+BEAM = 12
+CAUSE = 0.5  # digits that a moved zero or base costs besides its number; a pose costs twice that
+LINK = 1.25  # weight of a link's origin, which both formats place by the joint
+TURNED = 0.5  # weight of how a frame is turned on its link, which is convention
+PARALLEL = 1e-3  # sine of the angle between two axes that tell one direction only
+LINES = 6  # pairs of axes that are asked how a base is turned
+HINGED = ("hinge", "slide")
+Pair = tuple[np.ndarray, np.ndarray]
+
+
+def find_displacements(a: Neutral, b: Neutral) -> dict[int, Transform]:
+    """By part of A, and `WORLD`: the displacement that takes it to where B has it."""
+    joints = {k: _Joint(a, b, k) for k in (WORLD, *range(len(a.parts)))}
+    order, front = [], [WORLD]
+    while front:
+        order.append(front.pop())
+        front += reversed(a.children(order[-1]))
+    stories = [_Story(0.0, {})]
+    for at, k in enumerate(order):
+        told = set(order[: at + 1])
+        needed = [p for p in told if any(c not in told for c in a.children(p))]
+        stories = joints[k].tell(stories, needed, [joints[c] for c in a.children(k)])
+    return stories[0].places
+
+
+# -- screws, one or a stack of them ----------------------------------------------------------------
+
+
+def displaced(part: Part, by: Transform) -> Part:
+    """A part whose axis alone is displaced."""
+    return replace(part, axis=(by.rotation @ part.axis), point=by.at(part.point))
+
+
+def line_error(one: Part, other: Part) -> tuple[Any, Any, Any]:
+    """Angle (rad) between two axes, whether their senses are opposite, and their distance (m)."""
+    angle: Any = np.zeros(one.axis.shape[:-1])
+    opposite: Any = angle > 0
+    if one.kind in HINGED:
+        sine = _norm(cross(one.axis, other.axis))
+        cosine = one.axis @ other.axis
+        angle, opposite = np.arctan2(sine, np.abs(cosine)), cosine < 0
+    gap = other.point - one.point
+    if one.kind == "hinge":
+        gap = cross(gap, one.axis)
+    return angle, opposite, _norm(gap) * (one.kind in ("hinge", "ball"))
+
+
+def split(one: Part, other: Part, step: Transform) -> tuple[Transform, Any, Transform, Any]:
+    """A displacement as a rest and then a twist along B's joint; `one` has A's axis.
+
+    Returns
+    -------
+    twist : Transform
+    amount : float
+        The joint coordinate that the twist is (rad, m).
+    rest : Transform
+    along : bool
+        Whether the rest takes the joint's own axis with it.
+    """
+    if other.kind == "slide":
+        amount = (step.at(one.point) - one.point) @ other.axis
+        twist = _shift(amount[..., None] * other.axis)
+    elif other.kind == "hinge":
+        # the turn about the axis that comes closest to the whole one
+        trace = np.einsum("...ii->...", step.rotation)
+        cosine = trace - (step.rotation @ other.axis) @ other.axis
+        amount = np.arctan2(step.turn @ other.axis, cosine)
+        twist = _turn(other, amount)
+    else:
+        amount = step.angle
+        turned = (step.rotation @ other.point[..., None])[..., 0]
+        twist = Transform(step.rotation, other.point - turned)
+    rest = twist.inverse @ step
+    stays, goes = (_line_digits(part, other) for part in (one, displaced(one, rest)))
+    return twist, amount, rest, goes < stays
+
+
+def _turn(part: Part, angle: Any) -> Transform:
+    """A turn about a hinge's axis."""
+    K, angle = skew(part.axis), np.asarray(angle)[..., None, None]
+    turn = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    return Transform(turn, part.point - turn @ part.point)
+
+
+def _shift(by: np.ndarray) -> Transform:
+    return Transform(np.broadcast_to(np.eye(3), (*by.shape, 3)), by)
+
+
+def _onto(one: Part, other: Part) -> Transform:
+    """The smallest displacement that takes one axis onto another, in either sense."""
+    turn, gap = np.eye(3), other.point - one.point
+    if one.kind in HINGED:
+        axis = other.axis if one.axis @ other.axis >= 0 else -other.axis
+        K = skew(cross(one.axis, axis))
+        turn = turn + K + K @ K / (1 + one.axis @ axis)
+        gap = gap - (gap @ axis) * axis
+    return Transform(turn, one.point + gap * (one.kind != "slide") - turn @ one.point)
+
+
+def _norm(values: np.ndarray) -> Any:
+    return np.linalg.norm(values, axis=-1)
+
+
+def digits(error: Any) -> Any:
+    """Decimal digits of errors (m, rad, relative) above `GRAIN`."""
+    return np.log10(1.0 + error / GRAIN)
+
+
+def _line_digits(one: Part, other: Part) -> Any:
+    """Digits between two axes; a reversed one is half a turn away."""
+    angle, opposite, gap = line_error(one, other)
+    return digits(angle) + digits(gap) + opposite * digits(np.pi)
+
+
+def _move_digits(move: Transform, point: np.ndarray) -> Any:
+    """Digits of a displacement: its angle and where its axis lies, how far it moves a point."""
+    return 2 * digits(move.angle) + digits(_norm(move.at(point) - point))
+
+
+# -- the search ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Story:
+    """An explanation as far as it is told: its digits, and where the parts of A go."""
+
+    cost: float
+    places: dict[int, Transform]
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """One joint of both robots, or the root, and what both files show that it carries."""
+
+    a: Neutral
+    b: Neutral
+    k: int
+
+    def tell(self, stories: list[_Story], needed: list[int], below: list[_Joint]) -> list[_Story]:
+        """The best stories, told on by this joint; `needed` are the places still to be used."""
+        found: list[tuple[float, _Story]] = []
+        for story in stories:
+            carrier = Transform() if self.k == WORLD else story.places[self.one.parent]
+            places = self._candidates(carrier, below)
+            costs = story.cost + self._step_digits(carrier, places) + self._misfit(places)
+            ahead = costs + sum(joint.line_digits(places) for joint in below)
+            for m in np.argsort(ahead, kind="stable")[:BEAM]:
+                place = Transform(places.rotation[m], places.translation[m])
+                found.append((ahead[m], _Story(costs[m], story.places | {self.k: place})))
+        best: dict[bytes, _Story] = {}
+        for _, story in sorted(found, key=lambda pair: pair[0]):
+            key = b"".join(_rounded(story.places[p]).tobytes() for p in needed)
+            best.setdefault(key, story)
+        return list(best.values())[:BEAM]
+
+    @property
+    def one(self) -> Part:
+        """A's part."""
+        return self.a.parts[self.k]
+
+    @property
+    def other(self) -> Part:
+        """B's part."""
+        return self.b.parts[self.k]
+
+    @property
+    def is_base(self) -> bool:
+        """Whether no joint holds it: the fixed root, or a free base."""
+        return self.k == WORLD or self.one.kind == "free"
+
+    @property
+    def has_link(self) -> bool:
+        """Whether both files name the link that the joint moves."""
+        return not self.is_base and bool(self.one.link and self.other.link)
+
+    # -- what both files show ----------------------------------------------------------------------
+
+    @cached_property
+    def frames(self) -> list[tuple[Transform, Transform]]:
+        """The link's own frames, then those of the same names."""
+        theirs = {plain_name(name): f.pose for name, f in self.b.frames.items() if f.part == self.k}
+        found = [(self.one.pose, self.other.pose)] if self.has_link else []
+        return found + [
+            (f.pose, theirs[plain_name(name)])
+            for name, f in self.a.frames.items()
+            if f.part == self.k and plain_name(name) in theirs
+        ]
+
+    @cached_property
+    def points(self) -> list[Pair]:
+        """Origins of the frames, points of cables of the same name, centres of mass."""
+        found = [(p.translation, q.translation) for p, q in self.frames]
+        theirs = {cable.name: cable.path for cable in self.b.cables}
+        for cable in self.a.cables:
+            pairs = zip(cable.path, theirs.get(cable.name, ()), strict=False)
+            found += [(p.xyz, q.xyz) for p, q in pairs if p.part == q.part == self.k]
+        if self.k != WORLD and self.one.inertia.mass and self.other.inertia.mass:
+            found.append((self.one.inertia.com, self.other.inertia.com))
+        return found
+
+    @cached_property
+    def tensors(self) -> list[Pair]:
+        """The bodies' tensors, if neither is a point."""
+        if self.k == WORLD:
+            return []
+        one, other = self.one.inertia.tensor, self.other.inertia.tensor
+        return [(one, other)] if one.any() and other.any() else []
+
+    @cached_property
+    def principal(self) -> list[tuple[Transform, Transform]]:
+        """The bodies' principal frames, in the four ways in which they may be paired."""
+        found = []
+        for tensors in self.tensors:
+            axes = [np.linalg.eigh(tensor)[1] for tensor in tensors]
+            ours, theirs = (turn * np.sign(np.linalg.det(turn)) for turn in axes)
+            for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)):
+                first = Transform(ours * np.array(signs), self.one.inertia.com)
+                found.append((first, Transform(theirs, self.other.inertia.com)))
+        return found
+
+    # -- digits ------------------------------------------------------------------------------------
+
+    def line_digits(self, carriers: Transform) -> Any:
+        """Digits between B's axis and A's, carried along."""
+        return _line_digits(displaced(self.one, carriers), self.other)
+
+    def _step_digits(self, carrier: Transform, places: Transform) -> np.ndarray:
+        """Digits of the joint's own displacements and of its axis; the first one is none."""
+        steps = places @ carrier.inverse
+        if self.is_base:
+            found = digits(steps.angle) + digits(_norm(steps.translation))
+        else:
+            one = displaced(self.one, carrier)
+            _, amount, rest, along = split(one, self.other, steps)
+            as_zero = digits(np.abs(amount)) + _move_digits(rest, one.point)
+            goes, stays = (_line_digits(p, self.other) for p in (displaced(one, rest), one))
+            found = np.minimum(as_zero, _move_digits(steps, one.point) + CAUSE)
+            found += np.where(along, goes, stays)
+        return found + CAUSE * (np.arange(len(found)) > 0)
+
+    def _misfit(self, places: Transform) -> np.ndarray:
+        """Digits of what is left between what both carry."""
+        found = np.zeros(len(places.translation))
+        for m, (p, q) in enumerate(self.points):
+            weight = LINK if m == 0 and self.has_link else 1.0
+            found += weight * digits(_norm(places.at(p) - q))
+        for frame, other in self.frames:
+            # the root's frame is what its file says the base is
+            weight = 1.0 if self.k == WORLD else TURNED
+            gap = (places.rotation @ frame.rotation - other.rotation).reshape(-1, 9)
+            found += weight * digits(_norm(gap) / np.sqrt(2))
+        for p, q in self.tensors:
+            gap = (places.rotation @ p @ places.rotation.swapaxes(-1, -2) - q).reshape(-1, 9)
+            found += digits(_norm(gap) / np.linalg.norm(p))
+        return found
+
+    # -- candidates --------------------------------------------------------------------------------
+
+    def _candidates(self, carrier: Transform, below: list[_Joint]) -> Transform:
+        """Places that bring something together, the carrier's own first; none twice."""
+        frames = self.frames + self.principal
+        points = self.points + [pair for joint in below for pair in joint.points]
+        if self.is_base:
+            if any(joint.one.kind == "free" for joint in below):
+                return _stack([carrier])
+            frames += [pair for joint in below for pair in joint.frames + joint.principal]
+            found = [carrier, *self._of_lines(below), *(q @ p.inverse for p, q in frames)]
+            bases = [carrier]
+        else:
+            points += [(joint.one.point, joint.other.point) for joint in below]
+            one = displaced(self.one, carrier)
+            bases = [carrier, _onto(one, self.other) @ carrier]
+            placed = _stack([carrier, *(q @ p.inverse for p, q in frames)])
+            twists, *_ = split(one, self.other, placed @ carrier.inverse)
+            found = [placed, bases[1], twists @ carrier]
+            found += [place for base in bases for place in self._twists(base, points, below)]
+        for base in bases:
+            found += [Transform(base.rotation, q - base.rotation @ p) for p, q in points]
+        return _stack(found)
+
+    def _twists(self, base: Transform, points: list[Pair], below: list[_Joint]) -> list[Transform]:
+        """Places along the joint that bring a point, or the next axis, together."""
+        axis, origin = self.other.axis, self.other.point
+        pairs = [(base.at(p) - origin, q - origin) for p, q in points]
+        for joint in below:
+            if self.other.kind == "hinge" and joint.one.kind in HINGED:
+                turned = base.rotation @ joint.one.axis
+                pairs += [(turned, sense * joint.other.axis) for sense in (1.0, -1.0)]
+        if not pairs or self.other.kind not in HINGED:
+            return []
+        p, q = (np.array(vectors) for vectors in zip(*pairs, strict=True))
+        rise = _shift(((q - p) @ axis)[:, None] * axis)
+        if self.other.kind == "slide":
+            return [rise @ base]
+        cosine = np.einsum("ij,ij->i", p, q) - (p @ axis) * (q @ axis)
+        turned = _turn(self.other, np.arctan2(cross(p, q) @ axis, cosine)) @ base
+        return [turned, rise @ turned]
+
+    def _of_lines(self, below: list[_Joint]) -> Iterator[Transform]:
+        """Displacements that take two of the next axes to B's, in either sense."""
+        parts = [m for joint in below for m in (joint.k, *self.a.children(joint.k))]
+        lines = [m for m in parts if self.a.parts[m].kind in HINGED]
+        for i, j in list(combinations(lines, 2))[:LINES]:
+            (p, r), (q, s) = ((robot.parts[i], robot.parts[j]) for robot in (self.a, self.b))
+            for senses in product((1.0, -1.0), repeat=2):
+                ours, theirs = (
+                    _triad(p.axis, r.axis),
+                    _triad(senses[0] * q.axis, senses[1] * s.axis),
+                )
+                turn = theirs @ ours.T
+                yield Transform(turn, q.point - turn @ p.point)
+
+
+def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Axes of two directions; of one where they are parallel."""
+    normal = cross(first, second)
+    if _norm(normal) < PARALLEL:
+        normal = cross(first, np.eye(3)[np.argmin(np.abs(first))])
+    normal = normal / _norm(normal)
+    return np.column_stack((first, normal, cross(first, normal)))
+
+
+def _stack(places: list[Transform]) -> Transform:
+    """All of them as one, each once."""
+    rotation = np.concatenate([place.rotation.reshape(-1, 3, 3) for place in places])
+    translation = np.concatenate([place.translation.reshape(-1, 3) for place in places])
+    whole = Transform(rotation, translation)
+    _, first = np.unique(_rounded(whole), axis=0, return_index=True)
+    first.sort()
+    return Transform(rotation[first], translation[first])
+
+
+def _rounded(place: Transform) -> np.ndarray:
+    """The numbers of places, by which they are told apart."""
+    shape = (*place.translation.shape[:-1], 9)
+    numbers = np.concatenate((place.rotation.reshape(shape), place.translation), axis=-1)
+    return np.round(numbers, 10) + 0.0
