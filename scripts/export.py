@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write a robot in the other format: a URDF as MJCF, an MJCF as an annotated URDF."""
+"""Write a robot in the other format, a URDF as MJCF or an MJCF as URDF; a log as CSV."""
 
 from __future__ import annotations
 
@@ -12,16 +12,20 @@ EPILOG = """\
 are massless, sites, tendons, actuators, stiff stops, shapes, a keyframe at rest. Collision shapes
 are in group 3; they touch with --contacts (or <flag contact="enable"/> in the file).
 --urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what that cannot say.
+--csv writes a saved run: a row a sample, with units in the header.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)
-parser.add_argument("robot", metavar="ROBOT", help="a URDF or its name; an MJCF for --urdf")
+parser.add_argument(
+    "robot", metavar="ROBOT", help="a URDF or its name; an MJCF for --urdf, a log for --csv"
+)
 output = parser.add_mutually_exclusive_group(required=True)
 output.add_argument("--mjcf", metavar="FILE", help="write MJCF")
 output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
-parser.outputs += ["mjcf", "urdf"]
+output.add_argument("--csv", metavar="FILE", help="write a log as CSV")
+parser.outputs += ["mjcf", "urdf", "csv"]
 cli.add_robot_options(parser)
 parser.add_argument("--no-shapes", action="store_true", help="leave out what it looks like")
 parser.add_argument("--contacts", action="store_true", help="MJCF: its links touch each other")
@@ -30,8 +34,12 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Write, then read what was written and compare."""
+    from softdyn.validation import Log
     from softdyn.validation.mjcf import export
 
+    if arguments.csv is not None:
+        Log.load(arguments.robot).to_csv(arguments.csv)
+        return cli.PASSED
     if arguments.urdf is not None:
         result, lost = export.write_urdf(arguments.robot, arguments.urdf)
     else:

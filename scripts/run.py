@@ -80,7 +80,7 @@ parser.add_argument(
 parser.add_argument(
     "--no-verdict", action="store_true", help="exit with 0 unless the run failed, reached or not"
 )
-parser.output("--log", "FILE", "write the run as NPZ")
+parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
 parser.output("--html", "FILE", "write the run as a page that replays it")
 parser.add_argument("--view", action="store_true", help="show the run live in the browser")
 parser.option("--speed", cli.positive, "X", "pace of --view, simulated seconds per second", 1.0)
@@ -125,7 +125,7 @@ def command(arguments: cli.Arguments) -> int:
         else:
             log = loop.run(progress=True)
     if arguments.log is not None:
-        log.save(arguments.log)
+        (log.to_csv if arguments.log.endswith(".csv") else log.save)(arguments.log)
     if arguments.html is not None:
         from softdyn.validation.report.replay import replay
 

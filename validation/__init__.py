@@ -11,7 +11,8 @@
 - `live`: a plant and a controller in front of live pages; `play`
 - `report`: figures and pages
 - `timing`: what a control step costs
-- `inputs`: the files that a command reads; `files`, `arrays`, `processes`, `plain_data`, `tables`: files that appear whole, NPZ files of any
+- `inputs`: the files that a command reads
+- `files`, `arrays`, `processes`, `plain_data`, `tables`: files that appear whole, NPZ files of any
   origin, runs in processes, values as JSON, tables of text
 
 Imports point one way; `[tool.importlinter]` in pyproject.toml has the order. What proves the

@@ -272,8 +272,8 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     return bodies
 
 
-def input_unit(robot: Robot) -> str:
-    """The unit of u: its tendon's gear in N, or in N m where the tendon sums angles."""
+def input_units(robot: Robot) -> tuple[str, ...]:
+    """The unit of each u: its tendon's gear in N, or in N m where the tendon sums angles."""
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     turns = {joint.name for joint in robot.joints if joint.kind != "prismatic"}
     units = []
@@ -282,4 +282,9 @@ def input_unit(robot: Robot) -> str:
         unit = "N m" if any(term.joint in turns for term in terms) else "N"
         gear = abs(actuator.gear)
         units.append(unit if gear == 1 else f"{gear:g} {unit}")
-    return ", ".join(dict.fromkeys(units))
+    return tuple(units)
+
+
+def input_unit(robot: Robot) -> str:
+    """The units of u, each once."""
+    return ", ".join(dict.fromkeys(input_units(robot)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from softdyn.exceptions import InputError, errors_in
 from softdyn.files import read_bytes
 
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
+UNIT = re.compile(r"\s*\([^()]*\)$")  # after a column's name, as a log's CSV has it
+BESIDE = ("v.", "target.")
 AXES = ("x", "y", "z")
 SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
 ENOUGH = 0.2  # of the data in stretches without a stop: no joint more needs to be held
@@ -158,7 +161,11 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     rows = [row for row in rows if row]
     if len(rows) > MAX_ROWS + 1:
         raise InputError(str(path), f"at most {MAX_ROWS} rows", "more")
-    header = [name.strip() for name in rows[0]] if rows else []
+    header = [UNIT.sub("", name.strip()) for name in rows[0]] if rows else []
+    if rows:  # what a log has besides is no measurement
+        kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
+        rows = [[row[k] for k in kept] if len(row) == len(header) else row for row in rows]
+        header = [header[k] for k in kept]
     inputs = tuple(f"u.{actuator.name}" for actuator in model.robot.actuators)
     known = (
         "t", *inputs, *(f"q.{name}" for name in model.joint_names),

@@ -8,6 +8,7 @@
 - `record`: a log's arrays while the loop fills them, the controller's counts, versions
 - `verdict`: early ends of a run, failures, whether it reached its reference
 - `log`: the record of a run: its arrays, its figures of merit, its summary, its file
+- `log_csv`: a log as CSV, with units
 - `logged_robot`: the robot of a log, as its file was when it ran
 - `log_checks`: checks of such a file
 - `labels`: names of robots, controllers and experiments in tables, figures and pages

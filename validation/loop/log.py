@@ -13,9 +13,10 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.validation.arrays import read_npz
-from softdyn.validation.files import atomic
+from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged
 from softdyn.validation.loop.log_checks import EXTRA, FORMAT, SHAPES, check
+from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, mean_square
 from softdyn.validation.loop.verdict import Verdict
@@ -341,6 +342,16 @@ class Log:
         text = json.dumps(about)
         with atomic(path) as file:
             np.savez_compressed(file, about=np.array(text), **arrays)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write t, u, q, v, tip and target as CSV, whole or not at all; see `log_csv`.
+
+        Raises
+        ------
+        InputError
+            When nothing can be written there, or the log has no text of its robot.
+        """
+        write_text(path, csv_text(self))
 
     @classmethod
     def load(cls, path: str | Path) -> Log:

@@ -6,14 +6,19 @@ import math
 import os
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError
+from softdyn import InputError, SetPoint
+from softdyn.controllers import Impedance
 from softdyn.description.robot import input_unit
+from softdyn.identification.data import read_csv
 from softdyn.validation import Log, paper, simulate
+from softdyn.validation.loop.log_csv import csv_text
+from tests.support import micro
 from tests.support.cart import TARGET, steer
 
 
@@ -212,3 +217,32 @@ def test_a_report_and_a_summary_say_the_same(log):
     failed = replace(log, failed=True, reason="why", theta=None).summary()
     assert failed.endswith("failed: why")
     assert "set point at 0.12" in failed
+
+
+def test_a_log_as_csv_is_what_identify_reads(tmp_path):
+    model = softdyn.load("finger")
+    log = simulate(model, Impedance(model), paper.set_point("finger", 0.5), duration=0.1)
+    log.to_csv(tmp_path / "run.csv")
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    header = lines[0].split(",")
+    assert header[:4] == ["t (s)", "u.u1 (0.1 N m)", "u.u2 (0.1 N m)", "q.joint1 (rad)"]
+    assert header[-6:] == [f"{kind}.{axis} (m)" for kind in ("tip", "target") for axis in "xyz"]
+    table = np.array([line.split(",") for line in lines[1:]], float)
+    held = np.concatenate([log.u, log.u[-1:]])
+    whole = np.column_stack([log.t, held, log.q, log.v, log.y, log.y_ref])
+    np.testing.assert_array_equal(table, whole)
+    read = read_csv(tmp_path / "run.csv", model)
+    assert read.names == (*(f"q.{name}" for name in model.joint_names), "tip.x", "tip.y", "tip.z")
+    np.testing.assert_array_equal(read.u[:-1], log.u)
+    np.testing.assert_array_equal(read.outputs, np.column_stack([log.q, log.y]))
+
+
+def test_a_floating_robot_s_log_as_csv(tmp_path):
+    file = micro.write(tmp_path, micro.GRIPPER)
+    model = softdyn.load(file, floating=True)
+    log = simulate(model, lambda *_: SimpleNamespace(u=np.zeros(model.nu)), SetPoint(np.zeros(3)),
+                   duration=0.01)  # fmt: skip
+    lines = csv_text(log).splitlines()
+    assert len(lines[0].split(",")) == len(lines[1].split(","))
+    assert "q.base.qw" in lines[0]
+    assert lines[0].count("q.") == model.nq
