@@ -23,11 +23,12 @@ annotations), where `best` finds it as long as the robot's dynamics do not chang
 is written, and `best` stays mpc. --gains is a schedule to begin with besides.
 
 A bundled robot: CMA-ES searches the approach on the first second of runs, then the stay on whole
-runs. The start and the best then meet on other set points and trajectories, which decide. None of
-them is the paper's. The start is --gains, else the robot's own schedule, else its published gains
-in both stages. --again repeats a search from its summary, as those in docs/tuning/. --summary gets
-the settings, each stage's winner and the finals (JSON); --trace gets every candidate with its
-scores (JSON), anew after every generation.
+runs: set points at theta = 0.25, 0.75, 1.25 and 1.75 pi, trajectories at 0.12, 0.17, 0.25 and
+0.45 pi rad/s. The start and the best then meet on 28 other set points and 9 trajectories, which
+decide. None of all these is the paper's. The start is --gains, else the robot's own schedule, else
+its published gains in both stages. --again repeats a search from its summary, as those in
+docs/tuning/. --summary gets the settings, each stage's winner and the finals (JSON); --trace gets
+every candidate with its scores (JSON), anew after every generation.
 
 Needs the extra: pip install 'softdyn[tune]'.
 

@@ -49,25 +49,16 @@ def grid(
 
     Set points `thetas` and rates `omegas` are the paper's where there are none.
     """
-    controllers, runs = tuple(controllers), targets(thetas, omegas)
+    runs = [("set_point", theta) for theta in (experiments.THETAS if thetas is None else thetas)]
+    runs += [("tracking", omega) for omega in (experiments.OMEGAS if omegas is None else omegas)]
+    controllers = tuple(controllers)
     every = (
-        Case(robot, controller, kind, value)
+        Case(robot, controller, kind, float(value) + 0.0)  # -0 is 0
         for robot in robots
         for controller in controllers
         for kind, value in runs
     )
     return list(dict.fromkeys(every))
-
-
-def targets(
-    thetas: Iterable[float] | None = None, omegas: Iterable[float] | None = None
-) -> list[tuple[str, float]]:
-    """Kind and value of the set points and rates that `grid` runs."""
-    wanted = (
-        ("set_point", experiments.THETAS if thetas is None else thetas),
-        ("tracking", experiments.OMEGAS if omegas is None else omegas),
-    )
-    return [(kind, float(value) + 0.0) for kind, values in wanted for value in values]  # -0 is 0
 
 
 def store(folder: Path) -> Store:
@@ -162,21 +153,19 @@ def benchmark_rows(
     InputError
         A case without a result, or with a log that is not the result's.
     """
-    runs = []
+    runs, kept = [], store(folder)
     for case in cases:
-        result = store(folder).figures(case, case.name)
+        result = kept.figures(case, case.name)
         if result is None:
-            where = str(store(folder).result_path(case.name))
-            raise InputError(where, "the result of a run", "none")
+            raise InputError(str(kept.result_path(case.name)), "the result of a run", "none")
         runs.append((case, result))
-    return rows_of(runs, ensembles)
+    return rows_of_runs(runs, ensembles)
 
 
-def rows_of(
-    runs: Iterable[tuple[Case, dict[str, Any]]],
-    ensembles: Mapping[str, Distribution] | None = None,
+def rows_of_runs(
+    runs: Iterable[tuple[Case, dict[str, Any]]], ensembles: Mapping[str, Distribution] | None = None
 ) -> list[dict[str, Any]]:
-    """One row a robot and controller; `ensembles` as in `rows`."""
+    """The same table of runs that need no folder."""
     groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
     for case, result in runs:
         groups.setdefault((case.robot, case.controller), []).append((case, result))

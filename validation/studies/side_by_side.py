@@ -10,7 +10,7 @@ from typing import Any
 import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.validation.studies import experiments
-from softdyn.validation.studies.benchmark import rows_of, targets
+from softdyn.validation.studies.benchmark import rows_of_runs
 from softdyn.validation.studies.benchmark_table import benchmark_document, benchmark_table
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.executors import run_all
@@ -80,7 +80,8 @@ def benchmark(
         What is no robot or controller, or a controller that cannot be built.
     """
     makes = controllers if isinstance(controllers, Mapping) else dict.fromkeys(controllers)
-    asked, cases = targets(thetas, omegas), []
+    asked = [("set_point", x) for x in thetas] + [("tracking", x) for x in omegas]
+    cases = []
     for one in robots:
         model = one if isinstance(one, SoftModel) else softdyn.load(one)
         robot, overlay = model.bundled or str(model.robot.path), model.robot.overlay
@@ -92,4 +93,4 @@ def benchmark(
                      annotations=None if overlay is None else str(overlay))
                 for kind, value in study_targets(model, asked)
             ]  # fmt: skip
-    return Benchmark(tuple(rows_of(zip(cases, run_all(cases, jobs), strict=True))))
+    return Benchmark(tuple(rows_of_runs(zip(cases, run_all(cases, jobs), strict=True))))
