@@ -171,11 +171,10 @@ def to_csv(found: list[Row]) -> str:
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
-        named = (parameter(case, name) for name in ("theta", "omega"))
-        varied = (parameter(case, name) for name in (*gains, *PARAMETERS))
+        named = (parameter(case, name) for name in ("robot", "controller", "theta", "omega"))
+        varied = (parameter(case, name) for name in (*gains, *PARAMETERS, "sample"))
         figures = (result.get(name) for name in RESULTS)
-        about = (case.robot, case.controller, *named, *point, *varied, case.sample)
-        lines.append([*about, *figures, _file(case)])
+        lines.append([*named, *point, *varied, *figures, _file(case)])
     return Table([*titles, "file"], lines).csv()
 
 
@@ -271,10 +270,7 @@ def _columns(sweep: Sweep) -> dict[str, str]:
 
 
 def _inputs(case: Case, names: dict[str, str]) -> list[str]:
-    return [
-        case.controller if name == "controller" else _value(parameter(case, name))
-        for name in names.values()
-    ]
+    return [_value(parameter(case, name)) for name in names.values()]
 
 
 def _target(case: Case) -> str:
