@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import stat
+import time
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,6 +15,7 @@ from typing import Any, BinaryIO
 from softdyn.exceptions import InputError
 
 MAX_TOML = 1_000_000  # bytes
+LEFT_OVER = 600.0  # s after which nobody writes to a `.part` any more
 
 
 @contextmanager
@@ -119,6 +121,15 @@ def followed(path: Path) -> Path:
 def beside(path: Path) -> Path:
     """A name for a file that becomes `path`: of no other process, thread or machine."""
     return path.with_name(f".{path.name}.{os.urandom(8).hex()}.part")
+
+
+def remove_left_over(folder: Path) -> None:
+    """Delete what writers that were killed left below `folder`; a living one takes seconds."""
+    latest = time.time() - LEFT_OVER
+    for path in folder.rglob(".*.part"):
+        with suppress(OSError):
+            if path.stat().st_mtime < latest:
+                path.unlink()
 
 
 def not_writable(path: Path, error: OSError) -> InputError:

@@ -13,6 +13,7 @@ from softdyn.exceptions import InputError
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
 PORTS = range(7000, 7100)
+MAX_BODY = 0  # bytes of a request: pages send none, and a body would be kept before it is judged
 
 
 class Served(AbstractContextManager):

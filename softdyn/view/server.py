@@ -27,7 +27,7 @@ from meshcat.servers.zmqserver import (
 )
 
 from softdyn.exceptions import InputError
-from softdyn.view.loopback import HOST, Served, is_local, listener
+from softdyn.view.loopback import HOST, MAX_BODY, Served, is_local, listener
 from softdyn.view.page import Page
 
 LIBRARY = "/static/main.min.js"
@@ -192,7 +192,7 @@ class _Application(tornado.web.Application):
         self._bridge = bridge
 
     def listen(self, *_arguments: Any, **_options: Any) -> Any:
-        self._bridge._server = server = tornado.httpserver.HTTPServer(self)
+        self._bridge._server = server = tornado.httpserver.HTTPServer(self, max_body_size=MAX_BODY)
         server.add_socket(self._bridge.listening)
         return server
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
+from softdyn.files import remove_left_over
 from softdyn.validation.files import (
     atomic,
     check_outputs,
@@ -41,6 +42,19 @@ def test_an_interrupted_file_does_not(tmp_path):
         write()
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_writer_left_goes_in_time(tmp_path):
+    (tmp_path / "cases").mkdir()
+    old, new, mine = (
+        tmp_path / "cases" / n for n in (".a.json.0f.part", ".b.json.1f.part", "c.part")
+    )
+    for path in (old, new, mine):
+        path.write_text("half")
+    for path in (old, mine):
+        os.utime(path, (1e9, 1e9))
+    remove_left_over(tmp_path)
+    assert sorted((tmp_path / "cases").iterdir()) == [new, mine]
 
 
 def test_two_writers_of_one_file_do_not_meet(tmp_path):

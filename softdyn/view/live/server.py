@@ -38,7 +38,7 @@ from softdyn.view.live.messages import (  # fmt: skip
     read,
 )
 from softdyn.view.live.recording import Recording
-from softdyn.view.loopback import is_local
+from softdyn.view.loopback import MAX_BODY, is_local
 
 MOST = 16  # pages at once
 KINDNESS = 5  # the loop's process goes first
@@ -290,7 +290,7 @@ async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.so
         log_function=lambda _handler: None,
         websocket_max_message_size=LONGEST + 1,
     )
-    server = tornado.httpserver.HTTPServer(application)
+    server = tornado.httpserver.HTTPServer(application, max_body_size=MAX_BODY)
     server.add_socket(listening)
     running = asyncio.get_running_loop()
     running.add_reader(loop, hub.heard)

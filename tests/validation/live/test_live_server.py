@@ -96,6 +96,16 @@ def test_it_is_on_loopback_and_wants_its_token(channel):
         urllib.request.urlopen(address(channel, "record.html"))  # there is none yet
 
 
+def test_a_body_is_refused_before_it_is_read(channel):
+    host, port = "127.0.0.1", int(channel.url.split(":")[2].split("/")[0])
+    with socket.create_connection((host, port), timeout=LONG) as link:
+        link.sendall(
+            f"POST / HTTP/1.1\r\nHost: {host}\r\nContent-Length: 95000000\r\n\r\n".encode()
+        )
+        answer = link.recv(4096)  # none of the body was sent
+    assert answer.startswith(b"HTTP/1.1 400") or answer == b""
+
+
 def test_a_foreign_page_or_a_wrong_token_gets_no_websocket(channel):
     async def refused(**how):
         with pytest.raises(HTTPClientError, match="403"):

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError
+from softdyn.files import remove_left_over
 from softdyn.validation.files import atomic, read_json, to_json, write_json
 from softdyn.validation.loop.log import STEP_TIMES, Log
 from softdyn.validation.studies.engine import case as cases
@@ -142,6 +143,7 @@ class Store:
         yield from ((job, None) for job in jobs if job.name not in names)
         if not missing:
             return
+        remove_left_over(self.folder)
         order = sorted(missing, key=lambda job: job.cost, reverse=True)
         with closing(executor(order)) as results:  # type: ignore[type-var]
             for index, result in results:
