@@ -8,7 +8,7 @@ Where what is; numbers in brackets are the paper's equations, in their order of 
 - `soft_id_clf_qp`: Soft ID-CLF-QP (12, 13), the paper's own; horizon and barriers on request;
 - `id_clf_qp`: its hard ancestor, with the whole dynamics (1) as the constraint;
 - `impedance`: IC (14 to 16) and UIC (17 to 20), in closed form; `impedance_qp`: IC-QP (21, 22);
-- `programmes`: what they share, among it the Lyapunov function (6 to 10);
+- `qps`: what they share, among it the Lyapunov function (6 to 10);
 - `gains`: their parameters, with the paper's table;
 - `barriers`: what `SoftIdClfQp` may be told not to run into;
 - `staged`: the same law with the tuned gains of a `schedule`, "best"; `mpc`: predictive control;

@@ -6,7 +6,7 @@ the dynamics are (`softdyn.controllers.qps.horizon`),
 
     b̈ + 2 α (ḃ + τ b̈) + α² (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
 
-r what b̈ has of velocities alone. q̈ is *not* the programme's own, which is fictitious along
+r what b̈ has of velocities alone. q̈ is *not* the QP's own, which is fictitious along
 unactuated directions, but that of the whole dynamics: q̈ = M⁻¹(B u - h). So every barrier is one
 inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c: -c the acceleration that b can still afford.
 
@@ -20,19 +20,19 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, number
 from softdyn.controllers.controller import SILENT
-from softdyn.controllers.qps.qp import DenseQp, Problem, Solution
+from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
 
 RATE = 10.0  # α (1/s)
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met
 NEGLIGIBLE = 1e-6  # of these
-ROOM = 1e-2  # of these: every row has it, for a programme needs an interior
+ROOM = 1e-2  # of these: every row has it, for a QP needs an interior
 ROUNDS = 6  # at most, in which rows join
 TIE = 1e-6  # weight that chooses among inputs that break the rows alike
 
@@ -138,7 +138,7 @@ class HalfSpace:
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class KeepOutSphere:
     """The tip stays out of a ball.
 
     Attributes
@@ -169,6 +169,13 @@ class Sphere:
         return _of_the_tip(state, distance - self.radius, n, across @ across / distance)
 
 
+def __getattr__(name: str) -> Any:
+    if name != "Sphere":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warnings.warn("Sphere is called KeepOutSphere", DeprecationWarning, stacklevel=2)
+    return KeepOutSphere
+
+
 def _of_the_tip(state: State, b: float, n: np.ndarray, turning: float) -> Values:
     """A barrier that grows along the unit vector n (3,), which turns: b̈ = n·ÿ + `turning`."""
     drift = n @ (state.Jdot @ state.v) + turning
@@ -191,7 +198,7 @@ class BarrierRows:
     """The rows of all barriers, hard where some admissible input meets them.
 
     Where none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
-    the input bounds stay hard, and the programme feasible.
+    the input bounds stay hard, and the QP feasible.
 
     Parameters
     ----------
@@ -261,12 +268,12 @@ class BarrierRows:
     @SILENT
     def enforce(
         self,
-        problem: Problem,
-        solution: Solution | None,
+        problem: QpProblem,
+        solution: QpSolution | None,
         state: State,
         M: np.ndarray,
         h: np.ndarray,
-    ) -> Solution | None:
+    ) -> QpSolution | None:
         """`solution` where it meets every row, else that of `problem` with the rows it breaks.
 
         Rows join as answers break them, for few ever matter: `ROUNDS` times at most. `problem`
@@ -288,7 +295,7 @@ class BarrierRows:
             sunk = float(excess.max())
             upper[chosen] = some.upper + some.unit * np.where(excess > ROOM, excess + ROOM, ROOM)
             p = len(excess)
-            restricted = Problem(
+            restricted = QpProblem(
                 problem.H,
                 problem.g,
                 np.vstack((problem.A, np.hstack((some.matrix, np.zeros((p, size - m)))))),
@@ -315,7 +322,7 @@ class BarrierRows:
         A[m:, :m], A[m:, m:] = matrix, -np.eye(p)
         lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
         upper = np.concatenate((self._u_max, upper))
-        solution = self._solver(m + p, m + p).solve(Problem(H, np.zeros(m + p), A, lower, upper))
+        solution = self._solver(m + p, m + p).solve(QpProblem(H, np.zeros(m + p), A, lower, upper))
         if solution is None:
             return np.zeros(p)
         u = np.clip(solution.x[:m], self._u_min, self._u_max)

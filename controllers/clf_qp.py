@@ -12,7 +12,7 @@ from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.linear_algebra import cholesky, dot, inner, lq, put, row_space
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
-from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.tip_error import TipError
 
 
 class ClfQp(TaskLaw):
@@ -39,7 +39,7 @@ class ClfQp(TaskLaw):
 
 
 class Linearisation:
-    """The programme in u alone: L_g L_f y = J M⁻¹ B (3, m), L_f² y = J̇ q̇ - J M⁻¹ h.
+    """The QP in u alone: L_g L_f y = J M⁻¹ B (3, m), L_f² y = J̇ q̇ - J M⁻¹ h.
 
     With m > 3, or where J M⁻¹ B loses rank, u is not determined by μ and the published objective
     has no term to choose: of all minimisers the one of least norm is taken, exactly.
@@ -52,17 +52,17 @@ class Linearisation:
         self._bounds = model.u_min, model.u_max
         self._u = np.zeros(model.nu)
 
-    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""
         residual, delta = _law(
             state.M, state.h, state.v, state.B.T, state.J, state.Jdot,
-            task.mu_ref, task.yddot, task.row, task.bound, *self._weights, *self._bounds, self._u,
+            tip.mu_ref, tip.yddot, tip.row, tip.bound, *self._weights, *self._bounds, self._u,
         )  # fmt: skip
         if residual != residual:
-            return guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan)
         if residual > ACCEPTED:
-            return guard.fall_back(Status.NOT_SOLVED, task.V, delta)
-        return guard.accept(self._u, task.V, delta)
+            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta)
+        return guard.accept(self._u, tip.V, delta)
 
     def reset(self) -> None:
         """Nothing: every state is answered anew."""
@@ -72,7 +72,7 @@ class Linearisation:
 def _law(
     M, h, v, Bt, J, Jdot, mu_ref, yddot, row, bound, w1, rho, lower, upper, u
 ):  # fmt: skip
-    """The input into `u` (m,); the residual of its programme, and δ."""
+    """The input into `u` (m,); the residual of its QP, and δ."""
     m, n = Bt.shape
     right, stacked, wanted = np.empty((m + 4, n)), np.zeros((4, m)), np.empty(4)
     for x in range(3):

@@ -17,8 +17,8 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
     substitute_back,
 )
-from softdyn.controllers.qps.task import Task
 from softdyn.controllers.qps.task_qp import Condensed, TaskQp
+from softdyn.controllers.qps.tip_error import TipError
 
 
 class IdClfQp(TaskLaw):
@@ -60,10 +60,10 @@ class HardInverseDynamics:
         )
         self._condensed = Condensed.empty(nu)
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
-        """The programme at this state."""
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
+        """The QP at this state."""
         _condense(
-            M, h, state.v, state.B.T, state.J, state.Jdot, task.mu_ref, task.yddot,
+            M, h, state.v, state.B.T, state.J, state.Jdot, tip.mu_ref, tip.yddot,
             self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
@@ -83,11 +83,11 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     substitute_back(R, X)
     drift = X[m]
     damped = drift + damping * v
-    reach = row_space(J)
-    r = len(reach)
-    RX, Rd = inner(reach, X[:m]), np.empty(r)
+    row_basis = row_space(J)
+    r = len(row_basis)
+    RX, Rd = inner(row_basis, X[:m]), np.empty(r)
     for x in range(r):
-        Rd[x] = dot(reach[x], damped)
+        Rd[x] = dot(row_basis[x], damped)
     short = np.empty(3)
     for x in range(3):
         for j in range(m):

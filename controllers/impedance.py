@@ -23,18 +23,20 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute,
 )
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.tip_error import TipError
 
 
 @compiled
-def task_force(M: np.ndarray, J: np.ndarray, reach: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+def task_force(
+    M: np.ndarray, J: np.ndarray, row_basis: np.ndarray, ahead: np.ndarray
+) -> np.ndarray:
     """Λ a with Λ = (J M⁻¹ Jᵀ)⁺, as Jᵀ Λ a = Rᵀ x; `docs/derivations.md`, section 10.
 
     Parameters
     ----------
     M : ndarray, (n, n)
     J : ndarray, (3, n)
-    reach : ndarray, (r, n)
+    row_basis : ndarray, (r, n)
         R, orthonormal rows that span those of J: what is cut as singular is not in it.
     ahead : ndarray, (3,)
         a, an acceleration of the tip.
@@ -44,10 +46,10 @@ def task_force(M: np.ndarray, J: np.ndarray, reach: np.ndarray, ahead: np.ndarra
     x : ndarray, (r,)
         (R M⁻¹ Rᵀ)⁻¹ (J Rᵀ)⁺ a; NaN where M is singular.
     """
-    r = len(reach)
-    half = cholesky(M, reach)[1]
+    r = len(row_basis)
+    half = cholesky(M, row_basis)[1]
     basis, triangle, x = np.empty((r, 3)), np.empty((r, r)), np.empty(r)
-    lq(inner(reach, J), basis, triangle)
+    lq(inner(row_basis, J), basis, triangle)
     for i in range(r):
         x[i] = dot(basis[i], ahead)
     solved = lu_solve(triangle.T.copy(), x)
@@ -63,20 +65,20 @@ def _law(
     """B⁺(Jᵀ f + D q̇ + K + g) before clamping; `project` removes what no input can give.
 
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
-    (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the rows of `reach` span.
+    (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the rows of `row_basis` span.
     """
-    reach, ahead, coriolis = row_space(J), np.empty(3), bias - g
+    row_basis, ahead, coriolis = row_space(J), np.empty(3), bias - g
     for x in range(3):
         ahead[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
-    force = task_force(M, J, reach, ahead)
-    for x in range(len(reach)):
-        force[x] += dot(reach[x], coriolis)
+    force = task_force(M, J, row_basis, ahead)
+    for x in range(len(row_basis)):
+        force[x] += dot(row_basis[x], coriolis)
     torque = h - coriolis
     if project:
-        add_actuated(reach, span, force, torque)
+        add_actuated(row_basis, span, force, torque)
     else:
-        for x in range(len(reach)):
-            add(torque, force[x], reach[x])
+        for x in range(len(row_basis)):
+            add(torque, force[x], row_basis[x])
     u, along = np.zeros(rows.shape[1]), np.empty((len(span), 1))
     for i in range(len(span)):
         along[i, 0] = dot(span[i], torque)
@@ -103,15 +105,15 @@ class ImpedanceLaw:
         self._B: np.ndarray | None = None
         self._factors = (np.empty((0, 0)),) * 3
 
-    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
         """The input, clamped to its bounds."""
         if state.B is not self._B:
             self._factors, self._B = factor(state.B.T), state.B
         u = _law(
             state.M, state.h, state.bias, state.g, state.v, state.J, state.Jdot,
-            task.mu_ref, task.yddot, *self._factors, self._project,
+            tip.mu_ref, tip.yddot, *self._factors, self._project,
         )  # fmt: skip
-        return guard.accept(u, task.V, np.nan, clamped=True)
+        return guard.accept(u, tip.V, np.nan, clamped=True)
 
 
 class Impedance(TaskLaw):
@@ -162,7 +164,7 @@ class UnderactuatedImpedance(TaskLaw):
 
 @compiled
 def add_actuated(
-    reach: np.ndarray, range_B: np.ndarray, force: np.ndarray, torque: np.ndarray
+    row_basis: np.ndarray, range_B: np.ndarray, force: np.ndarray, torque: np.ndarray
 ) -> None:
     """Add (I - N [(I - I_p) N]⁺) t to `torque`, paper (UIC), in at most 3 dimensions.
 
@@ -172,13 +174,13 @@ def add_actuated(
 
     Parameters
     ----------
-    reach : (r, n) orthonormal rows that span range(Jᵀ).
+    row_basis : (r, n) orthonormal rows that span range(Jᵀ).
     range_B : (rank, n) orthonormal rows that span range(B).
-    force : (r,) t in the rows of `reach`.
+    force : (r,) t in the rows of `row_basis`.
     torque : (n,) changed in place.
     """
-    (r, n), a = reach.shape, len(range_B)
-    angles, turned = inner(reach, range_B), np.eye(r)
+    (r, n), a = row_basis.shape, len(range_B)
+    angles, turned = inner(row_basis, range_B), np.eye(r)
     jacobi_svd(angles, turned)
     cosines, largest = np.empty(r), 0.0
     for i in range(r):
@@ -193,4 +195,4 @@ def add_actuated(
                 add(torque, part * angles[i, j] / (cosines[i] * cosines[i]), range_B[j])
         else:
             for j in range(r):
-                add(torque, part * turned[i, j], reach[j])
+                add(torque, part * turned[i, j], row_basis[j])

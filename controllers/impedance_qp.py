@@ -1,4 +1,4 @@
-"""IC-QP: impedance control wrapped in the soft inverse-dynamics programme."""
+"""IC-QP: impedance control wrapped in the soft inverse-dynamics QP."""
 
 from __future__ import annotations
 

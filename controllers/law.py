@@ -1,4 +1,4 @@
-"""What is around each of the paper's six laws: gains, task error, the guard of its input."""
+"""The base of the paper's six controllers: gains, the tip's error, the guard of the input."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import Command, GuardedController, InputGuard, warm_up
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.tip_error import TipError
 
 
-class Programme(Protocol):
-    """How a law finds its input, given the error of its task."""
+class InputRule(Protocol):
+    """Computes a controller's input from the tip's error: by a QP, or in closed form."""
 
     @property
     def solvers(self) -> tuple[DenseQp, ...]:
         """The QPs it solves; none for a law in closed form."""
         ...
 
-    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
-        """What `guard` makes of the input at this state."""
+    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
+        """The input at this state, as a command of `guard`."""
         ...
 
     def reset(self) -> None:
@@ -29,43 +29,41 @@ class Programme(Protocol):
 
 
 class TaskLaw(GuardedController):
-    """A law of the paper: a programme on the task error, behind a guard.
+    """A controller of the paper: a rule for the input, behind a guard.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     gains : Gains
-        The law's parameters.
-    programme : Programme
-        Where the input comes from.
+        The controller's parameters.
+    rule : InputRule
+        Computes the input.
 
     Attributes
     ----------
     name : str
         On the command line and in tables.
     options : tuple of str
-        What the class takes by name besides its gains, in a table of them as well.
-    guard : InputGuard
-        What was counted; laws that take turns may share one.
+        Further parameters of the class, by name; a table of gains may hold them too.
     solvers : tuple of DenseQp
-        The QPs it solves, for their clocks.
+        The QPs that the rule solves, for their clocks.
     """
 
     name = ""
     options: tuple[str, ...] = ()
 
-    def __init__(self, model: SoftModel, gains: Gains, programme: Programme) -> None:
+    def __init__(self, model: SoftModel, gains: Gains, rule: InputRule) -> None:
         self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)
-        self.solvers = programme.solvers
-        self._programme, self._task = programme, Task(gains)
+        self.solvers = rule.solvers
+        self._rule, self._tip_error = rule, TipError(gains)
         warm_up(self, model)
 
     def reset(self, period: float) -> None:
         """Begin a run; nothing of these laws depends on the control period (s)."""
         self.guard.reset()
-        self._programme.reset()
+        self._rule.reset()
 
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        self._task.update(state, reference)
-        return self._programme.command(state, self._task, self.guard)
+        self._tip_error.update(state, reference)
+        return self._rule.command(state, self._tip_error, self.guard)

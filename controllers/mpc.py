@@ -1,6 +1,6 @@
 """Model predictive control on the analytic linearisation at the present state.
 
-Each call predicts the tip over a short horizon with `programmes.prediction`, chooses the inputs
+Each call predicts the tip over a short horizon with `qps.prediction`, chooses the inputs
 at a few knots by a bounded QP, and moves the input along the first ramp. `docs/beyond.md` derives
 the objective and reports what it reaches. No number in it belongs to a robot: lengths, masses and
 stiffnesses enter through the model, by the rules below.
@@ -26,8 +26,8 @@ from softdyn.controllers.controller import (
     warm_up,
 )
 from softdyn.controllers.gains import check_fields, no_actuator
-from softdyn.controllers.qps.prediction import one_period, programme, ramps
-from softdyn.controllers.qps.qp import DenseQp, Problem
+from softdyn.controllers.qps.prediction import condensed_qp, one_period, ramps
+from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
 
@@ -126,8 +126,8 @@ class Mpc(GuardedController):
         self.solvers = (self._qp,)
         with np.errstate(all="ignore"):
             self._weigh(model)
-        reach = model.upper - model.lower
-        self._margin = np.where(np.isfinite(reach), NEAR_STOP * reach, 0.0)
+        span = model.upper - model.lower
+        self._margin = np.where(np.isfinite(span), NEAR_STOP * span, 0.0)
         self.reset(period)
         warm_up(self, model, period)
 
@@ -156,13 +156,13 @@ class Mpc(GuardedController):
         stopped = K + np.diag(np.where(held, STOP / self._step**2 * np.diag(state.M), 0.0))
         t = self._ahead
         goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
-        H, g, c = programme(
+        H, g, c = condensed_qp(
             state.M, stopped, D, state.B, state.J, force, v, state.y - goal, self._shape,
             self._step, self._metric, self._inputs, self._offset @ u,
         )  # fmt: skip
         knots = len(KNOTS)
         lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
-        solution = self._qp.solve(Problem(H, g, self._identity, lower, upper))
+        solution = self._qp.solve(QpProblem(H, g, self._identity, lower, upper))
         if solution is None or not solution.solved:
             self._expected = None
             status = Status.NON_FINITE if solution is None else Status.NOT_SOLVED

@@ -26,7 +26,7 @@ class SoftIdClfQp(TaskLaw):
     gains : Gains, optional
         The paper's for a bundled robot by default; required for any other.
     horizon : float
-        τ (s) of the dynamics, `programmes.horizon`; 0 is the published law.
+        τ (s) of the dynamics, `qps.horizon`; 0 is the published law.
     u_ref : float or ndarray, (nu,)
         The input that costs nothing: w3 ‖u - u_ref‖². Tension in all cables keeps co-contracted
         shapes from relaxing, `docs/beyond.md`; 0 in the paper.
@@ -64,7 +64,7 @@ class SoftIdClfQp(TaskLaw):
         self.u_ref = array("u_ref", given, (model.nu,))
         self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
         objective = SoftInverseDynamics(gains, model.nu, self.u_ref)
-        programme = TaskQp(
+        qp = TaskQp(
             model,
             gains,
             objective,
@@ -72,4 +72,4 @@ class SoftIdClfQp(TaskLaw):
             horizon=Horizon(model, self.horizon),
             barriers=self.barrier_rows,
         )
-        super().__init__(model, gains, programme)
+        super().__init__(model, gains, qp)

@@ -11,7 +11,7 @@ ROBOTS = ("finger", "helix", "spirob")
 LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")
 EPILOG = """\
 The paper's set points. Along each run: the share of control steps whose V grows faster, under the
-model's own acceleration, than the programme's -V/eps + delta; the poles of the zero dynamics
+model's own acceleration, than the QP's -V/eps + delta; the poles of the zero dynamics
 (y = y_d, frozen poses); and whether stiffness dominates gravity where no input acts, the paper's
 condition on them. OUT/certificates.md is the table, OUT/certificates_ROBOT.png the run of the soft
 and of the hard law at the first THETA.

@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
-    from softdyn.identification.parameters import Parameter
-    from softdyn.validation.identification.trials import Excitation
-
-Result = TypeVar("Result")
+    from softdyn.identification import Parameter
 
 EPILOG = """\
 DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
@@ -28,7 +25,7 @@ rest under its first input, and ends at its first stop.
 Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
 parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic
 joint, 1 mm of tip and cables), and what was drawn is identified. --excitations compares inputs
-instead: reaches and times between knots, with the least deviation that any fit of them can have.
+instead: amplitudes and times between knots, with the least deviation that any fit can have.
 
 --second-opinion fits the same unknowns to the same data by MuJoCo's own identification (extra
 `sysid`) and prints both. It needs all joints and only them, in equal steps of time, and no joint
@@ -49,13 +46,13 @@ parser.add_argument(
     "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
 )
 parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
-for name, metavar, default, what in (
-    ("--reach", "PART", 0.6, "of the inputs' ranges that the twin sees"),
-    ("--bias", "PART", 0.0, "of the ranges, added to the inputs: takes joints off their stops"),
-    ("--knots", "S", 0.2, "between the twin's random inputs"),
+for names, metavar, default, what in (
+    (("--amplitude", "--reach"), "PART", 0.6, "of the inputs' ranges that the twin sees"),
+    (("--bias",), "PART", 0.0, "of the ranges, added to the inputs: takes joints off their stops"),
+    (("--knots",), "S", 0.2, "between the twin's random inputs"),
 ):
     parser.add_argument(
-        name, type=cli.finite, nargs="+", metavar=metavar, default=[default],
+        *names, type=cli.finite, nargs="+", metavar=metavar, default=[default],
         help=f"{what}, one for all or one for each; default: {default:g}",
     )  # fmt: skip
 parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
@@ -75,6 +72,7 @@ def command(arguments: cli.Arguments) -> int:
     """Read, fit, write."""
     import math
 
+    import softdyn
     from softdyn import InputError, identification
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -85,7 +83,8 @@ def command(arguments: cli.Arguments) -> int:
         raise InputError("--out, --html", "DATA", "--twin, which is no robot's measurement")
     if arguments.data is not None and arguments.excitations:
         raise InputError("--excitations", "--twin S", "DATA, whose inputs are as they are")
-    model, unknowns = asked(arguments)
+    model = softdyn.load(arguments.robot)
+    unknowns = identification.unknowns_of(model, arguments.free or (), arguments.shared)
     if arguments.twin is not None:
         return of_twin(arguments, model, unknowns)
     data = identification.read_csv(arguments.data, model)
@@ -110,94 +109,58 @@ def command(arguments: cli.Arguments) -> int:
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
 
 
-def asked(arguments: cli.Arguments) -> tuple[SoftModel, list[Parameter]]:
-    """The robot and the unknowns that the arguments name."""
-    import softdyn
-    from softdyn import identification
-
-    model = softdyn.load(arguments.robot)
-    free = arguments.free or ([] if arguments.shared else ["stiffness", "damping"])
-    return model, [
-        one
-        for kinds, shared in ((free, False), (arguments.shared, True))
-        for kind in kinds
-        for one in identification.parameters(model, kind, shared=shared)
-    ]
-
-
-def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: list[Parameter]) -> int:
+def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Parameter]) -> int:
     """Identify what was drawn, seed by seed, or say which inputs would tell it best."""
-    from softdyn import InputError
-    from softdyn.validation.identification import excitations
-    from softdyn.validation.identification import second_opinion as second
-    from softdyn.validation.identification import trials as study
-
-    report: dict[str, Any] = {"robot": model.name, "labels": [one.label for one in unknowns]}
-    if arguments.excitations:
-        if arguments.second_opinion:
-            raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
-        found = excitations.compared(
-            model, unknowns, *seen(arguments, model), jobs=arguments.jobs or -1
-        )
-        report["excitations"] = [
-            {"reach": one.excitation.reach, "knots": one.excitation.knots,
-             "relative": one.relative.tolist(), "refused": one.refused}
-            for one in found
-        ]  # fmt: skip
-        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
-        return cli.PASSED if found[0].told.all() else cli.FAILED
-    opinions: list[second.Opinion] = []
-    if arguments.second_opinion:
-        pairs = each_twin(second.of_trial, arguments, model, unknowns)
-        trials, opinions = [one for one, _ in pairs], [one for _, one in pairs]
-    else:
-        trials = each_twin(study.trial, arguments, model, unknowns)
-    rows = [
-        {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
-         "width": one.width.tolist(), **one.found.report()}
-        for one in trials
-    ]  # fmt: skip
-    for k, opinion in enumerate(opinions):
-        rows[k]["second_opinion"] = opinion.report()
-    report |= {"summary": study.summary(trials), "trials": rows}
-    text = "\n\n".join([study.trial_table(trials).text(), *map(str, opinions)])
-    cli.write_report(report, arguments.json, text)
-    known = all(one.identified for trial in trials for one in trial.found.estimates)
-    return cli.PASSED if known else cli.FAILED
-
-
-def each_twin(
-    function: Callable[..., Result],
-    arguments: cli.Arguments,
-    model: SoftModel,
-    unknowns: list[Parameter],
-) -> list[Result]:
-    """The function of a trial's arguments for each seed, one process a core."""
     import math
 
-    from softdyn.validation.processes import in_order
-
-    what = model, unknowns, *seen(arguments, model)
-    calls = [(*what, seed, arguments.step or math.inf) for seed in range(arguments.seeds)]
-    return in_order(function, calls, 1 if len(calls) == 1 else arguments.jobs or -1)
-
-
-def seen(arguments: cli.Arguments, model: SoftModel) -> tuple[list[str], Excitation, float]:
-    """Outputs, excitation and noise of the twin."""
-    from softdyn.validation.identification.trials import Excitation
+    from softdyn import InputError
+    from softdyn.validation.identification import excitations, trials
+    from softdyn.validation.identification import second_opinion as second
 
     outputs = [f"q.{name}" for name in model.joint_names]
     if arguments.measure == "tip":
         outputs = [f"tip.{axis}" for axis in "xyz"]
-    excitation = Excitation(
+    excitation = trials.Excitation(
         arguments.twin,
         knots=tuple(arguments.knots),
-        reach=tuple(arguments.reach),
+        amplitude=tuple(arguments.amplitude),
         bias=tuple(arguments.bias),
         at_rest=arguments.at_rest,
         timestep=arguments.timestep,
     )
-    return outputs, excitation, arguments.noise
+    what, jobs = (model, unknowns, outputs, excitation, arguments.noise), arguments.jobs or -1
+    report: dict[str, Any] = {"robot": model.name, "labels": [one.label for one in unknowns]}
+    if arguments.excitations:
+        if arguments.second_opinion:
+            raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
+        found = excitations.compared(*what, jobs=jobs)
+        report["excitations"] = [
+            {"amplitude": one.excitation.amplitude, "knots": one.excitation.knots,
+             "relative": one.relative.tolist(), "refused": one.refused,
+             "reach": one.excitation.amplitude}  # its name before
+            for one in found
+        ]  # fmt: skip
+        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
+        return cli.PASSED if found[0].identifiable.all() else cli.FAILED
+    options = {"seeds": arguments.seeds, "step": arguments.step or math.inf, "jobs": jobs}
+    opinions: list[second.Opinion] = []
+    if arguments.second_opinion:
+        pairs = trials.each_trial(second.of_trial, *what, **options)
+        several, opinions = [one for one, _ in pairs], [one for _, one in pairs]
+    else:
+        several = trials.each_trial(trials.trial, *what, **options)
+    rows = [
+        {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
+         "width": one.width.tolist(), **one.found.report()}
+        for one in several
+    ]  # fmt: skip
+    for k, opinion in enumerate(opinions):
+        rows[k]["second_opinion"] = opinion.report()
+    report |= {"summary": trials.summary(several), "trials": rows}
+    text = "\n\n".join([trials.trial_table(several).text(), *map(str, opinions)])
+    cli.write_report(report, arguments.json, text)
+    known = all(one.identified for trial in several for one in trial.found.estimates)
+    return cli.PASSED if known else cli.FAILED
 
 
 main = cli.program(parser, command, __name__)

@@ -74,21 +74,24 @@ def test_the_same_inputs_without_numba():
 @pytest.mark.parametrize("which", BUNDLED + MICRO)
 def test_bases(which):
     for state, _ in drawn(which, 4):
-        reach = row_space(state.J)
-        assert np.allclose(reach @ reach.T, np.eye(len(reach)), atol=1e-13)
+        row_basis = row_space(state.J)
+        assert np.allclose(row_basis @ row_basis.T, np.eye(len(row_basis)), atol=1e-13)
         # it spans range(Jᵀ) up to the threshold
-        left = state.J - state.J @ reach.T @ reach
+        left = state.J - state.J @ row_basis.T @ row_basis
         assert np.abs(left).max() <= 1e-5 * max(np.abs(state.J).max(), 1e-300)
         span, triangle, rows = factor(state.B.T)
         inverse = rows.T @ np.linalg.solve(triangle, span)
         assert np.allclose(inverse, np.linalg.pinv(state.B, rcond=1e-6), atol=1e-6)
         rows = span @ state.M
-        Z, triangle = np.empty((len(rows) + len(reach), len(state.v))), np.empty((len(rows),) * 2)
+        Z, triangle = (
+            np.empty((len(rows) + len(row_basis), len(state.v))),
+            np.empty((len(rows),) * 2),
+        )
         lq(rows, Z, triangle)
-        Z = Z[: extend(Z, len(rows), reach)]
+        Z = Z[: extend(Z, len(rows), row_basis)]
         assert np.allclose(Z @ Z.T, np.eye(len(Z)), atol=1e-12)
         assert np.allclose(triangle @ Z[: len(rows)], rows, atol=1e-12 * np.abs(rows).max())
-        rows = np.vstack((reach, rows))
+        rows = np.vstack((row_basis, rows))
         assert np.allclose(rows @ Z.T @ Z, rows, atol=1e-9 * np.abs(rows).max())
 
 

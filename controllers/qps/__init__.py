@@ -1,13 +1,13 @@
-"""What the laws share; numbers in brackets are the paper's equations.
+"""The QPs of the controllers and their parts; numbers in brackets are the paper's equations.
 
 - `clf`: the Lyapunov function V (8), its P from the Riccati equation (9), the decrease of V (10);
-- `certificate`: the true rate of V under a law, beside what its programme claims;
-- `task`: the error of the tip η (6, 7) that every law starts from, μ_ref, and V's condition on μ;
+- `certificate`: the true rate of V under a law, beside what its QP claims;
+- `tip_error`: the tip's error η (6, 7), μ_ref, and V's condition on μ; every law starts from it;
 - `soft_inverse_dynamics`: the objective of (13) and (22) on the actuated rows (12), condensed;
 - `horizon`: M and h of the dynamics (1) at the end of a horizon instead of now;
-- `task_qp`: an objective in few unknowns, input bounds and the decrease row as one programme;
-- `least_norm`: CLF-QP's programme, of whose minimisers it takes the shortest;
-- `prediction`: the linear model and the condensed programme of predictive control;
+- `task_qp`: an objective in few unknowns, input bounds and the decrease row as one QP;
+- `least_norm`: CLF-QP's QP, of whose minimisers it takes the shortest;
+- `prediction`: the linear model and the condensed QP of predictive control;
 - `qp`: the solver, the one file that imports ProxSuite, with residuals of its own and a clock;
 - `linear_algebra`: ranks, bases and small systems, in compiled loops.
 """

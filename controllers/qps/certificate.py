@@ -1,6 +1,6 @@
 """What V really does under a law: its rate with the model's own acceleration.
 
-A programme bounds V̇ by the accelerations that are its own unknowns. Those of the hard ID-CLF-QP and
+A QP bounds V̇ by the accelerations that are its own unknowns. Those of the hard ID-CLF-QP and
 of the CLF-QP are the model's, q̈ = M⁻¹(B u - h); those of the Soft ID-CLF-QP are not.
 """
 

@@ -4,7 +4,7 @@
 
 A primal active-set method (Stark and Parker 1995, BVLS) whose step goes to the least-norm minimiser
 on the free inputs and whose multipliers are judged in that order too. No weight on u stands in the
-objective, so nothing is traded for a smaller norm; a library's quadratic programme would have to be
+objective, so nothing is traded for a smaller norm; a library's quadratic program would have to be
 solved twice.
 """
 

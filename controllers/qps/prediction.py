@@ -1,4 +1,4 @@
-"""The linear prediction model of the predictive controller, and its condensed programme.
+"""The linear prediction model of the predictive controller, and its condensed QP.
 
 About the present (q₀, q̇₀, u₀), with p = q ⊖ q₀ and w = u - u₀ (`docs/beyond.md`),
 
@@ -91,7 +91,7 @@ def stacked(rows, responses, shape):
 
 
 @compiled
-def programme(M, K, D, B, J, force, v, error, shape, step, metric, inputs, offset):
+def condensed_qp(M, K, D, B, J, force, v, error, shape, step, metric, inputs, offset):
     """Objective ½ xᵀHx + gᵀx + c over the inputs at the knots, x (knots m,) relative to u₀.
 
     Σ_k ‖e_k‖² + ‖metric q̇_k‖² + xᵀ inputs x + 2 offsetᵀ x, with e_k = error_k + J p_k (N, 3).

@@ -30,7 +30,7 @@ NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
 WARM = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 
 
-class Problem(NamedTuple):
+class QpProblem(NamedTuple):
     """min ½ xᵀHx + gᵀx s.t. lower ≤ A x ≤ upper."""
 
     H: np.ndarray  # (n, n) symmetric, positive semidefinite
@@ -40,13 +40,13 @@ class Problem(NamedTuple):
     upper: np.ndarray  # (rows,), +inf where open
 
     @classmethod
-    def empty(cls, variables: int, rows: int) -> Problem:
+    def empty(cls, variables: int, rows: int) -> QpProblem:
         """Room for a problem of this size."""
         A, (lower, upper) = np.zeros((rows, variables)), np.zeros((2, rows))
         return cls(np.zeros((variables, variables)), np.zeros(variables), A, lower, upper)
 
 
-class Solution(NamedTuple):
+class QpSolution(NamedTuple):
     """An answer with the residuals of its optimality conditions, recomputed from the problem.
 
     Attributes
@@ -71,7 +71,7 @@ class Solution(NamedTuple):
         return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
 
 
-def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
+def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
     """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it.
 
     A row whose bounds are closer than 1 is judged in units of that width.
@@ -79,7 +79,9 @@ def residuals(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[float, fl
     return _residuals(*problem, x, z)
 
 
-def polish(problem: Problem, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def polish(
+    problem: QpProblem, x: np.ndarray, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     """The exact optimum on the active set that an approximate (x, z) points at, or None.
 
     Solves the optimality conditions with the active rows as equalities (as in Stellato et al.
@@ -113,7 +115,7 @@ class DenseQp:
         settings.compute_preconditioner = False
         settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
         settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
-        self._scaled = Problem.empty(variables, rows)
+        self._scaled = QpProblem.empty(variables, rows)
         self._scale, self._norms = np.ones(variables), np.ones(rows)
         _, g, A, lower, upper = self._scaled
         self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
@@ -133,7 +135,7 @@ class DenseQp:
             self._qp = QpClock(self._qp)
         return self._qp
 
-    def solve(self, problem: Problem) -> Solution | None:
+    def solve(self, problem: QpProblem) -> QpSolution | None:
         """The answer, whatever its quality; None where no solver may see the problem."""
         H, g, A, lower, upper = scaled = self._scaled
         sane, size = _scale(*problem, *scaled, self._scale, self._norms)
@@ -142,14 +144,14 @@ class DenseQp:
         qp = self._qp
         qp.update(H, g, None, None, A, lower, upper, False)
         qp.solve()
-        answer = Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        answer = QpSolution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
         if max(answer[2:]) <= FINE:  # NaN is not
             return answer
         settings = qp.settings
         settings.eps_abs, settings.initial_guess = FINE, WARM
         qp.solve()
         settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
-        return Solution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
+        return QpSolution(*_refined(*scaled, self._x, self._z, self._scale, self._norms, size))
 
 
 class QpClock:

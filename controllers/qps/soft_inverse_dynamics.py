@@ -1,4 +1,4 @@
-"""The soft inverse-dynamics programme, condensed: exact, and of a size that n does not enter.
+"""The soft inverse-dynamics QP, condensed: exact, and of a size that n does not enter.
 
 Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
 
@@ -28,12 +28,12 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
     substitute,
 )
-from softdyn.controllers.qps.task import Task
 from softdyn.controllers.qps.task_qp import Condensed
+from softdyn.controllers.qps.tip_error import TipError
 
 
 class SoftInverseDynamics:
-    """Builds the condensed programme; keeps the range of B while B does not change.
+    """Builds the condensed QP; keeps the range of B while B does not change.
 
     `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
     """
@@ -49,14 +49,14 @@ class SoftInverseDynamics:
         self._span = self._span_B = np.empty((0, 0))
         self._condensed = Condensed.empty(self.size)
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
-        """The programme at this state."""
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
+        """The QP at this state."""
         if state.B is not self._B:
             self._span, self._span_B = range_of(state.B.T)
             self._B = state.B
         _condense(
             M, h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
-            task.mu_ref, task.yddot, self._u_ref, self._weights, *self._condensed,
+            tip.mu_ref, tip.yddot, self._u_ref, self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
 
@@ -75,8 +75,8 @@ def _condense(
     w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
     a, m = span_B.shape
     n, size = len(v), m + 3
-    reach = row_space(J)
-    r = len(reach)
+    row_basis = row_space(J)
+    r = len(row_basis)
     Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
     if a:
         # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
@@ -88,22 +88,22 @@ def _condense(
                 right[i, j] = span_B[i, j]
             right[i, m] = c * dot(actuated[i], v) - dot(span[i], h)
         substitute(triangle, right)
-    k = extend(Z, a, reach)
+    k = extend(Z, a, row_basis)
 
     # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
-    # `along` gives J Zᵀ and R = reach Zᵀ.
-    along, R = inner(J, Z[:k]), inner(reach, Z[:k])
+    # `along` gives J Zᵀ and R = row_basis Zᵀ.
+    along, R = inner(J, Z[:k]), inner(row_basis, Z[:k])
     RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
     _through(R, right, a, k, RY, Rz)
     _through(along, right, a, k, mu_map, mu_0)
     for x in range(r):
-        Rv[x] = dot(reach[x], v)
+        Rv[x] = dot(row_basis[x], v)
     short = np.empty(3)
     for x in range(3):
         mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
         short[x] = mu_0[x] - mu_ref[x]
 
-    # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(reach q̇) + const
+    # w2 ‖q̈‖² + w4 ‖N (q̈ + D q̇)‖² is (w2 + w4) ‖z‖² - w4 ‖R z‖² - 2 w2 c (R z)·(row_basis q̇) + const
     both = w2 + w4
     H[:], g[:] = 0.0, 0.0
     add_squares(H, g, w1, mu_map, short)

@@ -11,10 +11,10 @@ from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.horizon import Horizon
-from softdyn.controllers.qps.qp import DenseQp, Problem, Solution
-from softdyn.controllers.qps.task import Task
+from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
+from softdyn.controllers.qps.tip_error import TipError
 
-# The programme's bounds are drawn in by this share of their range, the solver's own accuracy, so
+# The QP's bounds are drawn in by this share of their range, the solver's own accuracy, so
 # that its answer lies inside the true ones without clipping.
 BACKOFF = 1e-8
 
@@ -50,7 +50,7 @@ class Objective(Protocol):
 
     size: int
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, task: Task) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
         """The objective at this state with the dynamics M q̈ + h = B u.
 
         In memory that the next call may use again.
@@ -63,12 +63,12 @@ class Restriction(Protocol):
 
     def enforce(
         self,
-        problem: Problem,
-        solution: Solution | None,
+        problem: QpProblem,
+        solution: QpSolution | None,
         state: State,
         M: np.ndarray,
         h: np.ndarray,
-    ) -> Solution | None:
+    ) -> QpSolution | None:
         """`solution` of `problem` where it meets the rows, else one that does."""
         ...
 
@@ -89,7 +89,7 @@ class TaskQp:
     gains : Gains
         Of which ρ is read here.
     objective : Objective
-        The rest of the programme.
+        The rest of the QP.
     decrease : bool
         Whether the decrease condition is a constraint; V is reported either way.
     horizon : Horizon, optional
@@ -115,7 +115,7 @@ class TaskQp:
         self._qp = DenseQp(size + decrease, m + decrease)
         self.solvers = (self._qp,)
         # x = (u, …, δ); what the steps do not change is written once
-        self._problem = problem = Problem.empty(size + decrease, m + decrease)
+        self._problem = problem = QpProblem.empty(size + decrease, m + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
         problem.lower[:m], problem.upper[:m] = model.u_min + margin, model.u_max - margin
         problem.A[:m, :m] = np.eye(m)
@@ -123,24 +123,32 @@ class TaskQp:
             problem.lower[m], problem.A[m, size] = -np.inf, -1.0
 
     def reset(self) -> None:
-        """Forget what the barriers saw; the programme itself remembers nothing."""
+        """Forget what the barriers saw; the QP itself remembers nothing."""
         if self._barriers is not None:
             self._barriers.reset()
 
-    def command(self, state: State, task: Task, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""
         M, h = (state.M, state.h) if self._horizon is None else self._horizon(state)
-        condensed, problem = self._objective.condense(state, M, h, task), self._problem
-        _write(*condensed, task.row, task.bound, self._rho, self._decrease, self._nu, *problem)
+        condensed, problem = self._objective.condense(state, M, h, tip), self._problem
+        _write(
+            *condensed,
+            tip.row,
+            tip.bound,
+            self._rho,
+            self._decrease,
+            self._nu,
+            *problem,
+        )
         solution = self._qp.solve(problem)
         if self._barriers is not None:
             solution = self._barriers.enforce(problem, solution, state, M, h)
         if solution is None:
-            return guard.fall_back(Status.NON_FINITE, task.V, np.nan)
+            return guard.fall_back(Status.NON_FINITE, tip.V, np.nan)
         delta = float(solution.x[self._size]) if self._decrease else np.nan
         if not solution.solved:
-            return guard.fall_back(Status.NOT_SOLVED, task.V, delta)
-        return guard.accept(solution.x[: self._nu], task.V, delta)
+            return guard.fall_back(Status.NOT_SOLVED, tip.V, delta)
+        return guard.accept(solution.x[: self._nu], tip.V, delta)
 
 
 @compiled

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.projection import Projection, project, tree_below
+from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
 
@@ -64,7 +64,7 @@ def acceleration_derivatives(
     tau = joint_force_derivatives(model, q, v, u)
     if isinstance(model, Projection):
         return _constrained(model, q, v, u, tau)
-    tree, n = tree_below(model)[0], model.nv
+    tree, n = underlying_tree(model)[0], model.nv
     q, v = tree.about_base(np.asarray(q, float)), np.asarray(v, float)
     blocks = pin.computeABADerivatives(tree.pin_model, tree.pin_data, q, v, tau.value)
     by_q, by_v, inverse = (np.reshape(block, (n, n)) for block in blocks)
@@ -98,12 +98,12 @@ def joint_force_derivatives(
     """
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
-    force = pull(model, u)
+    force = tendon_forces(model, u)
     arms, gain, damping = state.moment_arms, model.tendon_stiffness, model.tendon_damping
     force -= gain * (state.lengths - model.tendon_rest)
     force -= damping * (arms @ state.v)
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
-    tree, S = tree_below(model)
+    tree, S = underlying_tree(model)
     by_q = curvature - project(S, np.diag(tree.stiffness))
     by_q -= arms.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
     return Derivatives(state.B @ u - state.D @ state.v - state.K, by_q, -state.D, state.B)
@@ -206,16 +206,16 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """∂g/∂q (nv, nv), the Hessian of gravity's energy."""
-    tree, S = tree_below(model)
+    tree, S = underlying_tree(model)
     at = model.expand(q) if isinstance(model, Projection) else np.asarray(q, float)
     here = tree.about_base(at)
     hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, here)
     return project(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 
 
-def pull(model: SoftModel, u: np.ndarray) -> np.ndarray:
+def tendon_forces(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
-    tree, _ = tree_below(model)
+    tree, _ = underlying_tree(model)
     forces = np.bincount(tree.actuated, tree.gear * u, len(model.tendons.names))
     return forces.astype(float)  # whole numbers where there is no actuator
 
@@ -242,7 +242,7 @@ def tendon_curvature(
         tree, S = model.tree, model.S
         bend, rates = tendon_curvature(tree, model.expand(q), force, S @ v)
         return project(S, bend), rates @ S
-    tree, _ = tree_below(model)
+    tree, _ = underlying_tree(model)
     jacobian = tree.joint_jacobian(q)
     return model.tendons.curvature(jacobian, *tree.placements(), force, v)
 
@@ -251,7 +251,7 @@ def _inverse_dynamics(
     model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """∂/∂q and ∂/∂q̇ (nv, nv) of M a + C q̇ + g at a constant acceleration: RNEA's derivatives."""
-    tree, S = tree_below(model)
+    tree, S = underlying_tree(model)
     given: list[np.ndarray] = [np.asarray(x, float) for x in (q, v, a)]
     if isinstance(model, Projection):
         given = [model.expand(given[0]), model.S @ given[1], model.S @ given[2]]

@@ -101,7 +101,7 @@ class Projection(SoftModel):
         return self.tree.link_poses(self.expand(q))
 
 
-def tree_below(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:
+def underlying_tree(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:
     """The tree whose engine makes the model's terms, and S; None where it is the model itself."""
     if isinstance(model, Projection):
         return model.tree, model.S

@@ -6,6 +6,9 @@
     found = identification.identify(model, data, identification.parameters(model, "stiffness"))
     print(found)
 
+`identify` is these steps: `problem_of` finds the stretches that count, `fit` fits them, and what is
+left over gives the intervals.
+
 - `data`: measurements, from arrays or a CSV file, and what a stop spoils in them;
 - `parameters`: what may be unknown, its column in the equations of motion, a model with other
   values;
@@ -18,10 +21,23 @@
 - `rewrite`: the robot's file with the new numbers.
 """
 
+from softdyn.identification.data import MAX_ROWS as MAX_ROWS
 from softdyn.identification.data import Measurements as Measurements
 from softdyn.identification.data import read_csv as read_csv
+from softdyn.identification.fit import Fit as Fit
+from softdyn.identification.fit import fit as fit
+from softdyn.identification.fit import fit_length as fit_length
 from softdyn.identification.fit import identify as identify
+from softdyn.identification.fit import least_deviations as least_deviations
 from softdyn.identification.parameters import KINDS as KINDS
+from softdyn.identification.parameters import Parameter as Parameter
+from softdyn.identification.parameters import member_values as member_values
 from softdyn.identification.parameters import parameters as parameters
+from softdyn.identification.parameters import unknowns_of as unknowns_of
+from softdyn.identification.parameters import with_values as with_values
+from softdyn.identification.problem import FitProblem as FitProblem
+from softdyn.identification.problem import measured_outputs as measured_outputs
+from softdyn.identification.problem import problem_of as problem_of
+from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified
 from softdyn.identification.rewrite import rewritten as rewritten

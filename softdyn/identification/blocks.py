@@ -18,7 +18,7 @@ EVALUATIONS = 40
 DAMPING, LARGEST = 1e-8, 1e8  # Marquardt's, at first and when no step helps
 
 
-class Block(NamedTuple):
+class ResidualBlock(NamedTuple):
     """One run: residuals (rows,), their derivatives by θ (rows, P) and by its own unknowns."""
 
     residual: np.ndarray
@@ -53,7 +53,7 @@ class Reduced(NamedTuple):
         return [-solve_triangular(R, d + A @ delta) for R, d, A in self.back]
 
 
-def reduced(blocks: Iterable[Block]) -> Reduced:
+def reduced(blocks: Iterable[ResidualBlock]) -> Reduced:
     """Eliminate each run's own unknowns by QR, and gather what is left of all runs by QR."""
     back, cost, gain = [], 0.0, 0.0
     rows = np.zeros((0, 0))
@@ -73,7 +73,7 @@ def reduced(blocks: Iterable[Block]) -> Reduced:
 
 
 def least_squares(
-    blocks: Callable[[np.ndarray, Sequence[np.ndarray]], list[Block] | None],
+    blocks: Callable[[np.ndarray, Sequence[np.ndarray]], list[ResidualBlock] | None],
     theta: np.ndarray,
     own: Sequence[np.ndarray],
     lower: np.ndarray,

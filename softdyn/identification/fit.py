@@ -1,4 +1,4 @@
-"""The fit of simulated outputs to measured ones, its intervals, and what the data cannot tell."""
+"""The fit of simulated outputs to measured ones, its intervals, parameters not identifiable."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy.stats import chi2
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.identification.blocks import DONE, Block, least_squares, reduced
+from softdyn.identification.blocks import DONE, ResidualBlock, least_squares, reduced
 from softdyn.identification.data import SHORTEST, Measurements
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Parameter, with_values
-from softdyn.identification.problem import Problem, Simulated, first_stop, problem_of
+from softdyn.identification.problem import FitProblem, Simulated, first_stop, problem_of
 from softdyn.identification.result import Estimate, Identified
 from softdyn.identification.trajectory import TrajectoryError
 from softdyn.identification.whiteness import autocorrelation, ljung_box, widening
@@ -26,7 +26,7 @@ CUTS = 4  # times that data without joints are cut at a stop of the motion fitte
 ROUNDS = 12  # of estimating noise and unknowns in turn
 PIECE = 100  # samples of the first pieces that are fitted
 ROUGH = 1e-3  # the share of the cost that a step would take off, at which pieces are joined
-VAGUE = 0.5  # a relative standard deviation above which a parameter is not identified
+WIDEST = 0.5  # a relative standard deviation above which a parameter is not identified
 
 
 def identify(
@@ -77,17 +77,16 @@ def identify(
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
     if len(data.t) < FEWEST:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
-    split = fitted(data, hold_out)
+    split = fit_length(data, hold_out)
     whole = problem_of(model, data.part(0, split), unknowns, step)
-    found = _fitted(whole, *_begun(whole))
+    found = fit(whole)
     for _ in range(CUTS if whole.smooth is None else 0):
         end = first_stop(replace(found.problem, runs=whole.runs), found.theta)
         if end == found.problem.runs[0][1]:
             break
         if end < SHORTEST:
             raise InputError("data", f"{SHORTEST} samples before a joint is at its stop", f"{end}")
-        cut = replace(whole, runs=((0, end),))
-        found = _fitted(cut, *_begun(cut))
+        found = fit(replace(whole, runs=((0, end),)))
     problem, theta, noise = found.problem, found.theta, found.noise
     residuals = problem.residuals(found.simulated)
     samples = np.isfinite(residuals).sum(0)
@@ -107,13 +106,13 @@ def identify(
         changed, estimates, data.names, residuals,
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
-        _held_out(problem, theta, data, split, noise), found.vague,
+        _held_out(problem, theta, data, split, noise), found.unidentifiable,
         _moved(found),
     )  # fmt: skip
 
 
-def fitted(data: Measurements, hold_out: float) -> int:
-    """How many samples are fitted where a part from 0 to 1 is held out."""
+def fit_length(data: Measurements, hold_out: float) -> int:
+    """The number of samples that are fitted where a part from 0 to 1 is held out."""
     return max(FEWEST, round(len(data.t) * (1 - hold_out)))
 
 
@@ -129,7 +128,7 @@ def least_deviations(
 ) -> np.ndarray:
     """Cramér and Rao's bound (P,): what no unbiased fit of the same stretches can undercut.
 
-    Infinite for what `identify` would name as not told by these data, were the noise as given.
+    Infinite for parameters that `identify` would name as not identifiable, were the noise as given.
 
     Parameters
     ----------
@@ -140,29 +139,84 @@ def least_deviations(
     noise : ndarray, (outputs,)
         The true standard deviation of each output; white.
     """
-    part = data.part(0, fitted(data, hold_out))
+    part = data.part(0, fit_length(data, hold_out))
     problem = problem_of(model, part, tuple(unknowns), step)
     if problem.smooth is None:
         problem = replace(problem, runs=((0, first_stop(problem, theta)),))
     R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
-    told, drop = list(range(len(unknowns))), {-1}
-    while told and drop:
-        drop, _ = _vague([unknowns[k] for k in told], R[:, told])
-        told = [k for at, k in enumerate(told) if at not in drop]
+    identifiable, drop = list(range(len(unknowns))), {-1}
+    while identifiable and drop:
+        drop, _ = _unidentifiable([unknowns[k] for k in identifiable], R[:, identifiable])
+        identifiable = [k for at, k in enumerate(identifiable) if at not in drop]
     found = np.full(len(unknowns), np.inf)
-    found[told] = _deviations(R[:, told])
+    found[identifiable] = _deviations(R[:, identifiable])
     return found
 
 
-def _begun(problem: Problem) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-    """Parameters, first states and noise (outputs,) from which the fit goes on."""
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the residuals of a problem are least.
+
+    Attributes
+    ----------
+    problem : FitProblem
+        Without the unknowns that cannot be identified.
+    theta : ndarray, (P,)
+        Values of its unknowns.
+    noise : ndarray, (outputs,)
+        Standard deviations of what the fit leaves.
+    simulated : list of Simulated
+        Run by run.
+    unidentifiable : tuple of str
+        The directions that the data do not tell, as text.
+    """
+
+    problem: FitProblem
+    theta: np.ndarray
+    noise: np.ndarray
+    simulated: list[Simulated]
+    unidentifiable: tuple[str, ...]
+
+
+def fit(problem: FitProblem) -> Fit:
+    """The output-error fit of a problem: unknowns and noise in turn.
+
+    Raises
+    ------
+    InputError
+        No unknown can be identified.
+    TrajectoryError
+        No simulation near the first guess.
+    """
+    theta, firsts, noise = _starting_point(problem)
+    texts: list[str] = []
+    for _ in range(ROUNDS + len(theta)):
+        theta, firsts, simulated = _solve(problem, theta, firsts, noise)
+        before, noise = noise, _noise(problem, theta, simulated, noise)
+        drop, new = _unidentifiable(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
+        texts += new
+        if drop:
+            unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
+            theta = np.delete(theta, sorted(drop))
+            if not unknowns:
+                raise InputError("data", "something that tells these parameters", "; ".join(texts))
+            problem = replace(problem, unknowns=unknowns)
+        elif (np.abs(noise / before - 1) < 0.1).all():
+            break
+    return Fit(problem, theta, noise, simulated, tuple(texts))
+
+
+def _starting_point(problem: FitProblem) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+    """Parameters, first states and noise (outputs,) from which the fit starts."""
     if problem.smooth is None:
-        return _by_and_by(problem), problem.firsts(), _first_noise(problem)
+        return _fit_growing_part(problem), problem.firsts(), _first_noise(problem)
     guess = first_guess(problem.base, problem.unknowns, problem.data, problem.smooth, problem.stops)
     return _joined(problem, guess)
 
 
-def _joined(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+def _joined(
+    problem: FitProblem, theta: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Parameters, first states and noise, from pieces of the runs that are joined four by four.
 
     Some motions are so sensitive that in seconds a first guess is out of step with the measured
@@ -197,7 +251,7 @@ def _pieces(runs: Sequence[tuple[int, int]], length: int) -> tuple[tuple[int, in
     return tuple(found)
 
 
-def _by_and_by(problem: Problem) -> np.ndarray:
+def _fit_growing_part(problem: FitProblem) -> np.ndarray:
     """θ from the file's values, fitted to a first piece of the run, then twice as much, to a half.
 
     After seconds the motion under the file's values is out of step with the measured one, and the
@@ -217,52 +271,20 @@ def _by_and_by(problem: Problem) -> np.ndarray:
     return theta
 
 
-def _first_noise(problem: Problem) -> np.ndarray:
+def _first_noise(problem: FitProblem) -> np.ndarray:
     """Weights (outputs,) before anything is known of the noise."""
     spread = np.ptp(problem.data.outputs, axis=0)
     return 1e-3 * np.maximum(spread, 1e-3 * spread.max())
 
 
-def _misfit(problem: Problem, theta: np.ndarray, noise: np.ndarray) -> float:
+def _misfit(problem: FitProblem, theta: np.ndarray, noise: np.ndarray) -> float:
     """Sum of squares of a run that began at rest."""
     out = problem.outputs(theta, problem.firsts())[0]
     return float((((out - problem.data.outputs[: len(out)]) / noise) ** 2).sum())
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """The problem without what cannot be identified, and where its residuals are least."""
-
-    problem: Problem
-    theta: np.ndarray
-    noise: np.ndarray
-    simulated: list[Simulated]
-    vague: tuple[str, ...]
-
-
-def _fitted(
-    problem: Problem, theta: np.ndarray, firsts: Sequence[np.ndarray], noise: np.ndarray
-) -> _Fit:
-    """Unknowns and noise in turn; what cannot be identified goes."""
-    vague: list[str] = []
-    for _ in range(ROUNDS + len(theta)):
-        theta, firsts, simulated = _solve(problem, theta, firsts, noise)
-        before, noise = noise, _noise(problem, theta, simulated, noise)
-        drop, texts = _vague(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
-        vague += texts
-        if drop:
-            unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
-            theta = np.delete(theta, sorted(drop))
-            if not unknowns:
-                raise InputError("data", "something that tells these parameters", "; ".join(vague))
-            problem = replace(problem, unknowns=unknowns)
-        elif (np.abs(noise / before - 1) < 0.1).all():
-            break
-    return _Fit(problem, theta, noise, simulated, tuple(vague))
-
-
 def _noise(
-    problem: Problem, theta: np.ndarray, simulated: Sequence[Simulated], before: np.ndarray
+    problem: FitProblem, theta: np.ndarray, simulated: Sequence[Simulated], before: np.ndarray
 ) -> np.ndarray:
     """Standard deviations (outputs,) of what the fit leaves; `before` where nothing counts."""
     left = problem.residuals(simulated)
@@ -274,7 +296,7 @@ def _noise(
 
 
 def _solve(
-    problem: Problem,
+    problem: FitProblem,
     theta: np.ndarray,
     firsts: Sequence[np.ndarray],
     noise: np.ndarray,
@@ -286,7 +308,7 @@ def _solve(
     best = problem.simulated(theta, firsts)  # an error at the first guess is the user's to know
     kept = {_key(theta, firsts): best}
 
-    def blocks(at: np.ndarray, own: Sequence[np.ndarray]) -> list[Block] | None:
+    def blocks(at: np.ndarray, own: Sequence[np.ndarray]) -> list[ResidualBlock] | None:
         key = _key(at, own)
         if key not in kept:
             kept.clear()
@@ -310,7 +332,7 @@ def _deviations(R: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.linalg.pinv(R), axis=1)
 
 
-def _moved(found: _Fit) -> float:
+def _moved(found: Fit) -> float:
     """By how much of its deviation half the simulation's step would move θ, to first order.
 
     NaN where the model cannot be followed with half the step.
@@ -328,17 +350,17 @@ def _moved(found: _Fit) -> float:
     return float(np.abs(np.linalg.pinv(linear.R) @ linear.d / _deviations(linear.R)).max())
 
 
-def _vague(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
-    """Parameters that these outputs do not tell, and as text what it is that they do not.
+def _unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
+    """Indices of parameters that these outputs do not tell, and the reasons as text.
 
-    All that are untold even if all else were known; else one of the worst direction.
+    All that would not be identifiable even if all else were known; else one of the worst direction.
     """
     scaled = R * np.array([abs(p.nominal) or 1.0 for p in unknowns])
-    alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * VAGUE < 1)
+    alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * WIDEST < 1)
     if alone.size:
         return set(map(int, alone)), [unknowns[int(k)].label for k in alone]
     _, singular, directions = np.linalg.svd(scaled)
-    if singular[-1] * VAGUE >= 1:
+    if singular[-1] * WIDEST >= 1:
         return set(), []
     share = np.abs(directions[-1]) / np.abs(directions[-1]).max()
     # the single parameter that is worst, so that a common scale loses one member, not all
@@ -349,7 +371,7 @@ def _vague(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list
 
 
 def _held_out(
-    problem: Problem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
+    problem: FitProblem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
 ) -> float:
     """Rms over the noise in the rest of the data, whose first states alone are fitted to it."""
     if split > len(data.t) - FEWEST:

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear, minimize_scalar
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
 from softdyn.identification.friction import friction_of
-from softdyn.identification.parameters import Moment, Parameter, columns_of
+from softdyn.identification.parameters import MotionSample, Parameter, columns_of
 
 MOST = 2000  # samples that the first guess uses
 WINDOW = 500  # samples that choose the smoothing
@@ -88,8 +88,8 @@ def first_guess(
         state = model.state(model.configuration(angles[k]), rates[k])
         # the input changes at a sample, the smoothed acceleration does not: their mean
         u = (data.u[k - 1] + data.u[k]) / 2
-        moment = Moment(state, accelerations[k], u, model)
-        Y = columns_of(unknowns, moment, len(unknowns))[:, linear]
+        sample = MotionSample(state, accelerations[k], u, model)
+        Y = columns_of(unknowns, sample, len(unknowns))[:, linear]
         r = state.M @ accelerations[k] + state.h - state.B @ u + rub.size * rub.signs(rates[k])
         columns.append(Y[use])
         loads.append((Y @ theta[linear] - r)[use])  # r is linear: r = r₀ + Y (θ - θ₀)

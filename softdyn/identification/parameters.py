@@ -19,7 +19,7 @@ from softdyn.exceptions import InputError
 from softdyn.identification.friction import friction_of
 
 
-class Moment(NamedTuple):
+class MotionSample(NamedTuple):
     """A state with its acceleration and input, and the model with the file's inertias."""
 
     state: State
@@ -41,7 +41,7 @@ class Kind:
     nominal : callable
         SoftModel → their values in the file (members,).
     columns : callable
-        Moment → ∂r/∂value (n, members), r = M a + h - B u.
+        MotionSample → ∂r/∂value (n, members), r = M a + h - B u.
     amended : callable
         (Robot, {name: value}) → the robot with these values; masses are set in the engine.
     lower : float
@@ -54,7 +54,7 @@ class Kind:
     unit: str
     members: Callable[[SoftModel], Sequence[str]]
     nominal: Callable[[SoftModel], np.ndarray]
-    columns: Callable[[Moment], np.ndarray]
+    columns: Callable[[MotionSample], np.ndarray]
     amended: Callable[[Robot, dict[str, float]], Robot]
     lower: float = 0.0
     measures: str = ""
@@ -87,51 +87,51 @@ def _inputs(model: SoftModel) -> Sequence[str]:
     return [actuator.name for actuator in model.robot.actuators]
 
 
-def _coordinates(moment: Moment) -> np.ndarray:
-    return moment.state.model.coordinates(moment.state.q)
+def _coordinates(sample: MotionSample) -> np.ndarray:
+    return sample.state.model.coordinates(sample.state.q)
 
 
-def _rubbing(moment: Moment) -> np.ndarray:
-    return np.diag(friction_of(moment.state.model).signs(moment.state.v))
+def _rubbing(sample: MotionSample) -> np.ndarray:
+    return np.diag(friction_of(sample.state.model).signs(sample.state.v))
 
 
-def _stretch(moment: Moment) -> np.ndarray:
-    return _coordinates(moment) - moment.state.model.rest
+def _stretch(sample: MotionSample) -> np.ndarray:
+    return _coordinates(sample) - sample.state.model.rest
 
 
-def _mass_columns(moment: Moment) -> np.ndarray:
-    state = moment.state
-    return mass_columns(moment.file, state.q, state.v, moment.a)
+def _mass_columns(sample: MotionSample) -> np.ndarray:
+    state = sample.state
+    return mass_columns(sample.file, state.q, state.v, sample.a)
 
 
-def _gear_columns(moment: Moment) -> np.ndarray:
-    tree = tree_of(moment.state.model)
-    return -(moment.state.moment_arms[tree.actuated] * moment.u[:, None]).T
+def _gear_columns(sample: MotionSample) -> np.ndarray:
+    tree = tree_of(sample.state.model)
+    return -(sample.state.moment_arms[tree.actuated] * sample.u[:, None]).T
 
 
-def _tendon_spring(moment: Moment) -> np.ndarray:
-    model, state = moment.state.model, moment.state
+def _tendon_spring(sample: MotionSample) -> np.ndarray:
+    model, state = sample.state.model, sample.state
     return (state.moment_arms * (state.lengths - model.tendon_rest)[:, None]).T
 
 
-def _tendon_damper(moment: Moment) -> np.ndarray:
-    arms = moment.state.moment_arms
-    return (arms * (arms @ moment.state.v)[:, None]).T
+def _tendon_damper(sample: MotionSample) -> np.ndarray:
+    arms = sample.state.moment_arms
+    return (arms * (arms @ sample.state.v)[:, None]).T
 
 
 KINDS = {
     kind.name: kind
     for kind in (
         Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
-             lambda moment: np.diag(_stretch(moment)), _in("joints", "stiffness")),
+             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness")),
         Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
-             lambda moment: np.diag(moment.state.v), _in("joints", "damping")),
+             lambda sample: np.diag(sample.state.v), _in("joints", "damping")),
         Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
              _rubbing, _in("joints", "friction")),
         Kind("rest", "rad, m", _joints, lambda model: model.rest,
-             lambda moment: -np.diag(moment.state.model.stiffness), _in("joints", "rest"), -np.inf),
+             lambda sample: -np.diag(sample.state.model.stiffness), _in("joints", "rest"), -np.inf),
         Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,
-             lambda moment: np.diag(moment.a), _in("joints", "armature")),
+             lambda sample: np.diag(sample.a), _in("joints", "armature")),
         Kind("mass", "of the file's", _joints, lambda model: np.ones(model.nv),
              _mass_columns,
              lambda robot, values: robot),
@@ -142,7 +142,7 @@ KINDS = {
         Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
              _tendon_damper, _in("tendons", "damping")),
         Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
-             lambda moment: np.zeros(moment.state.moment_arms.T.shape), lambda robot, values: robot,
+             lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
              -np.inf, "length."),
     )
 }  # fmt: skip
@@ -218,14 +218,38 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     )
 
 
-def columns_of(unknowns: Sequence[Parameter], moment: Moment, count: int) -> np.ndarray:
+def unknowns_of(
+    model: SoftModel, free: Sequence[str] = (), shared: Sequence[str] = ()
+) -> tuple[Parameter, ...]:
+    """The unknowns of several kinds; stiffness and damping of each joint by default.
+
+    Parameters
+    ----------
+    model : SoftModel
+        As for `parameters`.
+    free, shared : sequence of str
+        Kinds with one unknown for each member, and kinds with one factor for all.
+
+    Raises
+    ------
+    InputError
+        See `parameters`.
+    """
+    if not free and not shared:
+        free = ("stiffness", "damping")
+    found = [parameters(model, kind) for kind in free]
+    found += [parameters(model, kind, shared=True) for kind in shared]
+    return tuple(one for several in found for one in several)
+
+
+def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) -> np.ndarray:
     """∂r/∂z (n, count): the unknowns' columns, then zeros."""
-    found = np.zeros((len(moment.a), count))
+    found = np.zeros((len(sample.a), count))
     at = 0
     for _, group in groupby(unknowns, lambda parameter: parameter.kind.name):
         same = list(group)
         weights = np.stack([parameter.weights for parameter in same], 1)
-        found[:, at : at + len(same)] = same[0].kind.columns(moment) @ weights
+        found[:, at : at + len(same)] = same[0].kind.columns(sample) @ weights
         at += len(same)
     return found
 

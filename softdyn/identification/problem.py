@@ -12,10 +12,10 @@ from scipy.interpolate import make_interp_spline
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.identification.blocks import Block
+from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.data import AXES, SHORTEST, Measurements, at_stops, stretches
 from softdyn.identification.linear import smoothed
-from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
+from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.statics.equilibria import settle
 
@@ -32,7 +32,7 @@ class Simulated(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class FitProblem:
     """All that the residual of the fit depends on but the unknowns.
 
     Attributes
@@ -89,12 +89,12 @@ class Problem:
         unknowns = self.unknowns if start.by_q.size else ()
         driven = self._driven(run)
         path, by = follow(model, unknowns, t, u, start, driven, self.step, self.base)
-        out, slope = measured(model, self.data.names, path, by)
+        out, slope = measured_outputs(model, self.data.names, path, by)
         for unknown, value in zip(self.unknowns, theta, strict=True):
             out += value * unknown.shift(model, self.data.names)
         return out, slope
 
-    def blocks(self, simulated: Sequence[Simulated], noise: np.ndarray) -> list[Block]:
+    def blocks(self, simulated: Sequence[Simulated], noise: np.ndarray) -> list[ResidualBlock]:
         """Residuals over their noise, of the outputs that count, and of the first rates.
 
         A rate that joint damping ends within one sample time is not in the outputs, and a fit that
@@ -112,7 +112,7 @@ class Problem:
             rates = slice(len(near) - len(wide), None)
             left = (run.first - near)[rates] * wide
             found.append(
-                Block(
+                ResidualBlock(
                     np.append(residual, left),
                     np.vstack((by_theta, np.zeros((len(wide), by_theta.shape[1])))),
                     np.vstack((by_first, np.eye(len(near))[rates] * wide[:, None])),
@@ -186,15 +186,15 @@ class Problem:
         u = self.data.u[0]
         rest = settle(model, u)
         state = model.state(rest.q, np.zeros(n))
-        moment = Moment(state, np.zeros(n), u, self.base)
-        columns = columns_of(self.unknowns, moment, count)
+        sample = MotionSample(state, np.zeros(n), u, self.base)
+        columns = columns_of(self.unknowns, sample, count)
         free = (model.coordinates(rest.q) > model.lower) & (model.coordinates(rest.q) < model.upper)
         block = np.ix_(free, free)
         by_q[free] = -np.linalg.solve(stiffness(model, rest.q, u)[block], columns[free])
         return Start(model.coordinates(rest.q), np.zeros(n), by_q, by_v)
 
 
-def measured(
+def measured_outputs(
     model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outputs (N, outputs) of a path (N, n), and their derivatives from the path's."""
@@ -219,12 +219,12 @@ def measured(
 
 def problem_of(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
-) -> Problem:
+) -> FitProblem:
     """What is to be fitted."""
     joints = data.joints(model)
     if joints is None:
         none = np.zeros((len(data.t), model.nv), bool)
-        return Problem(model, unknowns, data, step, ((0, len(data.t)),), None, none, none[0])
+        return FitProblem(model, unknowns, data, step, ((0, len(data.t)),), None, none, none[0])
     smooth = smoothed(data, joints)
     stops = at_stops(model, smooth[0])
     held, runs = stretches(stops)
@@ -233,10 +233,10 @@ def problem_of(
     for begin, end in runs if held.any() else ():  # a held joint moves less than when it got there
         part = slice(begin, end)
         smooth[:, part, held] = smoothed(data.part(begin, end), joints[part][:, held])
-    return Problem(model, unknowns, data, step, tuple(runs), smooth, stops, held)
+    return FitProblem(model, unknowns, data, step, tuple(runs), smooth, stops, held)
 
 
-def first_stop(problem: Problem, z: np.ndarray) -> int:
+def first_stop(problem: FitProblem, z: np.ndarray) -> int:
     """The sample at which the run that began at rest comes to a stop, or the run's end."""
     model = with_values(problem.base, problem.unknowns, z)
     end, none = problem.runs[0][1], np.zeros((model.nv, 0))

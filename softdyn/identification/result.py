@@ -1,7 +1,8 @@
-"""What an identification found, with its intervals and what the data do not tell."""
+"""The result of an identification: values, intervals, what is not identifiable."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,7 +52,7 @@ class Identified:
         Probability of a larger Ljung–Box statistic if all residuals were white.
     held_out : float
         Rms of the residuals over `noise` in the part of the data that the fit did not see.
-    vague : tuple of str
+    unidentifiable : tuple of str
         The directions that the data do not tell, as text.
     moved : float
         By how much of its deviation half the simulation's step would move an estimate, at most.
@@ -65,8 +66,14 @@ class Identified:
     autocorrelation: np.ndarray
     white: float
     held_out: float
-    vague: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     moved: float
+
+    @property
+    def vague(self) -> tuple[str, ...]:
+        """The old name of `unidentifiable`."""
+        warnings.warn("vague is called unidentifiable", DeprecationWarning, stacklevel=2)
+        return self.unidentifiable
 
     def values(self) -> dict[str, dict[str, float]]:
         """What was identified of the robot, by kind and member, as `rewritten` takes it."""
@@ -87,7 +94,7 @@ class Identified:
                 for one in self.estimates
             ],
             "noise": dict(zip(self.names, self.noise.tolist(), strict=True)),
-            "white": self.white, "held_out": self.held_out, "not_told": list(self.vague),
+            "white": self.white, "held_out": self.held_out, "not_told": list(self.unidentifiable),
             "moved": self.moved,
         }  # fmt: skip
 
@@ -104,7 +111,7 @@ class Identified:
             else:
                 line += "   NOT IDENTIFIED: the file's value"
             lines.append(line)
-        lines += [f"not told by these data: {text}" for text in self.vague]
+        lines += [f"not identifiable from these data: {text}" for text in self.unidentifiable]
         low, high = np.nanmin(self.noise), np.nanmax(self.noise)
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
         if np.isfinite(self.held_out):

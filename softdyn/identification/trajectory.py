@@ -13,7 +13,7 @@ from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
 from softdyn.identification.friction import Friction, friction_of
-from softdyn.identification.parameters import Moment, Parameter, columns_of
+from softdyn.identification.parameters import MotionSample, Parameter, columns_of
 
 # Five stages of equal diagonal, order 4, L-stable and stiffly accurate (Hairer and Wanner, Solving
 # Ordinary Differential Equations II, table IV.6.5): joint damping is stiff, inputs jump. At the
@@ -199,7 +199,7 @@ def _step(
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             by_q, by_v, inverse = linearised()
-            columns = columns_of(unknowns, Moment(state, a, u, file), dq.shape[1])
+            columns = columns_of(unknowns, MotionSample(state, a, u, file), dq.shape[1])
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA

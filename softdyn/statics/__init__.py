@@ -28,7 +28,7 @@ explore
     Equilibria near a point from arbitrary shapes.
 samples
     Random inputs and shapes; where a robot can rest at all.
-reach
+reachable
     Where an own robot can be asked to go: points, paths, rates.
 tip_search
     `inputs_for_tip`: all of these together.
@@ -46,7 +46,7 @@ from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
 from softdyn.statics.explore import explore
-from softdyn.statics.reach import Loop, loop_around, spread_rests
+from softdyn.statics.reachable import Loop, loop_around, spread_rests
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
 from softdyn.statics.tip_search import TipSearch, inputs_for_tip

@@ -10,7 +10,7 @@ import pinocchio as pin
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel
-from softdyn.dynamics.projection import Projection, tree_below
+from softdyn.dynamics.projection import Projection, underlying_tree
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
@@ -237,7 +237,7 @@ def _balanced(here: _Forces, H: np.ndarray, times: float = 1.0) -> bool:
 
 def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:
     """The largest motion of a joint between two configurations (rad, m)."""
-    tree, _ = tree_below(model)
+    tree, _ = underlying_tree(model)
     if isinstance(model, Projection):
         a, b = model.expand(a), model.expand(b)
     return float(np.abs(pin.difference(tree.pin_model, a, b)).max(initial=0.0))

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import eigvals
 
 from softdyn.checks import array
-from softdyn.dynamics.derivatives import pull
+from softdyn.dynamics.derivatives import tendon_forces
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import SoftdynError
 
@@ -151,4 +151,4 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
     """Π = U + U_s - Σ gear u ℓ (J), what a robot at rest under constant inputs minimises."""
-    return model.potential_energy(q) - float(pull(model, u) @ model.tendon_lengths(q))
+    return model.potential_energy(q) - float(tendon_forces(model, u) @ model.tendon_lengths(q))

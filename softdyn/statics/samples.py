@@ -75,9 +75,9 @@ def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     origin = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
     ends = rng.uniform(model.u_min, model.u_max, (count, model.nu)) - origin
-    reach = np.where(ends > 0, model.u_max - origin, model.u_min - origin)
+    room = np.where(ends > 0, model.u_max - origin, model.u_min - origin)
     with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.nanmax(np.where(reach == 0, 0.0, ends / reach), axis=1, initial=1e-300)
+        part = np.nanmax(np.where(room == 0, 0.0, ends / room), axis=1, initial=1e-300)
     return np.clip(origin + ends / part[:, None], model.u_min, model.u_max)
 
 

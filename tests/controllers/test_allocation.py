@@ -27,7 +27,7 @@ def drawn(name: str, count: int):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_input_is_the_optimum_of_its_programme(name: str):
+def test_the_input_is_the_optimum_of_its_qp(name: str):
     """At a minimum over a box the gradient points out of it: necessary, and enough for convexity.
 
     Where B has full rank there is one minimum, and quadprog finds the same.

@@ -1,4 +1,4 @@
-"""Barriers: their derivatives, the rows they become, the programme with them solved exactly."""
+"""Barriers: their derivatives, the rows they become, the QP with them solved exactly."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from softdyn.controllers.barriers import (
     BarrierRows,
     HalfSpace,
     JointLimits,
+    KeepOutSphere,
     Rows,
-    Sphere,
     UnsafeStart,
 )  # fmt: skip
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.validation import simulate
-from softdyn.validation.paper.solvers import Programme
+from softdyn.validation.paper.solvers import SymbolicQp
 from tests.support.control_cases import BUNDLED, GAINS, drawn, gains_of, robot
 from tests.support.printed import printed, solve_quadprog
 
@@ -36,7 +36,7 @@ def some_barriers(model: SoftModel, y: np.ndarray) -> tuple:
     return (
         JointLimits(model, 0.1),
         HalfSpace([1.0, 0.5, -2.0], float(y @ [1.0, 0.5, -2.0]) / 5.25**0.5 - 0.01, 15.0),
-        Sphere(np.add(y, [0.02, 0.01, -0.01]), 0.02),
+        KeepOutSphere(np.add(y, [0.02, 0.01, -0.01]), 0.02),
     )
 
 
@@ -147,9 +147,9 @@ def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
         np.testing.assert_allclose(slack, np.concatenate(wanted), atol=1e-9 * size)
 
 
-def with_rows(programme: Programme, matrix: np.ndarray, upper: np.ndarray) -> Programme:
-    rows = {"barriers": matrix @ programme.variables["u"] - upper}
-    return replace(programme, below=programme.below | rows)
+def with_rows(qp: SymbolicQp, matrix: np.ndarray, upper: np.ndarray) -> SymbolicQp:
+    rows = {"barriers": matrix @ qp.variables["u"] - upper}
+    return replace(qp, below=qp.below | rows)
 
 
 @pytest.mark.parametrize("name", ["finger", "spirob", "sliding and turning"])
@@ -169,8 +169,8 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         assert ((rows.matrix @ command.u - upper) / np.maximum(1.0, np.abs(upper))).max() < 1e-6
         free = SoftIdClfQp(model, gains(name), horizon=TAU)(state, reference).u
         active += np.abs(free - command.u).max() > 1e-6 * spread
-        programme = printed(replace(state, M=M, h=h), reference, controller.gains, margin=BACKOFF)
-        exact = solve_quadprog(with_rows(programme, rows.matrix, upper))
+        qp = printed(replace(state, M=M, h=h), reference, controller.gains, margin=BACKOFF)
+        exact = solve_quadprog(with_rows(qp, rows.matrix, upper))
         if exact.residual < 1e-9:
             np.testing.assert_allclose(command.u, exact["u"], rtol=0, atol=1e-5 * spread)
     assert active  # some row changed an input
@@ -228,7 +228,7 @@ def test_what_the_row_keeps(alpha: float, tau: float) -> None:
 
 def test_a_barrier_out_of_the_way_changes_nothing() -> None:
     model = robot("finger")
-    far = [Sphere([5.0, 0.0, 0.0], 0.1), HalfSpace([0.0, 0.0, 1.0], -9.0)]
+    far = [KeepOutSphere([5.0, 0.0, 0.0], 0.1), HalfSpace([0.0, 0.0, 1.0], -9.0)]
     # without a horizon the damping force at its start alone would break the rows
     one, two = (SoftIdClfQp(model, horizon=TAU, barriers=b) for b in ((), far))
     for state, reference in drawn("finger"):
@@ -256,9 +256,9 @@ def test_the_tip_stops_at_a_wall_the_published_law_passes() -> None:
         (lambda: HalfSpace([0.0, 0.0, 0.0], 0.0), "normal"),
         (lambda: HalfSpace([0.0, 1.0], 0.0), "normal"),
         (lambda: HalfSpace([0.0, 0.0, 1.0], float("nan")), "offset"),
-        (lambda: Sphere([0.0, 0.0, 0.0], 0.0), "radius"),
-        (lambda: Sphere([0.0, 0.0, float("inf")], 1.0), "centre"),
-        (lambda: Sphere([0.0, 0.0, 0.0], 1.0, rate=-1.0), "rate"),
+        (lambda: KeepOutSphere([0.0, 0.0, 0.0], 0.0), "radius"),
+        (lambda: KeepOutSphere([0.0, 0.0, float("inf")], 1.0), "centre"),
+        (lambda: KeepOutSphere([0.0, 0.0, 0.0], 1.0, rate=-1.0), "rate"),
         (lambda: JointLimits(robot("finger"), -0.1), "margin"),
     ],
 )

@@ -16,9 +16,9 @@ from tests.support.printed import printed
 
 
 def linearisation(state, reference, gains):
-    """The paper's programme in u alone: L_g L_f y (3, m), and the drift of μ."""
-    programme = printed(state, reference, gains, clf_qp)
-    rows, m = programme.equal["linearisation"], state.model.nu
+    """The paper's QP in u alone: L_g L_f y (3, m), and the drift of μ."""
+    qp = printed(state, reference, gains, clf_qp)
+    rows, m = qp.equal["linearisation"], state.model.nu
     return rows.matrix[:, :m], rows.constant
 
 
@@ -33,10 +33,10 @@ def cost(u, state, reference, gains) -> float:
 
 @pytest.mark.parametrize("which", BUNDLED + MICRO)
 def test_the_least_norm_minimiser_is_taken(which):
-    """Two exact programmes, one after the other: the optimal cost, then ‖u‖² at that cost.
+    """Two exact QPs, one after the other: the optimal cost, then ‖u‖² at that cost.
 
     Where an input moves the tip a billion times less than others do (helix), the oracle's choice
-    among costs that agree to 1e-7 is not the programme's: there ours must not be the dearer one.
+    among costs that agree to 1e-7 is not the QP's: there ours must not be the dearer one.
     """
     model = robot(which)
     controller, least_norm = (
@@ -63,7 +63,7 @@ def test_the_least_norm_minimiser_is_taken(which):
 
 
 def test_no_input_is_better():
-    """Against a bounded quasi-Newton search of the paper's programme from the answer and afar."""
+    """Against a bounded quasi-Newton search of the paper's QP from the answer and afar."""
     model = robot("finger")
     controller, rng = ClfQp(model), np.random.default_rng(0)
     bounds = list(zip(model.u_min, model.u_max, strict=True))
@@ -92,7 +92,7 @@ def test_wild_states_are_solved(which):
 
 @pytest.mark.parametrize("size", [1.0, 1e-9])
 def test_least_norm_against_a_projection(size):
-    """Random programmes whose optimum is reachable: min ‖u‖² on it, by SciPy's SLSQP.
+    """Random QPs whose optimum is reachable: min ‖u‖² on it, by SciPy's SLSQP.
 
     Inputs of a nanonewton are those of a newton, smaller.
     """

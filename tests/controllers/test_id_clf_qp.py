@@ -1,9 +1,9 @@
-"""The condensed Soft ID-CLF-QP is the paper's programme: against the textbook form, solved exactly.
+"""The condensed Soft ID-CLF-QP is the paper's QP: against the textbook form, solved exactly.
 
 Where the minimiser is unique, inputs are compared. The controller draws the input bounds in by
 `BACKOFF` of their range: u is compared against the true bounds, the objective (whose slope at a
 bound may be anything) against bounds drawn in alike. Where it is not unique (w2 = w4 = 0, or
-w3 = 0 and rank(B) < m), the value is: the controller's u is pinned in the textbook programme,
+w3 = 0 and rank(B) < m), the value is: the controller's u is pinned in the textbook QP,
 whose optimum must then be as good as with u free.
 """
 
@@ -18,12 +18,12 @@ import scipy.linalg
 from softdyn import InputError, SetPoint, SoftModel, State
 from softdyn.controllers import Gains, IdClfQp, ImpedanceQp, SoftIdClfQp, Status
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
-from softdyn.controllers.qps.task import Task
 from softdyn.controllers.qps.task_qp import BACKOFF
+from softdyn.controllers.qps.tip_error import TipError
 from softdyn.dynamics.integrators import step_implicit
 from softdyn.validation import paper
 from softdyn.validation.paper.paper_qps import RANK_TOLERANCE, actuated_rows, ic_qp, id_clf_qp
-from softdyn.validation.paper.solvers import Answer, Programme, Term
+from softdyn.validation.paper.solvers import SolverAnswer, SymbolicQp, Term
 from tests.support.control_cases import (
     BUNDLED,
     GAINS,
@@ -36,7 +36,7 @@ from tests.support.control_cases import (
 )
 from tests.support.printed import printed, solve_daqp, solve_quadprog, with_input
 
-RIDGE = 1e-7  # of the proximal iteration on semidefinite programmes
+RIDGE = 1e-7  # of the proximal iteration on semidefinite QPs
 every_robot = pytest.mark.parametrize("name", BUNDLED + MICRO)
 
 
@@ -48,19 +48,19 @@ def spread(model: SoftModel) -> float:
     return float((model.u_max - model.u_min).max()) or 1.0
 
 
-def solve_both(model: SoftModel, programme: Programme) -> Answer:
+def solve_both(model: SoftModel, qp: SymbolicQp) -> SolverAnswer:
     """quadprog's answer, which DAQP confirms; both with their conditions of optimality met."""
-    one, two = solve_quadprog(programme), solve_daqp(programme)
+    one, two = solve_quadprog(qp), solve_daqp(qp)
     assert one.residual < 1e-10
     assert two.residual < 1e-10
     np.testing.assert_allclose(one["u"], two["u"], rtol=0, atol=1e-8 * spread(model))
     return one
 
 
-def free_at(u_ref: float, programme: Programme) -> Programme:
+def free_at(u_ref: float, qp: SymbolicQp) -> SymbolicQp:
     """The same with an input that costs nothing."""
-    weight, u, _ = programme.cost["input"]
-    return replace(programme, cost=programme.cost | {"input": Term(weight, u - u_ref)})
+    weight, u, _ = qp.cost["input"]
+    return replace(qp, cost=qp.cost | {"input": Term(weight, u - u_ref)})
 
 
 def relative(value: float, best: float) -> float:
@@ -98,10 +98,10 @@ def test_objective_is_that_of_the_textbook_form(name: str) -> None:
     model, gains = robot(name), gains_of(name)
     controller = SoftIdClfQp(model, gains)
     for state, reference in cases(name):
-        programme = printed(state, reference, gains, margin=BACKOFF)
-        exact = solve_both(model, programme)
+        qp = printed(state, reference, gains, margin=BACKOFF)
+        exact = solve_both(model, qp)
         command = controller(state, reference)
-        pinned = solve_quadprog(with_input(programme, command.u))
+        pinned = solve_quadprog(with_input(qp, command.u))
         best = exact.cost
         assert abs(relative(pinned.cost, best)) < 1e-8
         # and δ, in the units of V̇
@@ -152,11 +152,11 @@ def test_edges_of_the_weights(name: str, weights: dict[str, float]) -> None:
     controller = SoftIdClfQp(model, gains)
     compared = 0
     for state, reference in cases(name)[::3]:
-        programme = printed(state, reference, gains, margin=BACKOFF)
+        qp = printed(state, reference, gains, margin=BACKOFF)
         command = controller(state, reference)
         assert command.status is Status.OK
-        exact = solve_quadprog(programme, RIDGE)
-        pinned = solve_quadprog(with_input(programme, command.u), RIDGE)
+        exact = solve_quadprog(qp, RIDGE)
+        pinned = solve_quadprog(with_input(qp, command.u), RIDGE)
         assert pinned.residual < 1e-9
         gap = relative(pinned.cost, exact.cost)
         assert gap < 1e-7  # never worse than the oracle
@@ -190,13 +190,13 @@ def test_the_slack_is_never_negative(name: str) -> None:
 
 
 @every_robot
-def test_the_programme_has_at_most_m_plus_4_unknowns(name: str) -> None:
+def test_the_qp_has_at_most_m_plus_4_unknowns(name: str) -> None:
     model, gains = robot(name), gains_of(name)
     dynamics = SoftInverseDynamics(gains, model.nu)
     state, reference = cases(name)[0]
-    task = Task(gains)
-    task.update(state, reference)
-    condensed = dynamics.condense(state, state.M, state.h, task)
+    tip = TipError(gains)
+    tip.update(state, reference)
+    condensed = dynamics.condense(state, state.M, state.h, tip)
     assert dynamics.size == model.nu + 3
     assert condensed.H.shape == (model.nu + 3,) * 2
     assert condensed.mu_map.shape == (3, model.nu + 3)
@@ -252,7 +252,7 @@ def test_an_almost_singular_input_matrix(scale: float) -> None:
 
 
 @pytest.mark.parametrize("name", BUNDLED)
-def test_closed_loops_solve_every_programme(name: str) -> None:
+def test_closed_loops_solve_every_qp(name: str) -> None:
     model, setup = robot(name), paper.setup(name)
     for theta in (0.5, 1.0):
         controller, goal = (
@@ -269,12 +269,12 @@ def test_closed_loops_solve_every_programme(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [*BUNDLED, "planar", "n < 3 + m", "sliding and turning"])
-def test_impedance_qp_is_the_programme_without_the_condition(name: str) -> None:
+def test_impedance_qp_is_the_qp_without_the_condition(name: str) -> None:
     model = robot(name)
     controller = ImpedanceQp(model, None if name in BUNDLED else GAINS)
     for state, reference in cases(name):
-        programme = printed(state, reference, controller.gains, ic_qp)
-        exact = solve_both(model, programme)
+        qp = printed(state, reference, controller.gains, ic_qp)
+        exact = solve_both(model, qp)
         u = controller(state, reference).u
         np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
 
@@ -290,7 +290,7 @@ def test_hard_id_clf_qp_asks_all_of_the_dynamics(name: str) -> None:
         np.testing.assert_allclose(u, exact["u"], rtol=0, atol=1e-6 * spread(model))
 
 
-def test_the_soft_programme_is_the_hard_one_when_fully_actuated() -> None:
+def test_the_soft_qp_is_the_hard_one_when_fully_actuated() -> None:
     soft, hard = (C(robot("fully actuated"), GAINS) for C in (SoftIdClfQp, IdClfQp))
     for state, reference in cases("fully actuated"):
         one, two = soft(state, reference), hard(state, reference)

@@ -44,11 +44,11 @@ def test_the_law_is_the_papers_equation(name, which, monkeypatch):
 
 def test_task_inertia_of_a_planar_robot_leaves_out_what_it_cannot_reach():
     state, _ = drawn("finger")[2]  # the finger never moves in y
-    reach = row_space(state.J)
+    row_basis = row_space(state.J)
     ahead = np.array([1.0, 5.0, -2.0])
-    found = reach.T @ task_force(state.M, state.J, reach, ahead)
+    found = row_basis.T @ task_force(state.M, state.J, row_basis, ahead)
     np.testing.assert_array_equal(
-        found, reach.T @ task_force(state.M, state.J, reach, ahead * (1, 0, 1))
+        found, row_basis.T @ task_force(state.M, state.J, row_basis, ahead * (1, 0, 1))
     )
     reached = state.J @ np.linalg.solve(state.M, found)
     np.testing.assert_allclose(reached, ahead * (1, 0, 1), rtol=1e-9, atol=1e-12)

@@ -14,7 +14,7 @@ import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError
 from softdyn.controllers import Mpc, MpcParameters, Status, find_controller
 from softdyn.controllers.mpc import KNOTS
-from softdyn.controllers.qps.prediction import one_period, programme, ramps, respond, stacked
+from softdyn.controllers.qps.prediction import condensed_qp, one_period, ramps, respond, stacked
 from softdyn.description import library as catalogue
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.validation import paper, simulate
@@ -118,7 +118,7 @@ def test_the_objective_is_the_sum_it_says() -> None:
     force, error = state.B @ u - state.h, rng.normal(size=(3, 3))
     metric, m = rng.normal(size=(model.nv, model.nv)), model.nu
     weights, offset = np.eye(2 * m), rng.normal(size=2 * m)
-    H, g, c = programme(
+    H, g, c = condensed_qp(
         state.M, K, D, state.B, state.J, force, v, error, shape, 0.02, metric, weights, offset
     )
     positions, speeds = respond(state.M, K, D, state.B, force, v, 0.02, 3)
@@ -153,7 +153,7 @@ def test_the_answer_is_the_optimum(which: str) -> None:
 
 
 def watch(controller: Mpc) -> list:
-    """The list that the programmes it solves go to."""
+    """The list that the QPs it solves go to."""
     seen: list = []
     solve = controller._qp.solve
     controller._qp.solve = lambda problem: seen.append(problem) or solve(problem)
@@ -235,7 +235,7 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
 
 @pytest.mark.parametrize("which", ["finger", "helix", "sliding and turning"])
 def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
-    """Every term of the programme, the second call's too, whose forces the first one misses.
+    """Every term of the QP, the second call's too, whose forces the first one misses.
 
     By `tests.support.predictive`, which steps through the horizon once for each input.
     """

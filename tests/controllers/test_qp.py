@@ -7,15 +7,15 @@ import time
 import numpy as np
 import pytest
 
-from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, Problem, Solution, polish, residuals
-from softdyn.validation.paper.solvers import Programme, Term, unknowns
+from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, QpProblem, QpSolution, polish, residuals
+from softdyn.validation.paper.solvers import SymbolicQp, Term, unknowns
 from tests.support.printed import solve_daqp, solve_quadprog
 
 PATIENCE = 10.0  # s, of a busy machine; a hang takes 25 s and more
 INF = np.inf
 
 
-def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> Problem:
+def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> QpProblem:
     """A strictly convex, feasible problem with open, one-sided, two-sided and pinned rows."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(n, n))
@@ -28,15 +28,15 @@ def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> Problem:
     pinned = np.flatnonzero(kind == 4)[: n // 2]
     lower[pinned] = upper[pinned] = centre[pinned]
     H = root @ root.T + 0.1 * np.eye(n)
-    return Problem(H, 5 * rng.normal(size=n), A, lower, upper)
+    return QpProblem(H, 5 * rng.normal(size=n), A, lower, upper)
 
 
-def one_sided(p: Problem) -> Programme:
+def one_sided(p: QpProblem) -> SymbolicQp:
     """The same as sums of squares: ½ xᵀHx + gᵀx = ½ ‖Lᵀx + L⁻¹g‖² + constant, H = L Lᵀ."""
     pinned = p.lower == p.upper
     above, below = np.isfinite(p.upper) & ~pinned, np.isfinite(p.lower) & ~pinned
     (x,), root = unknowns(len(p.g)), np.linalg.cholesky(p.H)
-    return Programme(
+    return SymbolicQp(
         {"x": x},
         {"all": Term(0.5, root.T @ x + np.linalg.solve(root, p.g))},
         {"pinned": p.A[pinned] @ x - p.upper[pinned]},
@@ -44,7 +44,7 @@ def one_sided(p: Problem) -> Programme:
     )
 
 
-def solve(problem: Problem, solver: DenseQp | None = None) -> Solution | None:
+def solve(problem: QpProblem, solver: DenseQp | None = None) -> QpSolution | None:
     """One call, in time."""
     solver = solver or DenseQp(len(problem.g), len(problem.lower))
     for _ in range(2):  # a first call may have to compile
@@ -58,7 +58,7 @@ def solve(problem: Problem, solver: DenseQp | None = None) -> Solution | None:
     return solution
 
 
-def optimal(p: Problem, x: np.ndarray, z: np.ndarray, tolerance: float = 1e-8) -> bool:
+def optimal(p: QpProblem, x: np.ndarray, z: np.ndarray, tolerance: float = 1e-8) -> bool:
     """Karush, Kuhn and Tucker's conditions, written another way than `residuals`."""
     Ax = p.A @ x
     at_upper, at_lower = np.isclose(Ax, p.upper, atol=1e-7), np.isclose(Ax, p.lower, atol=1e-7)
@@ -83,11 +83,11 @@ def test_random_problems(n: int, ratio: float) -> None:
         assert solution is not None
         assert solution.solved
         assert optimal(problem, solution.x, solution.multipliers)
-        programme = one_sided(problem)
+        qp = one_sided(problem)
         if rows == 0:
             answers = [np.linalg.solve(problem.H, -problem.g)]
         else:
-            oracles = solve_quadprog(programme), solve_daqp(programme)
+            oracles = solve_quadprog(qp), solve_daqp(qp)
             assert max(oracle.residual for oracle in oracles) < 1e-9
             answers = [oracle["x"] for oracle in oracles]
         for x in answers:
@@ -131,9 +131,11 @@ def test_a_wrong_answer_is_not_called_solved(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for size in (1e-3, 1.0, 1e3):
         x = right.x + size * rng.normal(size=6)
-        assert not Solution(x, right.multipliers, *residuals(problem, x, right.multipliers)).solved
+        assert not QpSolution(
+            x, right.multipliers, *residuals(problem, x, right.multipliers)
+        ).solved
         z = right.multipliers + size * rng.normal(size=8)
-        assert not Solution(right.x, z, *residuals(problem, right.x, z)).solved
+        assert not QpSolution(right.x, z, *residuals(problem, right.x, z)).solved
 
 
 @pytest.mark.parametrize("bad", [np.nan, INF])
@@ -141,8 +143,8 @@ def test_no_residual_that_is_no_number_counts_as_solved(bad: float) -> None:
     for position in range(3):
         values = [0.0, 0.0, 0.0]
         values[position] = bad
-        assert not Solution(np.zeros(1), np.zeros(1), *values).solved
-    assert Solution(np.zeros(1), np.zeros(1), ACCEPTED, 0.0, 0.0).solved
+        assert not QpSolution(np.zeros(1), np.zeros(1), *values).solved
+    assert QpSolution(np.zeros(1), np.zeros(1), ACCEPTED, 0.0, 0.0).solved
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -166,7 +168,7 @@ def test_polishing_on_finds_the_active_set(seed: int) -> None:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(5, 5))
     H = root @ root.T / 10 + 2 * np.eye(5)
-    problem = Problem(H, 5 * rng.normal(size=5), np.eye(5), np.full(5, -1.0), np.full(5, 1.0))
+    problem = QpProblem(H, 5 * rng.normal(size=5), np.eye(5), np.full(5, -1.0), np.full(5, 1.0))
     x, z = np.linalg.solve(H, -problem.g), np.zeros(5)
     for _ in range(8):
         step = polish(problem, x, z)
@@ -176,27 +178,27 @@ def test_polishing_on_finds_the_active_set(seed: int) -> None:
 
 
 def test_polish_declines_a_singular_system() -> None:
-    problem = Problem(np.zeros((2, 2)), np.ones(2), np.eye(2), -np.ones(2), np.ones(2))
+    problem = QpProblem(np.zeros((2, 2)), np.ones(2), np.eye(2), -np.ones(2), np.ones(2))
     assert polish(problem, np.zeros(2), np.zeros(2)) is None
 
 
 # -- hostile ---------------------------------------------------------------------------------------
 
 
-def poisoned() -> list[Problem]:
+def poisoned() -> list[QpProblem]:
     problems = []
     for seed, value in enumerate((np.nan, INF, -INF)):
         for field in range(5):
             arrays = [a.copy() for a in draw(seed, 5, 6)]
             arrays[field].flat[field % arrays[field].size] = value
-            problems.append(Problem(*arrays))
+            problems.append(QpProblem(*arrays))
             arrays[field][...] = value
-            problems.append(Problem(*[a.copy() for a in arrays]))
+            problems.append(QpProblem(*[a.copy() for a in arrays]))
     return problems
 
 
 @pytest.mark.parametrize("problem", poisoned())
-def test_numbers_that_are_not(problem: Problem) -> None:
+def test_numbers_that_are_not(problem: QpProblem) -> None:
     solver = DenseQp(5, 6)
     good = draw(3, 5, 6)
     first = solve(good, solver)
@@ -231,7 +233,9 @@ def test_bounds_that_cross() -> None:
 def test_rows_that_contradict_each_other() -> None:
     # no row is wrong by itself: the answer is refused by its residuals
     A = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    problem = Problem(np.eye(2), np.ones(2), A, np.array([1.0, -INF, -1]), np.array([INF, -1.0, 1]))
+    problem = QpProblem(
+        np.eye(2), np.ones(2), A, np.array([1.0, -INF, -1]), np.array([INF, -1.0, 1])
+    )
     solution = solve(problem)
     assert solution is None or not solution.solved
 
@@ -241,7 +245,7 @@ def test_rows_that_contradict_each_other() -> None:
 def test_huge_and_tiny_scales(field: int, exponent: int) -> None:
     arrays = [a.copy() for a in draw(1, 5, 6)]
     arrays[field] = arrays[field] * 10.0**exponent
-    problem = Problem(*arrays)
+    problem = QpProblem(*arrays)
     solution = solve(problem)
     if solution is not None and solution.solved:
         assert np.isfinite(solution.x).all()
@@ -252,14 +256,14 @@ def test_answers_scale_with_the_problem(exponent: int) -> None:
     s = 10.0**exponent
     for seed in range(5):
         H, g, A, lower, upper = draw(seed, 6, 7)
-        reference = solve(Problem(H, g, A, lower, upper))
+        reference = solve(QpProblem(H, g, A, lower, upper))
         assert reference is not None
         # rows in other units: the same x
-        rows = solve(Problem(H, g, A * s, lower * s, upper * s))
+        rows = solve(QpProblem(H, g, A * s, lower * s, upper * s))
         assert rows is not None
         np.testing.assert_allclose(rows.x, reference.x, rtol=1e-7, atol=1e-9)
         # unknowns in other units
-        units = solve(Problem(H * s * s, g * s, A * s, lower, upper))
+        units = solve(QpProblem(H * s * s, g * s, A * s, lower, upper))
         assert units is not None
         np.testing.assert_allclose(units.x * s, reference.x, rtol=1e-7, atol=1e-9)
 
@@ -269,7 +273,7 @@ def test_degenerate_active_sets() -> None:
     H, g = np.eye(2), np.array([-2.0, -2.0])
     A = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 1.0]])
     upper = np.array([1.0, 1.0, 2.0, 2.0])
-    solution = solve(Problem(H, g, A, np.full(4, -INF), upper))
+    solution = solve(QpProblem(H, g, A, np.full(4, -INF), upper))
     assert solution is not None
     assert solution.solved
     np.testing.assert_allclose(solution.x, [1.0, 1.0], atol=1e-7)
@@ -278,7 +282,7 @@ def test_degenerate_active_sets() -> None:
 def test_weakly_active_rows() -> None:
     # the unconstrained minimiser lies exactly on the bounds: multipliers are zero
     H, g = np.diag([1.0, 2.0]), np.array([-1.0, 2.0])
-    solution = solve(Problem(H, g, np.eye(2), np.array([-5.0, -1.0]), np.array([1.0, 5.0])))
+    solution = solve(QpProblem(H, g, np.eye(2), np.array([-5.0, -1.0]), np.array([1.0, 5.0])))
     assert solution is not None
     assert solution.solved
     np.testing.assert_allclose(solution.x, [1.0, -1.0], atol=1e-8)
@@ -287,17 +291,17 @@ def test_weakly_active_rows() -> None:
 def test_zero_rows() -> None:
     A = np.array([[0.0, 0.0], [1.0, 0.0]])
     H, g = np.eye(2), np.array([-3.0, 1.0])
-    fine = solve(Problem(H, g, A, np.array([-1.0, -1.0]), np.array([1.0, 1.0])))
+    fine = solve(QpProblem(H, g, A, np.array([-1.0, -1.0]), np.array([1.0, 1.0])))
     assert fine is not None
     assert fine.solved
     np.testing.assert_allclose(fine.x, [1.0, -1.0], atol=1e-9)
-    impossible = solve(Problem(H, g, A, np.array([1.0, -1.0]), np.array([2.0, 1.0])))
+    impossible = solve(QpProblem(H, g, A, np.array([1.0, -1.0]), np.array([2.0, 1.0])))
     assert impossible is None or not impossible.solved
 
 
 def test_a_semidefinite_hessian() -> None:
     H, g = np.diag([1.0, 0.0]), np.array([-3.0, 1.0])
-    solution = solve(Problem(H, g, np.eye(2), -np.ones(2), np.ones(2)))
+    solution = solve(QpProblem(H, g, np.eye(2), -np.ones(2), np.ones(2)))
     assert solution is not None
     assert solution.solved
     np.testing.assert_allclose(solution.x, [1.0, -1.0], atol=1e-7)
@@ -305,7 +309,9 @@ def test_a_semidefinite_hessian() -> None:
 
 def test_an_unbounded_problem_is_not_called_solved() -> None:
     solution = solve(
-        Problem(np.diag([1.0, 0.0]), np.array([0.0, -1.0]), np.eye(2), -np.ones(2), np.full(2, INF))
+        QpProblem(
+            np.diag([1.0, 0.0]), np.array([0.0, -1.0]), np.eye(2), -np.ones(2), np.full(2, INF)
+        )
     )
     assert solution is None or not solution.solved
 
@@ -317,12 +323,12 @@ def test_ill_conditioned_rows(seed: int) -> None:
     H, g, A, *_ = draw(seed, 4, 4)
     A[1] = A[0] + 1e-8 * rng.normal(size=4)
     centre = A @ rng.normal(size=4)
-    problem = Problem(H, g, A, centre - 1.0, centre + 1.0)
+    problem = QpProblem(H, g, A, centre - 1.0, centre + 1.0)
     solution = solve(problem)
     assert solution is not None
     assert solution.solved
-    programme = one_sided(problem)
-    exact = solve_daqp(programme)
+    qp = one_sided(problem)
+    exact = solve_daqp(qp)
 
     def objective(x: np.ndarray) -> float:
         return float(x @ problem.H @ x / 2 + problem.g @ x)

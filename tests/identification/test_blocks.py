@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from softdyn.identification.blocks import Block, least_squares, reduced
+from softdyn.identification.blocks import ResidualBlock, least_squares, reduced
 
 RUNS, TIMES = 3, np.linspace(0, 1, 9)
 TRUE = np.array([2.0, 0.7])  # decay and a common offset; each run has its own amplitude
@@ -21,7 +21,7 @@ def model(theta, own):
         seen = true * np.exp(-TRUE[0] * TIMES) + TRUE[1] + 0.1 * rng.standard_normal(len(TIMES))
         decay = np.exp(-theta[0] * TIMES)
         by_theta = np.column_stack((-TIMES * amplitude * decay, np.ones(len(TIMES))))
-        found.append(Block(amplitude * decay + theta[1] - seen, by_theta, decay[:, None]))
+        found.append(ResidualBlock(amplitude * decay + theta[1] - seen, by_theta, decay[:, None]))
     return found
 
 

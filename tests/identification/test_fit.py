@@ -17,7 +17,7 @@ from softdyn.identification import Measurements, blocks, fit, problem
 from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
-from softdyn.identification.parameters import Moment, Parameter, columns_of, with_values
+from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured, problem_of
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
@@ -79,7 +79,7 @@ def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     q, v, a = rng.uniform(-1, 1, (3, model.nv))
     u = rng.uniform(model.u_min, model.u_max)
     several = identification.parameters(model, kind)
-    columns = columns_of(several, Moment(model.state(q, v), a, u, model), len(several))
+    columns = columns_of(several, MotionSample(model.state(q, v), a, u, model), len(several))
     nominal = np.array([one.nominal for one in several])
     for k in range(len(several)):
         step = np.zeros(len(several))
@@ -126,7 +126,7 @@ def test_without_noise_the_error_falls_with_the_step(finger):
     joints = [f"q.{n}" for n in finger.joint_names]
     errors = []
     for step in (np.inf, 2e-3):
-        one = trial(finger, several, joints, Excitation(1.0, reach=1.0), 0.0, 6, step)
+        one = trial(finger, several, joints, Excitation(1.0, amplitude=1.0), 0.0, 6, step)
         errors.append(np.abs(one.relative).max())
         left_out = np.isnan(one.found.residuals).mean()
         assert 0.2 < left_out < 0.5  # a joint comes to its stop, and that spoils nothing
@@ -139,7 +139,7 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
     several = [one for kind in ("stiffness", "damping", "mass")
                for one in identification.parameters(finger, kind, shared=True)]  # fmt: skip
     tip = ("tip.x", "tip.y", "tip.z")
-    excitation = Excitation(1.2, rate=100.0, reach=1.0)
+    excitation = Excitation(1.2, rate=100.0, amplitude=1.0)
     one = trial(finger, several, tip, excitation, 1.0, 0)
     assert np.abs(one.relative).max() < 0.1
     assert np.abs(one.scores).max() < 4
@@ -208,7 +208,7 @@ def moved(helix):
     """Joints of the helix under small inputs, without noise, and its model as it truly was."""
     several = unknowns(helix, *COMPLIANCE)
     joints = [f"q.{n}" for n in helix.joint_names]
-    excitation = Excitation(0.5, reach=0.02, at_rest=True)
+    excitation = Excitation(0.5, amplitude=0.02, at_rest=True)
     data, theta = twin_data(helix, several, joints, excitation, 0.0, 0)
     return data, with_values(helix, several, theta)
 
@@ -288,8 +288,10 @@ def test_what_scales_together_is_named(finger):
     data_of = [f"q.{n}" for n in finger.joint_names]
     data, _ = twin_data(finger, several, data_of, Excitation(0.5), 1.0, 2)
     found = identification.identify(finger, data, [*several, *mass])
-    assert len(found.vague) == 1
-    assert "together with" in found.vague[0]
+    assert len(found.unidentifiable) == 1
+    assert "together with" in found.unidentifiable[0]
+    with pytest.warns(DeprecationWarning, match="unidentifiable"):
+        assert found.vague == found.unidentifiable
     assert sum(not one.identified for one in found.estimates) == 1
     assert "NOT IDENTIFIED" in str(found)
 

@@ -101,7 +101,7 @@ def test_dry_friction_of_a_twin_is_found_and_written(finger, tmp_path):
     several = [one for kind in ("stiffness", "damping", "friction")
                for one in identification.parameters(rubs, kind, shared=True)]  # fmt: skip
     joints = [f"q.{n}" for n in finger.joint_names]
-    one = trial(rubs, several, joints, Excitation(1.0, reach=1.0), 1.0, 0)
+    one = trial(rubs, several, joints, Excitation(1.0, amplitude=1.0), 1.0, 0)
     assert np.abs(one.scores).max() < 4
     assert np.abs(one.relative).max() < 0.1
     path = tmp_path / "robot.urdf"

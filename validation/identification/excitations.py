@@ -15,8 +15,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.exceptions import SoftdynError
-from softdyn.identification.fit import least_deviations
-from softdyn.identification.parameters import Parameter
+from softdyn.identification import Parameter, least_deviations
 from softdyn.validation.identification.trials import (
     ABOUT_ZERO,
     Excitation,
@@ -26,13 +25,13 @@ from softdyn.validation.identification.trials import (
 from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table
 
-REACHES = (0.02, 0.06, 0.2, 0.6)  # of the inputs' ranges
+AMPLITUDES = (0.02, 0.06, 0.2, 0.6)  # of the inputs' ranges
 KNOTS = (0.1, 0.3, 1.0)  # s
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An excitation, and the least relative deviations (P,) that data of it allow; inf: not told.
+    """An excitation, and the least relative deviations (P,) that data of it allow; inf: not known.
 
     `refused` says why there are none.
     """
@@ -42,14 +41,14 @@ class Candidate:
     refused: str = ""
 
     @property
-    def told(self) -> np.ndarray:
-        """Which parameters (P,) these data tell."""
+    def identifiable(self) -> np.ndarray:
+        """Whether these data tell each parameter (P,)."""
         return np.isfinite(self.relative)
 
     @property
     def worst(self) -> float:
-        """The largest relative deviation of what is told."""
-        return float(np.max(self.relative[self.told], initial=0.0))
+        """The largest relative deviation of the identifiable ones."""
+        return float(np.max(self.relative[self.identifiable], initial=0.0))
 
 
 def compared(
@@ -61,12 +60,14 @@ def compared(
     seed: int = 0,
     jobs: int = -1,
 ) -> list[Candidate]:
-    """Every reach with every distance of knots: what tells most first, then what tells it best.
+    """Every amplitude with every distance of knots, the best first.
+
+    More identifiable parameters are better, then smaller deviations.
 
     Parameters
     ----------
     model, unknowns, outputs, excitation, noise, seed
-        As for `trial`; the excitation's own reach and knots do not count, nor its spread.
+        As for `trial`; the excitation's own amplitude and knots do not count, nor its spread.
     jobs : int
         Processes, -1 for one per core.
 
@@ -78,11 +79,12 @@ def compared(
     if not noise > 0:
         raise InputError("noise", "more than 0: it is what deviations come from", noise)
     several = [
-        replace(excitation, reach=reach, knots=knots, spread=0.0)
-        for reach, knots in product(REACHES, KNOTS)
+        replace(excitation, amplitude=amplitude, knots=knots, spread=0.0)
+        for amplitude, knots in product(AMPLITUDES, KNOTS)
     ]
     calls = [(model, tuple(unknowns), tuple(outputs), one, noise, seed) for one in several]
-    return sorted(in_order(_tried, calls, jobs), key=lambda one: (-one.told.sum(), one.worst))
+    tried = in_order(_tried, calls, jobs)
+    return sorted(tried, key=lambda one: (-one.identifiable.sum(), one.worst))
 
 
 def _tried(
@@ -104,17 +106,17 @@ def comparison(unknowns: Sequence[Parameter], candidates: Sequence[Candidate]) -
     for one in candidates:
         worst = []
         for kind in kinds:
-            use = one.told & [unknown.kind.name == kind for unknown in unknowns]
+            use = one.identifiable & [unknown.kind.name == kind for unknown in unknowns]
             worst.append(one.relative[use].max() if use.any() else None)
-        told = "none" if one.refused else f"{one.told.sum()} of {len(unknowns)}"
-        rows.append([one.excitation.reach, one.excitation.knots, told, *worst])
+        count = "none" if one.refused else f"{one.identifiable.sum()} of {len(unknowns)}"
+        rows.append([one.excitation.amplitude, one.excitation.knots, count, *worst])
     best = candidates[0]
-    titles = ["reach", "knots (s)", "told", *(f"worst {kind}" for kind in kinds)]
+    titles = ["amplitude", "knots (s)", "identifiable", *(f"worst {kind}" for kind in kinds)]
     table = Table(titles, rows, ["g", "g", ">", *[".2%"] * len(kinds)]).text()
-    if not best.told.any():
+    if not best.identifiable.any():
         return f"{table}\nnone of them tells anything: {best.refused}"
-    untold = [one.label for one, yes in zip(unknowns, best.told, strict=True) if not yes]
-    lines = [f"best: --reach {best.excitation.reach:g} --knots {best.excitation.knots:g}"]
-    if untold:
-        lines.append(f"not told by it: {', '.join(untold)}")
+    others = [one.label for one, yes in zip(unknowns, best.identifiable, strict=True) if not yes]
+    lines = [f"best: --amplitude {best.excitation.amplitude:g} --knots {best.excitation.knots:g}"]
+    if others:
+        lines.append(f"not identifiable with it: {', '.join(others)}")
     return "\n".join((table, *lines))

@@ -20,11 +20,16 @@ import numpy as np
 from scipy.stats import norm
 
 from softdyn import InputError, SoftModel
-from softdyn.identification import Identified, Measurements
-from softdyn.identification.fit import fitted
-from softdyn.identification.parameters import Parameter, member_values
-from softdyn.identification.problem import Problem, problem_of
-from softdyn.identification.result import Estimate
+from softdyn.identification import (
+    Estimate,
+    FitProblem,
+    Identified,
+    Measurements,
+    Parameter,
+    fit_length,
+    member_values,
+    problem_of,
+)
 from softdyn.validation.identification.trials import (
     Excitation,
     Trial,
@@ -92,7 +97,7 @@ class Opinion:
     ----------
     ours, theirs : tuple of Estimate
         Of the same parameters; their deviations are MuJoCo's intervals over 1.96.
-    untold : tuple of str
+    unidentified : tuple of str
         Labels of what ours did not identify.
     left : float
         What Gauss and Newton's next step would move theirs by, at most, in their deviations: near
@@ -101,7 +106,7 @@ class Opinion:
 
     ours: tuple[Estimate, ...]
     theirs: tuple[Estimate, ...]
-    untold: tuple[str, ...]
+    unidentified: tuple[str, ...]
     left: float
 
     @property
@@ -127,7 +132,8 @@ class Opinion:
         ]
         table = Table(titles, rows, ["", ".6g", ">", ".6g", ">", "+.2f"])
         lines = [table.text(), "difference: in our standard deviations"]
-        lines += [f"not identified, held at the file's value: {label}" for label in self.untold]
+        held = "not identified, held at the file's value"
+        lines += [f"{held}: {label}" for label in self.unidentified]
         if self.left > UNFINISHED:
             lines.append(f"MuJoCo's optimiser stopped {self.left:.2g} deviations before its end")
         return "\n".join(lines)
@@ -140,7 +146,7 @@ def _interval(one: Estimate) -> str:
 
 def check(
     model: SoftModel, data: Measurements, unknowns: Sequence[Parameter], hold_out: float = 0.2
-) -> Problem:
+) -> FitProblem:
     """What both fits are of: the part of the data that is not held out, its stretches.
 
     Parameters
@@ -165,7 +171,7 @@ def check(
     off = float(np.abs(data.t - even).max() / np.diff(even).mean())
     if off > UNEVEN:
         raise InputError("--second-opinion", "times in equal steps", f"{off:.2g} of a step off")
-    part = data.part(0, fitted(data, hold_out))
+    part = data.part(0, fit_length(data, hold_out))
     problem = problem_of(model, part, tuple(unknowns), np.inf)
     if problem.held.any():
         held = [model.joint_names[j] for j in np.flatnonzero(problem.held)]
@@ -201,7 +207,7 @@ def second_opinion(
     problem = check(model, data, unknowns, hold_out)
     sysid = _sysid()
     ours = tuple(one for one in found.estimates if one.identified)
-    told = [one.parameter for one in ours]
+    identified = [one.parameter for one in ours]
     sample = float(np.ptp(data.t)) / (len(data.t) - 1)
     steps = max(plant_steps(each, sample, LONGEST) for each in (model, found.model))
     # no stops, as in our fit: the stretches have none, a motion far from the measured one may
@@ -209,14 +215,16 @@ def second_opinion(
     twin = Twin(model.robot, timestep=timestep, integrator="rk4", limits=False, friction=True)
     twin.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
     twin.model.opt.enableflags = 0  # the energy costs time
-    size = np.array([abs(one.nominal) or 1.0 for one in told])  # so that differences suit each
-    low = np.maximum([one.kind.lower for one in told] / size, -FACTOR)
-    start = np.array([one.nominal for one in told]) / size
+    size = np.array(
+        [abs(one.nominal) or 1.0 for one in identified]
+    )  # so that differences suit each
+    low = np.maximum([one.kind.lower for one in identified] / size, -FACTOR)
+    start = np.array([one.nominal for one in identified]) / size
     unknown = sysid.ParameterDict()
-    unknown.add(sysid.Parameter("theta", start, low, np.full(len(told), FACTOR)))
+    unknown.add(sysid.Parameter("theta", start, low, np.full(len(identified), FACTOR)))
 
     def build(parameters: Any) -> mujoco.MjModel:
-        values = member_values(model, told, parameters["theta"].value * size)
+        values = member_values(model, identified, parameters["theta"].value * size)
         return written(twin.model, values)
 
     runs = []
@@ -237,14 +245,14 @@ def second_opinion(
     )
     at_best = residual(result.x, best.copy())[0]
     _, half = sysid.calculate_intervals(at_best, result.jac)
-    deviations = half[: len(told)] * size / norm.ppf(0.975)
-    next_ = np.linalg.lstsq(result.jac, np.concatenate(at_best))[0][: len(told)] * size
+    deviations = half[: len(identified)] * size / norm.ppf(0.975)
+    next_ = np.linalg.lstsq(result.jac, np.concatenate(at_best))[0][: len(identified)] * size
     theirs = tuple(
         replace(one, value=float(value), deviation=float(deviation))
         for one, value, deviation in zip(ours, best["theta"].value * size, deviations, strict=True)
     )
-    untold = tuple(one.parameter.label for one in found.estimates if not one.identified)
-    return Opinion(ours, theirs, untold, float(np.abs(next_ / deviations).max()))
+    unidentified = tuple(one.parameter.label for one in found.estimates if not one.identified)
+    return Opinion(ours, theirs, unidentified, float(np.abs(next_ / deviations).max()))
 
 
 def of_trial(
@@ -258,7 +266,7 @@ def of_trial(
     return one, second_opinion(model, data, unknowns, one.found)
 
 
-def _first(sysid: Any, problem: Problem, k: int) -> Any:
+def _first(sysid: Any, problem: FitProblem, k: int) -> Any:
     """The first state (2 n,) of a run, near the smoothed one: a rate that is damped at once is
     in no output, and far away the motion is another (`Problem.blocks` has more on it)."""
     near, wide = problem.firsts()[k], 3 * np.concatenate(problem.wide())
@@ -266,7 +274,7 @@ def _first(sysid: Any, problem: Problem, k: int) -> Any:
 
 
 def _residual(
-    sysid: Any, problem: Problem, k: int, twin: Twin, model: SoftModel, steps: int,
+    sysid: Any, problem: FitProblem, k: int, twin: Twin, model: SoftModel, steps: int,
     noise: np.ndarray, build: Callable[[Any], mujoco.MjModel],
 ) -> Callable[[np.ndarray, Any], np.ndarray]:  # fmt: skip
     """Of one run: measured less MuJoCo's rollout, over the noise, all outputs in a row."""

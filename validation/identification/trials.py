@@ -6,9 +6,9 @@ under random inputs, its outputs get noise, and the fit starts from the file's v
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -16,15 +16,24 @@ import numpy as np
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.dynamics.derivatives import residual_derivatives
-from softdyn.identification import Identified, Measurements, identify
-from softdyn.identification.data import MAX_ROWS
-from softdyn.identification.fit import least_deviations
-from softdyn.identification.parameters import Parameter, member_values, with_values
-from softdyn.identification.problem import measured
+from softdyn.identification import (
+    MAX_ROWS,
+    Identified,
+    Measurements,
+    Parameter,
+    identify,
+    least_deviations,
+    measured_outputs,
+    member_values,
+    with_values,
+)
 from softdyn.statics.equilibria import settle
+from softdyn.validation.processes import in_order
 from softdyn.validation.tables import Table
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
+
+Result = TypeVar("Result")
 
 # standard deviations by type of joint (rad, m), and of tip and cables (m)
 JOINT_NOISE = {"revolute": 0.005, "continuous": 0.005, "prismatic": 1e-4}
@@ -47,9 +56,9 @@ class Excitation:
         Length (s) and samples a second.
     spread : float
         Parameters are drawn within this share of the file's.
-    knots, reach, bias : float or tuple of float
+    knots, amplitude, bias : float or tuple of float
         One for all inputs, or one for each. Inputs run straight between random values, `knots` (s)
-        apart, that use the share `reach` of the input's range; the share `bias` of the range is
+        apart, that use the share `amplitude` of the input's range; the share `bias` of the range is
         added, which can take joints off their stops.
     at_rest : bool
         Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
@@ -65,7 +74,7 @@ class Excitation:
     rate: float = 200.0
     spread: float = 0.3
     knots: float | tuple[float, ...] = 0.2
-    reach: float | tuple[float, ...] = 0.6
+    amplitude: float | tuple[float, ...] = 0.6
     bias: float | tuple[float, ...] = 0.0
     at_rest: bool = False
     timestep: float = 1e-4
@@ -79,11 +88,11 @@ class Excitation:
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
         knots = _of_inputs("knots", self.knots, model, 1 / self.rate, MAX_ROWS / self.rate)
-        reach = _of_inputs("reach", self.reach, model, 0.0, 1.0)
+        amplitude = _of_inputs("amplitude", self.amplitude, model, 0.0, 1.0)
         bias = _of_inputs("bias", self.bias, model, 0.0, 1.0)
         low, high = model.u_min, model.u_max
-        low = np.where(low < 0, low * reach, low)
-        high = low + np.where(low < 0, reach * (high - model.u_min), reach * (high - low))
+        low = np.where(low < 0, low * amplitude, low)
+        high = low + np.where(low < 0, amplitude * (high - model.u_min), amplitude * (high - low))
         count = int(np.ceil(self.seconds / knots.min())) + 2
         values = rng.uniform(low, high, (count, model.nu))
         values[0] = np.clip(0, low, high)
@@ -153,7 +162,7 @@ def twin_data(
         q, _ = states.from_twin(twin.qpos, twin.qvel)
         path[k] = true.coordinates(q)
         twin.advance(held, steps)
-    values, _ = measured(true, outputs, path, np.zeros((len(t), true.nv, 0)))
+    values, _ = measured_outputs(true, outputs, path, np.zeros((len(t), true.nv, 0)))
     for unknown, value in zip(unknowns, theta, strict=True):
         values = values + value * unknown.shift(true, outputs)
     values = values + noise * deviations(true, outputs) * rng.standard_normal(values.shape)
@@ -254,16 +263,41 @@ def judged(
     scores = np.where(known, (value - theta) / deviation, np.nan)
     width = np.full(len(theta), np.nan)
     if noise > 0:
-        told = [one for one, yes in zip(unknowns, known, strict=True) if yes]
+        identified = [one for one, yes in zip(unknowns, known, strict=True) if yes]
         size = noise * deviations(model, data.names)
-        width[known] = least_deviations(model, data, told, theta[known], size, step=step)
+        width[known] = least_deviations(model, data, identified, theta[known], size, step=step)
         width = deviation / width
     return Trial(seed, found, relative, scores, width)
 
 
+def each_trial(
+    one_trial: Callable[..., Result],
+    *what: Any,
+    seeds: int,
+    step: float = np.inf,
+    jobs: int = -1,
+) -> list[Result]:
+    """`trial`, or another function of its arguments, for each seed from 0 on, one process a core.
+
+    Parameters
+    ----------
+    one_trial : Callable
+    what
+        Its first arguments, up to the noise.
+    seeds : int
+        So many trials.
+    step : float
+        As for `trial`.
+    jobs : int
+        Processes, -1 for one per core.
+    """
+    calls = [(*what, seed, step) for seed in range(seeds)]
+    return in_order(one_trial, calls, 1 if seeds == 1 else jobs)
+
+
 SHOWN = (
     ("kind", "kind", ""),
-    ("told", "told", ""),
+    ("identified", "told", ""),
     ("median error (%)", "median_percent", ".2g"),
     ("worst (%)", "worst_percent", ".2g"),
     ("truth in 95 %", "inside", ".0%"),

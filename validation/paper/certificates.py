@@ -138,6 +138,6 @@ def draw(path: Path, model: SoftModel, logs: Sequence[Log]) -> None:
         axes[0][0].set_ylabel("V̇ ε / V")
         axes[1][0].set_ylabel("real parts, zero dynamics (1/s)")
         axes[2][0].set_ylabel("least ∂K + ∂g, unactuated")
-        names = {"V̇ with the model's q̈": VERMILLION, "what the programme claims, −V/ε + δ": BLUE}
+        names = {"V̇ with the model's q̈": VERMILLION, "what the QP claims, −V/ε + δ": BLUE}
         legend_above(figure, [handle(name, (colour, "-")) for name, colour in names.items()])
         write_figure(figure, path)

@@ -1,7 +1,7 @@
 """The paper's laws as they are printed, every unknown explicit, nothing condensed: the oracle.
 
 Each formula is straight from the paper; from `controllers` comes nothing but the numbers in a
-`Gains`. A programme is written in the variables of any `Solver`. Where the minimiser is not unique
+`Gains`. A QP is written in the variables of any `Solver`. Where the minimiser is not unique
 (CLF-QP with more inputs than the task has rows, or J M⁻¹ B without full rank; any weight of zero),
 judge a law by its cost, or by the input that `LeastNorm` chooses.
 """
@@ -17,15 +17,15 @@ import scipy.linalg
 
 from softdyn import Reference, State
 from softdyn.controllers.gains import Gains
-from softdyn.validation.paper.solvers import Answer, Programme, Solver, Term
+from softdyn.validation.paper.solvers import Solver, SolverAnswer, SymbolicQp, Term
 
 RANK_TOLERANCE = 1e-6  # the one stated threshold: singular values below this share count as zero
 Variables = Callable[..., Sequence[Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What is regulated: y with its error to the reference; r = 3 in the paper.
+class TaskTerms:
+    """The regulated output y with its error to the reference; r = 3 in the paper.
 
     Attributes
     ----------
@@ -48,10 +48,10 @@ class Task:
         return -2 * np.sqrt(gains.Kp) * self.edot - gains.Kp * self.e
 
 
-def tip(state: State, reference: Reference) -> Task:
+def tip(state: State, reference: Reference) -> TaskTerms:
     """The paper's task: the position of the tip."""
     e, edot = state.y - reference.y, state.ydot - reference.ydot
-    return Task(state.J, state.Jdot, e, edot, reference.yddot)
+    return TaskTerms(state.J, state.Jdot, e, edot, reference.yddot)
 
 
 class Lyapunov(NamedTuple):
@@ -62,7 +62,7 @@ class Lyapunov(NamedTuple):
     slope: np.ndarray
 
 
-def lyapunov(task: Task, eps: float) -> Lyapunov:
+def lyapunov(task: TaskTerms, eps: float) -> Lyapunov:
     """V = ηᵀ P_ε η, with the solution P = [[√3 I, I], [I, √3 I]] of (eq:care) for Q = R = I."""
     eye, zero = np.eye(len(task.e)), np.zeros((len(task.e),) * 2)
     P = np.block([[np.sqrt(3.0) * eye, eye], [eye, np.sqrt(3.0) * eye]])
@@ -94,24 +94,24 @@ def null_projector(J: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarr
     return np.eye(J.shape[1]) - np.linalg.pinv(J, rcond=tolerance) @ J
 
 
-# -- programmes ------------------------------------------------------------------------------------
+# -- QPs ------------------------------------------------------------------------------------
 
 
 def soft_id_clf_qp(
     variables: Variables,
     state: State,
-    task: Task,
+    task: TaskTerms,
     gains: Gains,
     tolerance: float = RANK_TOLERANCE,
-) -> Programme:
+) -> SymbolicQp:
     """Paper, "Soft ID-CLF-QP": of the dynamics the actuated rows are hard."""
     rows = actuated_rows(state.B, tolerance)
     return _inverse_dynamics(variables, state, task, gains, rows, tolerance)
 
 
 def mass_orthogonal(
-    variables: Variables, state: State, task: Task, gains: Gains, *, decrease: bool
-) -> Programme:
+    variables: Variables, state: State, task: TaskTerms, gains: Gains, *, decrease: bool
+) -> SymbolicQp:
     """Soft ID-CLF-QP, or IC-QP without `decrease`, with the other T_u: T_u M⁻¹ B = 0.
 
     R = (Bᵀ M⁻¹ B)⁻¹ Bᵀ M⁻¹, here in a basis of range(B): actuated accelerations are the model's.
@@ -121,23 +121,23 @@ def mass_orthogonal(
     return _inverse_dynamics(variables, state, task, gains, rows, decrease=decrease)
 
 
-def id_clf_qp(variables: Variables, state: State, task: Task, gains: Gains) -> Programme:
+def id_clf_qp(variables: Variables, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
     """ID-CLF-QP: all of the dynamics (dynamics) are hard, M q̈ + h = B u."""
     return _inverse_dynamics(variables, state, task, gains, (np.eye(len(state.v)), state.B))
 
 
-def ic_qp(variables: Variables, state: State, task: Task, gains: Gains) -> Programme:
+def ic_qp(variables: Variables, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
     """Paper, "IC-QP": the Soft ID-CLF-QP without δ and its condition."""
     rows = actuated_rows(state.B)
     return _inverse_dynamics(variables, state, task, gains, rows, decrease=False)
 
 
-def clf_qp(variables: Variables, state: State, task: Task, gains: Gains) -> Programme:
+def clf_qp(variables: Variables, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
     """Paper, "CLF-QP": L_g L_f y u = -L_f² y + μ + ÿ_ref, no weight on u."""
     u, mu, delta = variables(state.B.shape[1], len(task.e), 1)
     mobility = task.J @ np.linalg.inv(state.M)
     L2f = task.Jdot @ state.v - mobility @ state.h
-    return Programme(
+    return SymbolicQp(
         {"u": u, "mu": mu, "delta": delta},
         {
             "task": Term(gains.w1, mu - task.mu_ref(gains)),
@@ -151,13 +151,13 @@ def clf_qp(variables: Variables, state: State, task: Task, gains: Gains) -> Prog
 def _inverse_dynamics(
     variables: Variables,
     state: State,
-    task: Task,
+    task: TaskTerms,
     gains: Gains,
     rows: tuple[np.ndarray, ...],
     tolerance: float = RANK_TOLERANCE,
     *,
     decrease: bool = True,
-) -> Programme:
+) -> SymbolicQp:
     """What the three share; the w4 term is squared (the text drops its exponent)."""
     n, m = state.B.shape
     qdd, u, *slack = variables(n, m, 1) if decrease else variables(n, m)
@@ -173,20 +173,20 @@ def _inverse_dynamics(
     if decrease:
         found["delta"], cost["slack"] = slack[0], Term(gains.rho, slack[0])
         below |= _decrease(task, gains, mu, slack[0])
-    return Programme(found, cost, {"dynamics": (R @ state.M) @ qdd - S @ u + R @ state.h}, below)
+    return SymbolicQp(found, cost, {"dynamics": (R @ state.M) @ qdd - S @ u + R @ state.h}, below)
 
 
 def _bounds(state: State, u: Any) -> dict[str, Any]:
     return {"upper": u - state.model.u_max, "lower": state.model.u_min - u}
 
 
-def _decrease(task: Task, gains: Gains, mu: Any, delta: Any) -> dict[str, Any]:
+def _decrease(task: TaskTerms, gains: Gains, mu: Any, delta: Any) -> dict[str, Any]:
     """V̇ ≤ -V/ε + δ, δ ≥ 0."""
     V, drift, slope = lyapunov(task, gains.eps)
     return {"decrease": slope[None] @ mu - delta + (drift + V / gains.eps), "slack": -delta}
 
 
-PROGRAMMES: dict[str, Callable[[Variables, State, Task, Gains], Programme]] = {
+PAPER_QPS: dict[str, Callable[[Variables, State, TaskTerms, Gains], SymbolicQp]] = {
     "soft-id-clf-qp": soft_id_clf_qp,
     "id-clf-qp": id_clf_qp,
     "ic-qp": ic_qp,
@@ -196,7 +196,7 @@ PROGRAMMES: dict[str, Callable[[Variables, State, Task, Gains], Programme]] = {
 
 @dataclass(frozen=True)
 class PrintedLaw:
-    """One of the programmes as a law: written and solved anew at every state.
+    """One of the QPs as a law: written and solved anew at every state.
 
     Attributes
     ----------
@@ -206,11 +206,11 @@ class PrintedLaw:
     solver : Solver
     """
 
-    write: Callable[[Variables, State, Task, Gains], Programme]
+    write: Callable[[Variables, State, TaskTerms, Gains], SymbolicQp]
     gains: Gains
     solver: Solver
 
-    def __call__(self, state: State, reference: Reference) -> Answer:
+    def __call__(self, state: State, reference: Reference) -> SolverAnswer:
         """The solver's answer at this state.
 
         Raises
@@ -237,7 +237,7 @@ def task_inertia(mobility: np.ndarray) -> np.ndarray:
 
 def impedance(
     state: State,
-    task: Task,
+    task: TaskTerms,
     gains: Gains,
     invert: Callable[[np.ndarray], np.ndarray] = task_inertia,
 ) -> np.ndarray:
@@ -253,7 +253,7 @@ def impedance(
 
 def underactuated(
     state: State,
-    task: Task,
+    task: TaskTerms,
     torque: np.ndarray,
     pseudo_inverse: Callable[[np.ndarray], np.ndarray] = inverse,
 ) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""The reference implementation's peculiarities, as controllers around the oracle's programmes.
+"""The reference implementation's peculiarities, as controllers around the oracle's QPs.
 
 They differ from the paper in what is asked for only: `angular` regulates the tip's angular velocity
-to zero beside its position (six task rows instead of three), `scs` solves the programme with SCS
+to zero beside its position (six task rows instead of three), `scs` solves the QP with SCS
 through cvxpy at cvxpy's default tolerances, a failed solve giving zero input, and `clf` is the
 reference's CLF-QP, whose objective has V̇² and ‖u‖₁² beside the published terms. `thresholds` gives
 IC and UIC the reference's: singular values below 1e-2 of Λ, where a determinant is small, count as
@@ -22,15 +22,15 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel, State
 from softdyn.controllers import Command, Controller, Gains, InputGuard, Status
 from softdyn.validation.paper import paper_qps, solvers
-from softdyn.validation.paper.paper_qps import Task, tip
-from softdyn.validation.paper.solvers import Programme, Quadprog, Solver, Term
+from softdyn.validation.paper.paper_qps import TaskTerms, tip
+from softdyn.validation.paper.solvers import Quadprog, Solver, SymbolicQp, Term
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
 INPUT_WEIGHT = 0.5  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
 DIFFERENCE = 1e-6  # s, over which the reference differentiates J
-RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite programme
-TaskOf = Callable[[State, Reference], Task]
+RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP
+TermsOf = Callable[[State, Reference], TaskTerms]
 
 
 def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) -> Controller:
@@ -42,7 +42,7 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
         A law that the reference implementation does not have, or a missing package.
     """
     options = set(options)
-    task: TaskOf = AngularTask(model) if "angular" in options else tip
+    task: TermsOf = AngularTask(model) if "angular" in options else tip
     if "difference" in options:
         task = Differenced(task)
     if name in ("ic", "uic"):
@@ -50,8 +50,8 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
         return ClosedForm(model, gains, task, project=name == "uic", theirs=theirs)
     if name not in ("clf-qp", "soft-id-clf-qp", "ic-qp"):
         raise InputError("controller", "a law of the paper's table", repr(name))
-    write: Callable[..., Programme] = (
-        reference_clf_qp if name == "clf-qp" and "clf" in options else paper_qps.PROGRAMMES[name]
+    write: Callable[..., SymbolicQp] = (
+        reference_clf_qp if name == "clf-qp" and "clf" in options else paper_qps.PAPER_QPS[name]
     )
     if "mass" in options and name != "clf-qp":
         write = partial(paper_qps.mass_orthogonal, decrease=name == "soft-id-clf-qp")
@@ -68,7 +68,7 @@ class AngularTask:
         self._twin = Twin(model.robot)
         self._states = StateMap(model, self._twin)
 
-    def __call__(self, state: State, reference: Reference) -> Task:
+    def __call__(self, state: State, reference: Reference) -> TaskTerms:
         """The six rows; the angular ones are MuJoCo's."""
         twin, data = self._twin, self._twin.data
         data.qpos[:], data.qvel[:] = self._states.to_twin(state.q, state.v)
@@ -79,7 +79,7 @@ class AngularTask:
         body = twin.model.site_bodyid[twin.task_site]
         mujoco.mj_jacDot(twin.model, data, None, rate, data.site_xpos[twin.task_site], body)
         task, dofs, none = tip(state, reference), self._states.dofs, np.zeros(3)
-        return Task(
+        return TaskTerms(
             np.vstack((task.J, turning[:, dofs])),
             np.vstack((task.Jdot, rate[:, dofs])),
             np.concatenate((task.e, none)),
@@ -92,9 +92,9 @@ class AngularTask:
 class Differenced:
     """A task whose J̇ is (J(q + q̇ h) - J(q)) / h, h = 1 µs."""
 
-    task: TaskOf
+    task: TermsOf
 
-    def __call__(self, state: State, reference: Reference) -> Task:
+    def __call__(self, state: State, reference: Reference) -> TaskTerms:
         """The task's rows with that J̇."""
         model, found = state.model, self.task(state, reference)
         ahead = model.state(model.integrate(state.q, DIFFERENCE * state.v), state.v)
@@ -116,7 +116,7 @@ class ClosedForm:
     """IC, and with `project` UIC; `theirs` are the reference implementation's thresholds."""
 
     def __init__(
-        self, model: SoftModel, gains: Gains, task: TaskOf, *, project: bool, theirs: bool
+        self, model: SoftModel, gains: Gains, task: TermsOf, *, project: bool, theirs: bool
     ) -> None:
         self.gains, self._task, self._project = gains, task, project
         self._mobility_inverse = reference_inertia if theirs else paper_qps.task_inertia
@@ -133,14 +133,14 @@ class ClosedForm:
 
 
 class Qp:
-    """A law that solves a programme; where its solver has no answer the input is zero, counted."""
+    """A law that solves a QP; where its solver has no answer the input is zero, counted."""
 
     def __init__(
         self,
         model: SoftModel,
         gains: Gains,
-        task: TaskOf,
-        write: Callable[..., Programme],
+        task: TermsOf,
+        write: Callable[..., SymbolicQp],
         solver: Solver,
     ) -> None:
         self.gains, self._task, self._write, self._solver = gains, task, write, solver
@@ -149,11 +149,11 @@ class Qp:
     def __call__(self, state: State, reference: Reference) -> Command:
         """The input at this state."""
         task = self._task(state, reference)
-        programme = self._write(self._solver.variables, state, task, self.gains)
+        qp = self._write(self._solver.variables, state, task, self.gains)
         # the reference's δ may have either sign
-        below = {name: rows for name, rows in programme.below.items() if name != "slack"}
+        below = {name: rows for name, rows in qp.below.items() if name != "slack"}
         try:
-            found = self._solver.solve(replace(programme, below=below))
+            found = self._solver.solve(replace(qp, below=below))
         except solvers.Unsolved:
             self.guard.fallbacks += 1
             self.guard.not_solved += 1
@@ -163,14 +163,14 @@ class Qp:
         return self.guard.accept(found["u"], np.nan, delta, clamped=True)
 
 
-def reference_clf_qp(variables: Any, state: State, task: Task, gains: Gains) -> Programme:
+def reference_clf_qp(variables: Any, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
     """The reference's CLF-QP: V̇² and ‖u‖₁² in the cost, and a V̇ that leaves ÿ_ref out."""
-    programme = paper_qps.clf_qp(variables, state, task, gains)
-    u, mu, delta = programme.variables.values()
+    qp = paper_qps.clf_qp(variables, state, task, gains)
+    u, mu, delta = qp.variables.values()
     V, drift, slope = paper_qps.lyapunov(task, gains.eps)
     rate = slope[None] @ mu + (drift + slope @ task.yddot)
     return replace(
-        programme,
-        cost=programme.cost | {"rate": Term(1.0, rate), "size": Term(INPUT_WEIGHT, u, order=1)},
-        below=programme.below | {"decrease": rate - delta + V / gains.eps},
+        qp,
+        cost=qp.cost | {"rate": Term(1.0, rate), "size": Term(INPUT_WEIGHT, u, order=1)},
+        below=qp.below | {"decrease": rate - delta + V / gains.eps},
     )

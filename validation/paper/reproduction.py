@@ -1,7 +1,7 @@
 """What the paper's reference implementation does otherwise, one change at a time.
 
 A change stands around our code, never in it: it changes a `Case`. A controller is shown another
-`State`, the plant is another, the period, or the paper's programme is solved as the reference
+`State`, the plant is another, the period, or the paper's QP is solved as the reference
 solves it (`reference_laws`). Changes combine with ``+``.
 """
 
@@ -213,7 +213,7 @@ CHANGES = {
     "period-2ms": Change("control period 2 ms", ("finger", "helix"), case={"period": 0.002}),
     "period-5ms": Change("control period 5 ms", ("helix", "spirob"), case={"period": 0.005}),
     "nudge": Change("initial velocities of 1e-9", ("finger",), case={"nudge": 1e-9}),
-    "exact": Change("the textbook programme on another exact solver", controllers=QP, law="exact"),
+    "exact": Change("the textbook QP on another exact solver", controllers=QP, law="exact"),
     "angular": Change(
         "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
     ),
@@ -230,7 +230,7 @@ CHANGES = {
         "w2 = 0.2 as at 37d7d0f", ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2}
     ),
     "kp": Change("K_p = 500 as at 37d7d0f", ("spirob",), ("ic-qp",), gains={"Kp": 500.0}),
-    "scs": Change("the programme through cvxpy and SCS", controllers=QP, law="scs"),
+    "scs": Change("the QP through cvxpy and SCS", controllers=QP, law="scs"),
     "clf-objective": Change(
         "the reference's CLF-QP, with V̇² and ‖u‖₁² in the objective, through SCS",
         ("finger", "spirob"), ("clf-qp",), law="clf",

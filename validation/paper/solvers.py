@@ -1,6 +1,6 @@
-"""A programme written in expressions, and the solvers that may stand behind it.
+"""A QP written in expressions, and the solvers that may stand behind it.
 
-A solver hands out variables, a programme is written in them with NumPy's operators, and the solver
+A solver hands out variables, a QP is written in them with NumPy's operators, and the solver
 answers it. quadprog and DAQP are exact: their variables are rows that know their coefficients
 (`Affine`). SCS is what the paper used: its variables are cvxpy's own. All three are extras
 (``test``, ``bench``), imported when a solver is made.
@@ -26,7 +26,7 @@ class Unsolved(ArithmeticError):
 
 
 class Affine:
-    """Rows matrix @ x + constant in all unknowns x of a programme.
+    """Rows matrix @ x + constant in all unknowns x of a QP.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Term(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class SymbolicQp:
     """min Σ weight ‖of‖² s.t. equal = 0, below ≤ 0, each part under a name of its own.
 
     Attributes
@@ -88,14 +88,14 @@ class Programme:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """What a solver makes of a programme; ``answer["u"]`` is the value of the variable u.
+class SolverAnswer:
+    """The answer of a solver to a QP; ``answer["u"]`` is the value of the variable u.
 
     Attributes
     ----------
     values : dict of array
     cost : float
-        The programme's cost there.
+        The QP's cost there.
     residual : float
         Largest violation of the conditions of optimality; NaN where the solver does not tell.
     """
@@ -109,13 +109,13 @@ class Answer:
 
 
 class Solver(Protocol):
-    """Anything that a programme can be written for and solved by."""
+    """Anything that a QP can be written for and solved by."""
 
     def variables(self, *sizes: int) -> Sequence[Any]:
-        """One variable of each size, the unknowns of one programme."""
+        """One variable of each size, the unknowns of one QP."""
         ...
 
-    def solve(self, programme: Programme) -> Answer:
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
         """The minimiser, or one of them.
 
         Raises
@@ -168,9 +168,9 @@ class Quadprog:
         self._solve = optional("quadprog", "quadprog").solve_qp
         self._ridge, self._steps = ridge, steps if ridge else 1
 
-    def solve(self, programme: Programme) -> Answer:
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
         """See `Solver`."""
-        p, unit = scaled(matrices(programme))
+        p, unit = scaled(matrices(qp))
         rows, limits = np.vstack((-p.E, -p.A)).T, np.concatenate((-p.e, -p.b))
         H, x = p.H + self._ridge * np.eye(len(p.g)), np.zeros(len(p.g))
         best, residual = x, math.inf
@@ -189,7 +189,7 @@ class Quadprog:
                 best, residual = x, found
             if found < 1e-12:
                 break
-        return answer(programme, best * unit, residual)
+        return answer(qp, best * unit, residual)
 
 
 class Daqp:
@@ -200,9 +200,9 @@ class Daqp:
     def __init__(self) -> None:
         self._solve = optional("daqp", "daqp").solve
 
-    def solve(self, programme: Programme) -> Answer:
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
         """See `Solver`."""
-        p, unit = scaled(matrices(programme))
+        p, unit = scaled(matrices(qp))
         equal, below = len(p.e), len(p.b)
         upper = np.concatenate((p.e, p.b))
         lower = np.concatenate((p.e, np.full(below, -1e30)))
@@ -215,14 +215,14 @@ class Daqp:
             raise Unsolved(f"DAQP: exit flag {flag}")
         x, lam = np.asarray(x), np.asarray(info["lam"])
         residual = kkt_residual(p, x, lam[:equal], lam[equal:])
-        return answer(programme, x * unit, residual)
+        return answer(qp, x * unit, residual)
 
 
 class LeastNorm:
-    """Of all minimisers, the one of least ‖x‖, for programmes with more than one.
+    """Of all minimisers, the one of least ‖x‖, for QPs with more than one.
 
     A solver finds one of them. What the cost measures is the same at all of them (Mangasarian
-    1988), so a second programme moves x along what changes neither that nor the equalities, and
+    1988), so a second QP moves x along what changes neither that nor the equalities, and
     minimises ‖x‖²: no weight on x in the first one, however small.
 
     Parameters
@@ -236,12 +236,12 @@ class LeastNorm:
     def __init__(self, solver: Solver) -> None:
         self._first, self._second = solver, Quadprog()
 
-    def solve(self, programme: Programme) -> Answer:
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
         """See `Solver`; the residual is the first solver's."""
-        first = self._first.solve(programme)
+        first = self._first.solve(qp)
         x = np.concatenate(list(first.values.values()))
-        weighed = [term.of for term in programme.cost.values() if term.weight]
-        held = np.vstack([rows.matrix for rows in (*weighed, *programme.equal.values())])
+        weighed = [term.of for term in qp.cost.values() if term.weight]
+        held = np.vstack([rows.matrix for rows in (*weighed, *qp.equal.values())])
         sizes = np.linalg.norm(held, axis=1)
         _, values, right = np.linalg.svd(held[sizes > 0] / sizes[sizes > 0, None])
         free = right[int((values > SAME).sum()) :].T
@@ -249,26 +249,26 @@ class LeastNorm:
             return first
         (z,) = unknowns(free.shape[1])
         below = {}
-        for name, rows in programme.below.items():
+        for name, rows in qp.below.items():
             along, values = rows.matrix @ free, np.minimum(rows.at(x), 0.0)
             moves = np.linalg.norm(along, axis=1) > SAME * np.linalg.norm(rows.matrix, axis=1)
             below[name] = Affine(along[moves], values[moves])
-        moved = self._second.solve(Programme({"z": z}, {"": Term(1.0, free @ z + x)}, {}, below))
-        return answer(programme, x + free @ moved["z"], first.residual)
+        moved = self._second.solve(SymbolicQp({"z": z}, {"": Term(1.0, free @ z + x)}, {}, below))
+        return answer(qp, x + free @ moved["z"], first.residual)
 
 
-def matrices(programme: Programme) -> Matrices:
-    """The programme of an exact solver's variables, less the constant of its cost.
+def matrices(qp: SymbolicQp) -> Matrices:
+    """The QP of an exact solver's variables, less the constant of its cost.
 
     Raises
     ------
     Unsolved
         A term of the cost that is not quadratic.
     """
-    terms = programme.cost.values()
+    terms = qp.cost.values()
     if any(term.order != 2 for term in terms):
         raise Unsolved("a cost that is not quadratic")
-    size = sum(len(rows.matrix) for rows in programme.variables.values())
+    size = sum(len(rows.matrix) for rows in qp.variables.values())
 
     def stacked(expressions: Iterable[Affine]) -> tuple[np.ndarray, np.ndarray]:
         rows = [Affine(np.zeros((0, size)), np.zeros(0)), *expressions]
@@ -277,8 +277,8 @@ def matrices(programme: Programme) -> Matrices:
     return Matrices(
         sum(2 * w * rows.matrix.T @ rows.matrix for w, rows, _ in terms),
         sum(2 * w * rows.matrix.T @ rows.constant for w, rows, _ in terms),
-        *stacked(programme.equal.values()),
-        *stacked(programme.below.values()),
+        *stacked(qp.equal.values()),
+        *stacked(qp.below.values()),
     )
 
 
@@ -301,7 +301,7 @@ def scaled(p: Matrices) -> tuple[Matrices, np.ndarray]:
 def kkt_residual(p: Matrices, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> float:
     """Largest violation of stationarity, feasibility, sign and complementarity at (x; y, z).
 
-    For scaled programmes (entries of order one): absolute, but for multipliers larger than one.
+    For scaled QPs (entries of order one): absolute, but for multipliers larger than one.
     """
     size = max(1.0, np.abs(y).max(initial=0), np.abs(z).max(initial=0))
     slack = p.b - p.A @ x
@@ -316,25 +316,23 @@ def kkt_residual(p: Matrices, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> fl
     )
 
 
-def answer(programme: Programme, x: np.ndarray, residual: float) -> Answer:
-    """The answer x of an exact solver in the programme's own names."""
-    cost = sum(
-        weight * float(np.sum(rows.at(x) ** 2)) for weight, rows, _ in programme.cost.values()
-    )
-    values = {name: rows.at(x) for name, rows in programme.variables.items()}
-    return Answer(values, cost, residual)
+def answer(qp: SymbolicQp, x: np.ndarray, residual: float) -> SolverAnswer:
+    """The answer x of an exact solver in the QP's own names."""
+    cost = sum(weight * float(np.sum(rows.at(x) ** 2)) for weight, rows, _ in qp.cost.values())
+    values = {name: rows.at(x) for name, rows in qp.variables.items()}
+    return SolverAnswer(values, cost, residual)
 
 
 # -- the paper's solver ----------------------------------------------------------------------------
 
 
 class Scs:
-    """SCS through cvxpy, the programme built anew every time: what the paper did.
+    """SCS through cvxpy, the QP built anew every time: what the paper did.
 
     Parameters
     ----------
     quadratic : bool
-        Write ‖x‖² as ``sum_squares(x)``, which stays a quadratic programme and takes half the time.
+        Write ‖x‖² as ``sum_squares(x)``, which stays a quadratic program and takes half the time.
         The reference implementation writes ``square(norm(x))``, which becomes second-order cones.
     accuracy : float, optional
         Absolute and relative tolerance of SCS; cvxpy's default, which the reference implementation
@@ -350,21 +348,21 @@ class Scs:
         """See `Solver`."""
         return [self._cp.Variable(size) for size in sizes]
 
-    def solve(self, programme: Programme) -> Answer:
+    def solve(self, qp: SymbolicQp) -> SolverAnswer:
         """See `Solver`."""
         cp = self._cp
-        cost = sum(t.weight * self._squared(t) for t in programme.cost.values() if t.weight)
-        limits = [rows == 0 for rows in programme.equal.values()]
-        limits += [rows <= 0 for rows in programme.below.values()]
+        cost = sum(t.weight * self._squared(t) for t in qp.cost.values() if t.weight)
+        limits = [rows == 0 for rows in qp.equal.values()]
+        limits += [rows <= 0 for rows in qp.below.values()]
         problem = cp.Problem(cp.Minimize(cost), limits)
         try:
             problem.solve(solver=cp.SCS, **self._options)
         except (cp.error.SolverError, ValueError) as error:
             raise Unsolved(f"SCS: {error}") from None
-        values = {name: variable.value for name, variable in programme.variables.items()}
+        values = {name: variable.value for name, variable in qp.variables.items()}
         if any(value is None for value in values.values()):
             raise Unsolved(f"SCS: {problem.status}")
-        return Answer(values, float(problem.value))
+        return SolverAnswer(values, float(problem.value))
 
     def _squared(self, term: Term) -> Any:
         cp = self._cp

@@ -48,7 +48,7 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     notes = [
         f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); intervals count their colour.",
         f"In the part of the data held out they are {found.held_out:.3g} times the fit's.",
-        *(f"These data do not tell: {text}." for text in found.vague),
+        *(f"These data do not tell: {text}." for text in found.unidentifiable),
         f"Half the step of the simulation would move an estimate by {found.moved:.2g} of its"
         " standard deviation, at most.",
     ]

@@ -11,7 +11,7 @@ from tqdm.auto import tqdm
 
 from softdyn import SetPoint, SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
-from softdyn.controllers.barriers import JointLimits, Sphere
+from softdyn.controllers.barriers import JointLimits, KeepOutSphere
 from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
@@ -27,7 +27,7 @@ class Encounters:
 
     Attributes
     ----------
-    ball : Sphere
+    ball : KeepOutSphere
         Stands beside the path to the set point.
     logs : dict[str, Log]
         The three runs to the set point by name, the last with the ball as a barrier.
@@ -35,7 +35,7 @@ class Encounters:
         The figures of these and of the random runs, under the names of the command's JSON.
     """
 
-    ball: Sphere
+    ball: KeepOutSphere
     logs: dict[str, Log]
     report: dict[str, Any]
 
@@ -101,7 +101,7 @@ def meet(
     def run(law: SoftIdClfQp, goal: Any) -> Log:
         return simulate(model, law, goal, duration=duration, period=setup.period)
 
-    def barriers(ball: Sphere) -> SoftIdClfQp:
+    def barriers(ball: KeepOutSphere) -> SoftIdClfQp:
         walls = [JointLimits(model)] if limits else []
         return SoftIdClfQp(model, gains, horizon=tau, barriers=[ball, *walls])
 
@@ -129,16 +129,16 @@ def meet(
     return Encounters(ball, logs, report)
 
 
-def in_the_way(paths: Sequence[np.ndarray], radius: float) -> Sphere:
+def in_the_way(paths: Sequence[np.ndarray], radius: float) -> KeepOutSphere:
     """A ball beside a path (samples, 3) of the tip that cuts as many as it can."""
 
-    def depth(ball: Sphere) -> float:
+    def depth(ball: KeepOutSphere) -> float:
         return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
 
     return max(_beside(paths, radius), key=depth)
 
 
-def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[Sphere]:
+def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[KeepOutSphere]:
     for path in paths:
         left = np.linalg.norm(path - path[-1], axis=1)
         for share in (0.3, 0.4, 0.5, 0.6, 0.7):
@@ -150,22 +150,22 @@ def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[Sphere]:
                 beside = np.array([-along[1], along[0], 0.0])
             beside = beside / np.linalg.norm(along)
             for side in (-OFFSET, OFFSET):
-                yield Sphere(path[k] + side * radius * beside, radius)
+                yield KeepOutSphere(path[k] + side * radius * beside, radius)
 
 
 def draw(
     model: SoftModel, rng: np.random.Generator, start: np.ndarray, radius: float
-) -> tuple[SetPoint, Sphere]:
+) -> tuple[SetPoint, KeepOutSphere]:
     """A target that some configuration reaches, and a ball beside the line from `start` to it."""
     while True:
         low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
         y = model.state(model.configuration(0.6 * rng.uniform(low, high)), np.zeros(model.nv)).y
         centre = start + rng.uniform(0.3, 0.7) * (y - start) + OFFSET * radius * rng.normal(size=3)
         if min(np.linalg.norm(start - centre), np.linalg.norm(y - centre)) > 1.2 * radius:
-            return SetPoint(y), Sphere(centre, radius)
+            return SetPoint(y), KeepOutSphere(centre, radius)
 
 
-def figures(name: str, law: SoftIdClfQp, log: Log, ball: Sphere) -> dict[str, Any]:
+def figures(name: str, law: SoftIdClfQp, log: Log, ball: KeepOutSphere) -> dict[str, Any]:
     """What a run came to; `violation` in mm (joint limits: 0.01 rad), whichever is worse."""
     clearance = 1e3 * float((np.linalg.norm(log.y - ball.centre, axis=1) - ball.radius).min())
     rows = law.barrier_rows

@@ -21,8 +21,8 @@ import numpy as np
 from softdyn import Reference, SoftModel, State
 from softdyn.compiled import COMPILES
 from softdyn.dynamics import tree as engine
-from softdyn.dynamics.projection import Projection, tree_below
-from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw
+from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw
 from softdyn.validation.paper.solvers import Scs, Unsolved
 
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
@@ -60,7 +60,7 @@ class Times:
         What ProxQP itself reports for both, `run_time`.
     stacks : array, (rounds, 2) or (rounds, 0)
         A step in the paper's stack, as the reference implementation spells it and as a quadratic
-        programme; one state a round.
+        QP; one state a round.
     stack_difference : float or None
         Median over states of the largest difference of its input from ours, as a share of the
         largest input's range.
@@ -114,15 +114,13 @@ Law = Callable[[State, Reference], Any]
 def paper_stack(controller: Any) -> list[Law]:
     """A controller's step as the paper computes it: laws (state, reference) → u (m,), or NaN.
 
-    The programme as printed, nothing condensed, scaled or kept: cvxpy builds it anew, SCS solves.
-    First as the reference implementation spells it, then as a quadratic programme; none for laws
-    that have no programme. Needs the extra ``bench``.
+    The QP as printed, nothing condensed, scaled or kept: cvxpy builds it anew, SCS solves.
+    First as the reference implementation spells it, then as a quadratic program; none for laws
+    that have no QP. Needs the extra ``bench``.
     """
 
     def law(quadratic: bool) -> Law:
-        printed = PrintedLaw(
-            PROGRAMMES[controller.name], controller.gains, Scs(quadratic=quadratic)
-        )
+        printed = PrintedLaw(PAPER_QPS[controller.name], controller.gains, Scs(quadratic=quadratic))
 
         def u(state: State, reference: Reference) -> np.ndarray:
             try:
@@ -132,7 +130,7 @@ def paper_stack(controller: Any) -> list[Law]:
 
         return u
 
-    return [law(False), law(True)] if getattr(controller, "name", "") in PROGRAMMES else []
+    return [law(False), law(True)] if getattr(controller, "name", "") in PAPER_QPS else []
 
 
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:
@@ -141,7 +139,7 @@ def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable
     `gravity` and `coriolis` for laws that ask for `State.g` and `State.C`. (q, v) are those of the
     tree below the model: see `Subject`.
     """
-    pin, model_ = engine.pin, tree_below(model)[0].pin_model
+    pin, model_ = engine.pin, underlying_tree(model)[0].pin_model
     data = model_.createData()
 
     def calls(q: np.ndarray, v: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Every law of the paper against its programme as printed, at states that move."""
+"""Every law of the paper against its QP as printed, at states that move."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softdyn.validation.paper.solvers import LeastNorm, Quadprog, unknowns
 
 TOLERANCE = 1e-6  # of the input range
 SAME_COST = 1e-9  # relative: minimisers of CLF-QP whose cost agrees to this are one to any solver
-RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite programme
+RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP
 COLUMNS = (
     ("robot", "robot", ""),
     ("law", "controller", ""),
@@ -42,9 +42,9 @@ def states(model: SoftModel, count: int, seed: int = 0) -> Iterator[tuple[State,
 def textbook(name: str, state: State, reference: Reference, gains: Gains) -> np.ndarray:
     """The input (m,) that the paper's text asks for, every unknown explicit."""
     task = paper_qps.tip(state, reference)
-    if name in paper_qps.PROGRAMMES:
+    if name in paper_qps.PAPER_QPS:
         solver = LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
-        answer = solver.solve(paper_qps.PROGRAMMES[name](unknowns, state, task, gains))
+        answer = solver.solve(paper_qps.PAPER_QPS[name](unknowns, state, task, gains))
         return answer["u"]
     torque = paper_qps.impedance(state, task, gains)
     if name == "uic":

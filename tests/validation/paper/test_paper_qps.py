@@ -9,8 +9,8 @@ import pytest
 import scipy.linalg
 
 from softdyn.validation.paper.paper_qps import (
-    PROGRAMMES,
-    Task,
+    PAPER_QPS,
+    TaskTerms,
     actuated_rows,
     impedance,
     inputs,
@@ -27,7 +27,7 @@ from tests.support.control_cases import BUNDLED, drawn, gains_of, recorded
 @pytest.mark.parametrize("r", [3, 6])
 def test_the_lyapunov_function_solves_the_riccati_equation(r):
     rng, eps = np.random.default_rng(r), 0.05
-    task = Task(np.zeros((r, 4)), np.zeros((r, 4)), *rng.normal(size=(3, r)))
+    task = TaskTerms(np.zeros((r, 4)), np.zeros((r, 4)), *rng.normal(size=(3, r)))
     zero, eye = np.zeros((r, r)), np.eye(r)
     F, G = np.block([[zero, eye], [zero, zero]]), np.vstack((zero, eye))
     P = scipy.linalg.solve_continuous_are(F, G, np.eye(2 * r), eye)
@@ -55,29 +55,29 @@ def test_actuated_rows_pick_the_input_from_the_dynamics(name):
         assert len(R) == rank
 
 
-@pytest.mark.parametrize("write", PROGRAMMES.values(), ids=PROGRAMMES)
-def test_every_constraint_of_a_programme_is_met_by_its_answer(write):
+@pytest.mark.parametrize("write", PAPER_QPS.values(), ids=PAPER_QPS)
+def test_every_constraint_of_a_qp_is_met_by_its_answer(write):
     for state, reference in drawn("helix", 5):
         gains = gains_of("helix")
         task = tip(state, reference)
-        programme = write(unknowns, state, task, gains)
-        solver = LeastNorm(Quadprog(1e-7)) if "mu" in programme.variables else Quadprog()
-        answer = solver.solve(programme)
+        qp = write(unknowns, state, task, gains)
+        solver = LeastNorm(Quadprog(1e-7)) if "mu" in qp.variables else Quadprog()
+        answer = solver.solve(qp)
         assert answer.residual < 1e-10
         u = answer["u"]
         bound = 1e-6 * (state.model.u_max - state.model.u_min)
         assert (u >= state.model.u_min - bound).all()
         assert (u <= state.model.u_max + bound).all()
-        if "mu" in programme.variables:  # ÿ = L_f² y + L_g L_f y u
+        if "mu" in qp.variables:  # ÿ = L_f² y + L_g L_f y u
             qdd = np.linalg.solve(state.M, state.B @ u - state.h)
         else:
             qdd = answer["qdd"]
             residual = actuated_rows(state.B)[0] @ (state.M @ qdd + state.h - state.B @ u)
             np.testing.assert_allclose(residual, 0, atol=1e-6 * np.abs(state.h).max())
         mu = state.J @ qdd + state.Jdot @ state.v - reference.yddot
-        if "mu" in programme.variables:
+        if "mu" in qp.variables:
             np.testing.assert_allclose(mu, answer["mu"], rtol=1e-6, atol=1e-6 * np.abs(mu).max())
-        if "delta" in programme.variables:
+        if "delta" in qp.variables:
             V, drift, slope = lyapunov(task, gains.eps)
             assert drift + slope @ mu <= -V / gains.eps + answer["delta"][0] + 1e-6 * V / gains.eps
             assert answer["delta"][0] >= -1e-9 * V

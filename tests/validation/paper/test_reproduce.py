@@ -362,10 +362,10 @@ def test_laws_written_out_agree_with_the_condensed_ones(models, robot, name):
         expected = ours(state, target).u
         scale = max(1.0, np.abs(expected).max())
         if name == "clf-qp" and model.nu > 3:  # not unique: judged by the cost
-            programme = printed(state, target, gains, clf_qp)
-            best = solve_quadprog(programme, 1e-7).cost
-            cost = solve_quadprog(with_input(programme, expected), 1e-7).cost
-            idle = solve_quadprog(with_input(programme, 0 * expected), 1e-7).cost
+            qp = printed(state, target, gains, clf_qp)
+            best = solve_quadprog(qp, 1e-7).cost
+            cost = solve_quadprog(with_input(qp, expected), 1e-7).cost
+            idle = solve_quadprog(with_input(qp, 0 * expected), 1e-7).cost
             assert best - 1e-9 * idle <= cost <= best * (1 + 1e-5) + 1e-6 * idle
             continue
         np.testing.assert_allclose(theirs(state, target).u, expected, atol=2e-4 * scale)

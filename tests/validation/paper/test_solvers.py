@@ -1,4 +1,4 @@
-"""Solvers of programmes: one programme, several answers to it that agree."""
+"""Solvers of QPs: one QP, several answers to it that agree."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
-from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw, clf_qp
+from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw, clf_qp
 from softdyn.validation.paper.solvers import (
     Affine,
     Daqp,
     LeastNorm,
-    Programme,
     Quadprog,
     Scs,
+    SymbolicQp,
     Term,
     Unsolved,
     optional,
@@ -40,8 +40,8 @@ def test_least_norm_among_the_minimisers():
     (x,) = unknowns(3)
     sum_ = np.array([[1.0, 1.0, 0.0]]) @ x
     bound = np.array([[0.0, 1.0, 0.0]]) @ x - 1.0
-    programme = Programme({"x": x}, {"sum": Term(2.0, sum_ - 3.0)}, {}, {"bound": bound})
-    answer = LeastNorm(Quadprog(1e-7)).solve(programme)
+    qp = SymbolicQp({"x": x}, {"sum": Term(2.0, sum_ - 3.0)}, {}, {"bound": bound})
+    answer = LeastNorm(Quadprog(1e-7)).solve(qp)
     np.testing.assert_allclose(answer["x"], [2.0, 1.0, 0.0], atol=1e-9)
     assert answer.cost == pytest.approx(0, abs=1e-18)
 
@@ -49,9 +49,9 @@ def test_least_norm_among_the_minimisers():
 def test_least_norm_of_the_clf_qp_costs_nothing_and_is_no_longer():
     shorter = 0
     for state, reference in (*drawn("helix", 4), *recorded("helix")):
-        programme = printed(state, reference, gains_of("helix"), clf_qp)
-        one = Quadprog(1e-7).solve(programme)
-        least = LeastNorm(Quadprog(1e-7)).solve(programme)
+        qp = printed(state, reference, gains_of("helix"), clf_qp)
+        one = Quadprog(1e-7).solve(qp)
+        least = LeastNorm(Quadprog(1e-7)).solve(qp)
         assert least.cost <= one.cost * (1 + 1e-6) + 1e-12
         gain = np.linalg.norm(one["u"]) - np.linalg.norm(least["u"])
         assert gain > -1e-6
@@ -59,11 +59,11 @@ def test_least_norm_of_the_clf_qp_costs_nothing_and_is_no_longer():
     assert shorter  # the first solver's choice was another
 
 
-@pytest.mark.parametrize("name", PROGRAMMES)
+@pytest.mark.parametrize("name", PAPER_QPS)
 def test_scs_and_the_exact_solvers_agree(name):
     pytest.importorskip("cvxpy")
     state, reference = drawn("spirob", 5)[4]
-    gains, write = gains_of("spirob"), PROGRAMMES[name]
+    gains, write = gains_of("spirob"), PAPER_QPS[name]
     span = float((state.model.u_max - state.model.u_min).max())
     ridge = 1e-7 if name == "clf-qp" else 0.0
     exact = PrintedLaw(write, gains, Quadprog(ridge))(state, reference)
@@ -75,11 +75,11 @@ def test_scs_and_the_exact_solvers_agree(name):
 def test_what_has_no_answer_says_so():
     (x,) = unknowns(1)
     cost = {"x": Term(1.0, x)}
-    nothing = Programme({"x": x}, cost, {}, {"low": 1.0 - x, "high": x + 1.0})
+    nothing = SymbolicQp({"x": x}, cost, {}, {"low": 1.0 - x, "high": x + 1.0})
     for solver in (Quadprog(), Daqp()):
         with pytest.raises(Unsolved):
             solver.solve(nothing)
     with pytest.raises(Unsolved, match="not quadratic"):
-        Quadprog().solve(Programme({"x": x}, {"x": Term(1.0, x, order=1)}, {}, {}))
+        Quadprog().solve(SymbolicQp({"x": x}, {"x": Term(1.0, x, order=1)}, {}, {}))
     with pytest.raises(InputError, match="pip install cvxpy scs"):
         optional("no_such_module", "cvxpy scs")

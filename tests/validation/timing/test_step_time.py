@@ -12,7 +12,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.controllers import BEYOND, CONTROLLERS, SoftIdClfQp
 from softdyn.validation import paper
-from softdyn.validation.paper.paper_qps import PROGRAMMES, PrintedLaw
+from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw
 from softdyn.validation.paper.solvers import Scs
 from softdyn.validation.timing.recording import RecordedStates, record, recorded
 from softdyn.validation.timing.step_time import Subject, measure
@@ -117,7 +117,7 @@ def test_parts_and_floor(finger, states):
 def test_the_papers_stack_finds_the_same_inputs(finger, states):
     pytest.importorskip("cvxpy")
     scale = finger.u_max - finger.u_min
-    for name, write in PROGRAMMES.items():
+    for name, write in PAPER_QPS.items():
         ours = CONTROLLERS[name](finger)
         # cvxpy's default accuracy as the reference spells it, and as close as SCS can come
         for quadratic, accuracy, tolerance in ((False, None, 1e-2), (True, 1e-9, 1e-5)):

@@ -1,4 +1,4 @@
-"""The task error every law starts from, and the Lyapunov condition on it."""
+"""The tip's error, from which every law starts, and the Lyapunov condition on it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 
 
-class Task:
+class TipError:
     """Error of the tip, paper section "Input-Output Linearization"; refilled at every step.
 
     Attributes

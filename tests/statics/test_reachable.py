@@ -7,7 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.statics.reach import APART, AXIS, ROOM
+from softdyn.statics.reachable import APART, AXIS, ROOM
 from softdyn.validation import StateMap, Twin
 
 
