@@ -2,6 +2,7 @@
 
 `side` is one of the files, read once; `neutral` is the form, `from_urdf`, `mjcf_file` and
 `from_mjcf` fill it, `terms` computes its dynamics without an engine, `matching` pairs the joints,
-`geometry`, `bodies` and `parameters` look for causes, each a `finding`, `comparison` puts them
+`geometry`, `bodies` and `parameters` look for causes, each a `finding`,
+`displacements` for the fewest that explain all, `comparison` puts them
 together, `result` is what it found.
 """
