@@ -7,6 +7,7 @@ neither the URDF, nor its generator, nor its parser with what it judges.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,17 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
 
 
 # --- the files ----------------------------------------------------------------------------------
+
+
+def test_a_quarter_turn_leaves_no_rounding_in_a_tensor() -> None:
+    from softdyn.robots.make_robots import tensor
+
+    cos, sin = math.cos(math.pi / 4), math.sin(math.pi / 4)
+    assert cos != sin  # rounding
+    turned = tensor((1.0, 2.0, 3.0), (cos, sin, 0.0, 0.0))
+    np.testing.assert_array_equal(turned, np.diag([1.0, 3.0, 2.0]))
+    diagonal = tensor((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, math.tan(math.pi / 8)))  # 45 degrees about z
+    np.testing.assert_allclose(diagonal, [[1.5, -0.5, 0], [-0.5, 1.5, 0], [0, 0, 3]], atol=1e-15)
 
 
 def test_generator_writes_what_is_committed() -> None:

@@ -13,26 +13,26 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from softdyn.commands import cli
-from softdyn.design.urdf_text import (
-    ORIGIN,
+from softdyn.description.inertia import Inertia
+from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
+from softdyn.description.urdf_writer import write
+from softdyn.design.chain import (
     X_TO_Z,
+    Chain,
     Input,
-    Joint,
-    Robot,
-    Vector,
     collision,
     cylinder,
-    inertial,
     mesh,
-    over,
-    rpy,
     site,
-    tensor,
     visual,
 )  # fmt: skip
 
@@ -59,8 +59,53 @@ def facts(robot: str) -> dict[str, Any]:
     return collected[robot]
 
 
+def total(values: Iterable[float]) -> float:
+    """Return a sum from left to right: from Python 3.12 on `sum` keeps digits that files lack."""
+    return reduce(add, values, 0.0)
+
+
+def rpy(quat: Sequence[float]) -> list[float]:
+    """Return roll, pitch, yaw [rad] of a quaternion (w, x, y, z) that turns about one axis.
+
+    Some turn by 90 degrees of pitch, where a general conversion would lose half of the digits.
+
+    Raises
+    ------
+    ValueError
+        For a quaternion that turns about another axis.
+    """
+    w, *axis = quat
+    turning = [i for i, c in enumerate(axis) if abs(c) > 1e-12]
+    if len(turning) > 1:
+        raise ValueError(f"expected a rotation about one coordinate axis, got quaternion {quat}")
+    return [2 * math.atan2(c, w) if i in turning else 0.0 for i, c in enumerate(axis)]
+
+
+def tensor(principal: Sequence[float], quat: Sequence[float]) -> np.ndarray:
+    """Return the inertia tensor R diag(principal) R^T [kg m^2], exactly symmetric.
+
+    Entries below 1e-12 of the largest moment are rounding of the quaternion, and become 0.
+    """
+    # written out: the committed files hold its last digits, which SciPy's Rotation rounds otherwise
+    norm = math.sqrt(total(c * c for c in quat))
+    w, x, y, z = (c / norm for c in quat)
+    r = (
+        (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+    )
+    noise = 1e-12 * max(principal)
+    full = [[0.0] * 3 for _ in range(3)]
+    for i in range(3):
+        for j in range(i, 3):
+            entry = total(r[i][k] * principal[k] * r[j][k] for k in range(3))
+            # 15 digits: 3e-06 stays 3e-06 whatever the last bit of the quaternion's norm is
+            full[i][j] = full[j][i] = float(f"{entry:.15g}") if abs(entry) > noise else 0.0
+    return np.array(full)
+
+
 def add_body(
-    robot: Robot,
+    chain: Chain,
     data: Mapping[str, Any],
     body: Mapping[str, Any],
     name: str,
@@ -70,24 +115,27 @@ def add_body(
     """Add a body of the facts, with these names of its joints and looks."""
     stiffness = data["stiffness"]  # of all joints, or of bends and of strokes
     bend, stroke = stiffness.values() if isinstance(stiffness, dict) else (stiffness, stiffness)
-    compliant = [
-        Joint(
-            joint_name,
-            joint["axis"],
-            stroke if joint["type"] == "slide" else bend,
-            data["damping"],
-            "prismatic" if joint["type"] == "slide" else "revolute",
-            joint["range"] or (-math.pi, math.pi),
-            data["armature"],
-        )
-        for joint_name, joint in zip(joints, body["joints"], strict=True)
-    ]
+    compliant = []
+    for joint_name, joint in zip(joints, body["joints"], strict=True):
+        slides, axis = joint["type"] == "slide", tuple(joint["axis"])
+        lower, upper = joint["range"] or (-math.pi, math.pi)
+        made = Joint(
+            joint_name, "prismatic" if slides else "revolute", direction=axis,
+            lower=lower, upper=upper, stiffness=stroke if slides else bend,
+            damping=data["damping"], armature=data["armature"],
+        )  # fmt: skip
+        compliant.append(made)
     moments = tensor(body["inertia_principal"], body["inertia_quat_wxyz"])
     x, y, z = body["pos"]
-    if robot.last == "base":  # the reference lifts its base, which ours has at the origin
+    if chain.last == "base":  # the reference lifts its base, which ours has at the origin
         z = round(z - data["base_height"], 12)
-    parts = (inertial(body["mass"], body["com"], moments), *looks)
-    robot.add(name, parts, compliant, (x, y, z), rpy(body["quat_wxyz"]))
+    inertia = Inertia(body["mass"], np.array(body["com"]), moments)
+    chain.add(name, inertia, looks, compliant, (x, y, z), rpy(body["quat_wxyz"]))
+
+
+def summed(name: str, joints: Iterable[str]) -> Tendon:
+    """Return a tendon whose length is the sum of these joints' coordinates."""
+    return Tendon(name, tuple(JointTerm(joint, 1.0) for joint in joints))
 
 
 # --- finger -------------------------------------------------------------------------------------
@@ -97,8 +145,7 @@ def finger() -> str:
     """Return the tendon-driven finger: 4 hinges about y, 2 signed inputs, along +x."""
     data = facts("finger")
     *bodies, tip = data["bodies"]
-    robot = Robot(
-        "finger",
+    comment = (
         """
   finger: the tendon-driven finger, four rigid links in series, 4 DOF, 2 inputs. At rest it points
   along +x and the tip is at (0.24, 0, 0).
@@ -106,7 +153,10 @@ def finger() -> str:
   inertias, offsets, joint ranges, stiffness, damping, gear and input bounds are the reference
   implementation's. There each pair is two antagonistic tendons; here it is one signed input.
 """
-        + CREDIT,
+        + CREDIT
+    )
+    chain = Chain(
+        "finger",
         {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69), "pad": (0.9, 0.45, 0.3)},
         (
             visual(cylinder(0.026, 0.01), "dark", (-0.021, 0.0, 0.0), X_TO_Z),
@@ -120,19 +170,16 @@ def finger() -> str:
         bone = length if i == len(bodies) else length - 0.004
         pad = mesh("phalanx", (0.62 * bone, 0.8 * r, 0.6 * r))
         add_body(
-            robot, data, body, f"link{i}", [f"joint{i}"],
-            visual(cylinder(r + 0.0012, 0.02), "dark", ORIGIN, Y_TO_Z),
+            chain, data, body, f"link{i}", [f"joint{i}"],
+            visual(cylinder(r + 0.0012, 0.02), "dark", ZERO, Y_TO_Z),
             visual(mesh("phalanx", (bone, r, r)), "bone"),
             visual(pad, "pad", (0.2 * bone, 0.0, -0.62 * r)),
             collision(cylinder(0.0075, 0.04), (length / 2, 0.0, 0.0), X_TO_Z),
         )  # fmt: skip
     pairs = {"tendon_a": ("joint1", "joint2"), "tendon_b": ("joint3", "joint4")}
-    return robot.finish(
-        tip["pos"],
-        rpy(tip["quat_wxyz"]),
-        {name: list(map(over, joints)) for name, joints in pairs.items()},
-        *(Input(0.1, bounds) for bounds in data["input_bounds"]),
-    )
+    tendons = [summed(name, joints) for name, joints in pairs.items()]
+    inputs = [Input(0.1, tuple(bounds)) for bounds in data["input_bounds"]]
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), tendons, *inputs), comment)
 
 
 # --- helix --------------------------------------------------------------------------------------
@@ -149,7 +196,7 @@ def helix_parts(i: int) -> list[str]:
     reaches to the tip in two cells. Contact shapes leave more than 15 mm between neighbours, the
     stroke by which a joint can be compressed.
     """
-    plates: Vector = ()
+    plates: Sequence[float] = ()
     last = i == HELIX_SEGMENTS
     if last:
         length, cells, disc, plates = 0.04, 2, (0.037, 0.018), (0.04,)
@@ -172,8 +219,7 @@ def helix() -> str:
     """Return the trimmed-helicoid arm: 3 modules of 4 three-DOF joints, 9 inputs, hanging down."""
     data = facts("helix")
     *bodies, tip = data["bodies"]
-    robot = Robot(
-        "helix",
+    comment = (
         """
   helix: the trimmed-helicoid continuum arm, 3 modules of 4 segments, 36 DOF (bend, lateral bend and
   compression per joint; a positive compression shortens the arm), 9 inputs. At rest it hangs down
@@ -184,7 +230,10 @@ def helix() -> str:
   and its centre of mass lies 10 mm above its joint, and every input acts with coefficient 1 on the
   four joints of its module.
 """
-        + CREDIT,
+        + CREDIT
+    )
+    chain = Chain(
+        "helix",
         {
             "plate": (0.2, 0.22, 0.26),
             "module_1": (0.8, 0.3, 0.2),
@@ -198,14 +247,14 @@ def helix() -> str:
     )
     for i, body in enumerate(bodies, 1):
         names = [f"{kind}{i}" for kind in HELIX_KINDS]
-        add_body(robot, data, body, f"segment_{i}", names, *helix_parts(i))
-    tendons = {
-        f"module{module}_{kind}": [over(f"{kind}{4 * module - j}") for j in (3, 2, 1, 0)]
+        add_body(chain, data, body, f"segment_{i}", names, *helix_parts(i))
+    tendons = [
+        summed(f"module{module}_{kind}", [f"{kind}{4 * module - j}" for j in (3, 2, 1, 0)])
         for module in (1, 2, 3)
         for kind in HELIX_KINDS
-    }
-    inputs = [Input(1.0, bounds) for bounds in HELIX_KINDS.values()]
-    return robot.finish(tip["pos"], rpy(tip["quat_wxyz"]), tendons, *(3 * inputs))
+    ]
+    inputs = 3 * [Input(1.0, bounds) for bounds in HELIX_KINDS.values()]
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), tendons, *inputs), comment)
 
 
 # --- the two log-spiral arms --------------------------------------------------------------------
@@ -256,8 +305,7 @@ def spirob48() -> str:
 
     data = facts("spirob48")
     *bodies, tip = data["bodies"]
-    robot = Robot(
-        "spirob48",
+    comment = (
         """
   spirob48: the logarithmic-spiral arm as the reference implementation has it, 25 segments, 24
   universal joints, 48 DOF, 3 cables. At rest it hangs down and the tip is 0.4804 m below the base.
@@ -265,11 +313,14 @@ def spirob48() -> str:
   implementation's. Its dry friction of 0.1 N m per joint is left out. Its first frame is pitched by
   1.5708 rad instead of pi/2, which moves the tip sideways by 2e-6 m: kept.
 """
-        + CREDIT,
+        + CREDIT
+    )
+    chain = Chain(
+        "spirob48",
         log_spiral.COLORS,
         log_spiral.MOUNT,
     )
-    home: dict[str, tuple[str, Vector]] = {}  # site of the facts: its link and position
+    home: dict[str, tuple[str, Sequence[float]]] = {}  # site of the facts: its link and position
     ends = [*bodies[1:], tip]  # a segment reaches to the next one's frame
     for i, (body, end) in enumerate(zip(bodies, ends, strict=True)):
         name, reach = f"segment_{i}", end["pos"][0]
@@ -278,12 +329,13 @@ def spirob48() -> str:
         angles = (0.0, 0.0, math.pi) if reach < 0 else (math.pi, 0.0, 0.0)
         looks = log_spiral.spiral_parts(abs(reach), radius, "odd" if i % 2 else "even", angles)
         joints = [f"bend_z_{i}", f"bend_y_{i}"] if body["joints"] else []
-        add_body(robot, data, body, name, joints, *looks)
-    cables = {
-        f"cable_{i}": [site(*home[point]) for point in tendon["path"]]
+        add_body(chain, data, body, name, joints, *looks)
+    cables = [
+        Tendon(f"cable_{i}", sites=tuple(site(*home[point]) for point in tendon["path"]))
         for i, tendon in enumerate(data["tendons"], 1)
-    }
-    return robot.finish(tip["pos"], rpy(tip["quat_wxyz"]), cables, *[CABLE] * len(cables))
+    ]
+    inputs = [CABLE] * len(cables)
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), cables, *inputs), comment)
 
 
 # --- files --------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 # slack relative to the largest moment, and the moment of the mass at a micrometre.
 SLACK = 1e-6
 MICROMETRE = 1e-6
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""A tensor's upper triangle, row by row, as URDF names it."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,11 @@ class Inertia:
     def zero() -> Inertia:
         """No body."""
         return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """`MOMENTS` of the tensor."""
+        return tuple(self.tensor[np.triu_indices(3)].tolist())
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Inertia:
         """The same body seen from a frame in which this one sits at (rotation, translation)."""
@@ -90,7 +98,7 @@ def _project(moments: np.ndarray) -> np.ndarray:
     return best
 
 
-def rotation_rpy(rpy: np.ndarray) -> np.ndarray:
+def rotation_rpy(rpy: Sequence[float] | np.ndarray) -> np.ndarray:
     """Rotation matrix of URDF's roll, pitch, yaw (rad): Rz(yaw) Ry(pitch) Rx(roll)."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
     return np.array(
@@ -100,3 +108,9 @@ def rotation_rpy(rpy: np.ndarray) -> np.ndarray:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def symmetric(moments: Sequence[float]) -> np.ndarray:
+    """The tensor (3, 3) of six `MOMENTS`."""
+    xx, xy, xz, yy, yz, zz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -9,23 +9,72 @@ import hashlib
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from softdyn.description.inertia import Inertia
+from softdyn.description.inertia import Inertia, rotation_rpy, symmetric
 
 MOVING = ("revolute", "continuous", "prismatic")
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Origin:
+    """The pose of a frame in another one: `xyz` (m), and `rpy`, its roll, pitch and yaw (rad)."""
+
+    xyz: Vector = ZERO
+    rpy: Vector = ZERO
+
+    @cached_property
+    def translation(self) -> np.ndarray:
+        """(3,)."""
+        return _read_only(np.array(self.xyz))
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """(3, 3)."""
+        return _read_only(rotation_rpy(self.rpy))
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """A rigid body in the frame at its centre of mass.
+
+    `mass` is in kg; `moments` are ixx, ixy, ixz, iyy, iyz and izz (kg·m²).
+    """
+
+    mass: float
+    moments: tuple[float, ...]
+    origin: Origin = Origin()
+
+    @cached_property
+    def inertia(self) -> Inertia:
+        """The same in its own frame: the centre is zero."""
+        return Inertia(self.mass, np.zeros(3), symmetric(self.moments))
+
+
+@dataclass(frozen=True)
 class Link:
-    """A rigid link and its inertia, expressed in the link frame."""
+    """A rigid link; without `inertial` it is massless.
+
+    `looks` are its ``<visual>`` and ``<collision>`` elements as XML, in the file's order.
+    """
 
     name: str
-    inertia: Inertia
+    inertial: Inertial | None = None
+    looks: tuple[str, ...] = ()
+
+    @cached_property
+    def inertia(self) -> Inertia:
+        """Expressed in the link frame."""
+        if self.inertial is None:
+            return Inertia.zero()
+        origin = self.inertial.origin
+        return self.inertial.inertia.moved(origin.rotation, origin.translation)
 
 
 @dataclass(frozen=True)
@@ -37,24 +86,27 @@ class Mimic:
     offset: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Joint:
     """A joint with its compliance; SI units, radians or metres.
 
-    `rotation` (3, 3) and `translation` (3,) place the joint in the parent link's frame; `axis` (3,)
-    is a unit vector in the joint's own; dry `friction` is the plant's only. A joint with a `mimic`
-    moves with another one and is no degree of freedom of its own; its limits are not used.
+    `origin` places the joint in the parent link's frame. `direction` is the direction of its axis
+    in its own frame, of any length. Dry `friction` is the plant's only. `effort` and `velocity` are
+    stated limits that nothing here uses; infinite where a continuous joint has no ``<limit>``. A
+    joint with a `mimic` moves with another one and is no degree of freedom of its own; its limits
+    are not used.
     """
 
     name: str
     kind: str
-    parent: str
-    child: str
-    rotation: np.ndarray
-    translation: np.ndarray
-    axis: np.ndarray
+    parent: str = ""
+    child: str = ""
+    origin: Origin = Origin()
+    direction: Vector = ZERO
     lower: float = -math.inf
     upper: float = math.inf
+    effort: float = 0.0
+    velocity: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
     damping: float = 0.0
@@ -67,6 +119,22 @@ class Joint:
         """Whether it is no weld; a follower moves too."""
         return self.kind in MOVING
 
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3), of the joint in the parent link's frame."""
+        return self.origin.rotation
+
+    @property
+    def translation(self) -> np.ndarray:
+        """(3,), of the joint in the parent link's frame."""
+        return self.origin.translation
+
+    @cached_property
+    def axis(self) -> np.ndarray:
+        """Unit vector (3,) in the joint's own frame; zero of a weld."""
+        direction = np.array(self.direction)
+        return _read_only(direction / (np.linalg.norm(direction) or 1.0))
+
 
 @dataclass(frozen=True)
 class JointTerm:
@@ -76,15 +144,15 @@ class JointTerm:
     coef: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Site:
     """A point of a spatial tendon's path, `xyz` (m) in the frame of `link`."""
 
     link: str
-    xyz: np.ndarray
+    xyz: Vector
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
 
@@ -110,27 +178,33 @@ class Actuator:
     upper: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Robot:
-    """One parsed file: the tree, its compliance and its annotations.
+    """One robot: the tree, its compliance and its annotations, each number as its file states it.
+
+    Robots are equal where all of that is, whatever file they come from: `path`, `overlay`, the
+    texts and the warnings do not count. `softdyn.description.urdf_writer.write` gives the text of
+    an equal robot.
 
     Attributes
     ----------
     name : str
         The file's own name of it.
-    path : Path
-        The file.
     links, joints, tendons, actuators : tuple
         In the file's order.
     task : str
         The link whose origin is the tip.
+    materials : tuple of str
+        The ``<material>`` elements that the looks of links refer to, as XML.
+    floating : bool
+        Whether the root link moves freely, on six degrees of freedom of its own.
+    path : Path
+        The file.
     warnings : tuple of str
         A line for each repair and for each link with a defect that its body does not have.
     xml : str
         The tree with its inertias as plain URDF, every number spelled as in the file: what an
         engine needs to be given, and nothing that was not judged.
-    floating : bool
-        Whether the root link moves freely, on six degrees of freedom of its own.
     text, annotations : str
         The whole file, its inertias repaired, and the file that annotated it, as they were read;
         the second is empty where there was none, both are for a robot that no file describes.
@@ -141,19 +215,20 @@ class Robot:
     """
 
     name: str
-    path: Path
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
-    tendons: tuple[Tendon, ...]
-    actuators: tuple[Actuator, ...]
-    task: str
-    warnings: tuple[str, ...]
-    xml: str = ""
+    tendons: tuple[Tendon, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    task: str = ""
+    materials: tuple[str, ...] = ()
     floating: bool = False
-    text: str = ""
-    annotations: str = ""
-    mended: bool = False
-    overlay: Path | None = None
+    path: Path = field(default=Path(), compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
+    xml: str = field(default="", compare=False)
+    text: str = field(default="", compare=False)
+    annotations: str = field(default="", compare=False)
+    mended: bool = field(default=False, compare=False)
+    overlay: Path | None = field(default=None, compare=False)
 
     @property
     def moving_joints(self) -> tuple[Joint, ...]:
@@ -185,7 +260,7 @@ class Robot:
         """SHA-256 of all that the dynamics depend on: copies have one, other robots another."""
         joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
                    j.friction, j.mimic) for j in self.joints]  # fmt: skip
-        paths = [(t.name, t.terms, [(s.link, s.xyz.tolist()) for s in t.sites], t.stiffness,
+        paths = [(t.name, t.terms, [(s.link, list(s.xyz)) for s in t.sites], t.stiffness,
                   t.damping, t.rest) for t in self.tendons]  # fmt: skip
         parts = (self.xml, self.floating, self.task, joints, paths, self.actuators)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
@@ -288,3 +363,8 @@ def input_units(robot: Robot) -> tuple[str, ...]:
 def input_unit(robot: Robot) -> str:
     """The units of u, each once."""
     return ", ".join(dict.fromkeys(input_units(robot)))
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
 
-import numpy as np
 from lxml import etree
 
 from softdyn.exceptions import UrdfError, one_line
@@ -81,17 +80,15 @@ class Element:
 
     def vector(
         self, attribute: str, default: tuple[float, float, float] | None = None
-    ) -> np.ndarray:
-        """Three finite numbers in an attribute, read-only."""
+    ) -> tuple[float, float, float]:
+        """Three finite numbers in an attribute."""
         if self.node.get(attribute) is None and default is not None:
-            array = np.array(default)
-        else:
-            words = [word for word in self.text(attribute).split(" ") if word]
-            if len(words) != 3:
-                raise self.error(f"three numbers as {attribute}", repr(self.node.get(attribute)))
-            array = np.array([self.to_number(word, attribute) for word in words])
-        array.flags.writeable = False
-        return array
+            return default
+        words = [word for word in self.text(attribute).split(" ") if word]
+        if len(words) != 3:
+            raise self.error(f"three numbers as {attribute}", repr(self.node.get(attribute)))
+        x, y, z = (self.to_number(word, attribute) for word in words)
+        return x, y, z
 
     def to_number(self, text: str, what: str) -> float:
         """`text` as a finite float, spelled as every engine reads it.

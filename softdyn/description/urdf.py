@@ -15,13 +15,17 @@ import numpy as np
 from lxml import etree
 
 from softdyn.description.annotations import BLOCK, Block, check_paths, read_block, read_springs
-from softdyn.description.inertia import Inertia, rotation_rpy
+from softdyn.description.inertia import MOMENTS
 from softdyn.description.robot import (
     MOVING,
+    ZERO,
+    Inertial,
     Joint,
     Link,
     Mimic,
+    Origin,
     Robot,
+    Vector,
     deepest_leaf,
     levels,
     moving_bodies,
@@ -34,16 +38,13 @@ from softdyn.description.unknown_names import check_known_names
 MAX_DOF = 256
 MAX_LINKS = 1024
 RESERVED = "universe"  # Pinocchio's own joint: a fixed one of that name loses its link there
-MOMENTS = {
-    (0, 0): "ixx", (0, 1): "ixy", (0, 2): "ixz", (1, 1): "iyy", (1, 2): "iyz", (2, 2): "izz"
-}  # fmt: skip
 # Tags, attributes and children of `Robot.xml`: all that has been judged below.
 JUDGED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name",), ("link", "joint")),
     "link": (("name",), ("inertial",)),
     "inertial": ((), ("origin", "mass", "inertia")),
     "mass": (("value",), ()),
-    "inertia": (("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), ()),
+    "inertia": (MOMENTS, ()),
     "joint": (("name", "type"), ("origin", "parent", "child", "axis", "limit")),
     "origin": (("xyz", "rpy"), ()),
     "parent": (("link",), ()),
@@ -121,9 +122,11 @@ def _robot(
     _check_mimics(root, joints)
     _check_tree(root, links, joints)
     read_springs(root, joints)
+    materials = _spelled(root, "material")
     robot = Robot(
-        name, path, tuple(links.values()), tuple(joints.values()), (), (), "", (), "", floating
-    )
+        name, tuple(links.values()), tuple(joints.values()), materials=materials,
+        floating=floating, path=path,
+    )  # fmt: skip
     repairs = _repair(root, robot) if repair_inertia else ()
     if repairs:
         links = root.unique("link", _link)
@@ -169,35 +172,34 @@ def _judged(node: etree._Element) -> etree._Element:
     return copy
 
 
-def _origin(element: Element) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation (3, 3) and translation (3,) of an element's optional ``<origin>``."""
+def _spelled(element: Element, *tags: str) -> tuple[str, ...]:
+    """Children with one of these names, as they are spelled."""
+    found = (child.node for child in element.children() if child.tag in tags)
+    return tuple(etree.tostring(node, encoding="unicode", with_tail=False) for node in found)
+
+
+def _origin(element: Element) -> Origin:
+    """An element's ``<origin>``."""
     origin = element.child("origin")
     if origin is None:
-        return np.eye(3), np.zeros(3)
+        return Origin()
     # Not even an unknown attribute: URDF 1.1's quat_xyzw overrides rpy in some engines only.
     origin.allow("xyz", "rpy")
-    zero = (0.0, 0.0, 0.0)
-    return rotation_rpy(origin.vector("rpy", zero)), origin.vector("xyz", zero)
+    return Origin(rpy=origin.vector("rpy", ZERO), xyz=origin.vector("xyz", ZERO))
 
 
 def _link(element: Element) -> Link:
     inertial = element.child("inertial")
-    if inertial is None:
-        return Link(element.text("name"), Inertia.zero())
-    return Link(element.text("name"), _inertia(inertial).moved(*_origin(inertial)))
+    looks = _spelled(element, "visual", "collision")
+    return Link(element.text("name"), None if inertial is None else _inertial(inertial), looks)
 
 
-def _inertia(inertial: Element) -> Inertia:
-    """An ``<inertial>`` in the frame of its own ``<origin>``."""
-    mass, tensor = inertial.child("mass"), inertial.child("inertia")
+def _inertial(element: Element) -> Inertial:
+    mass, tensor = element.child("mass"), element.child("inertia")
     if mass is None or tensor is None:
-        raise inertial.error(
-            "<mass> and <inertia>", "no <mass>" if mass is None else "no <inertia>"
-        )
-    moments = np.empty((3, 3))
-    for (i, j), attribute in MOMENTS.items():
-        moments[i, j] = moments[j, i] = tensor.number(attribute)
-    return Inertia(mass.non_negative("value", None), np.zeros(3), moments)
+        raise element.error("<mass> and <inertia>", "no <mass>" if mass is None else "no <inertia>")
+    moments = tuple(tensor.number(attribute) for attribute in MOMENTS)
+    return Inertial(mass.non_negative("value", None), moments, _origin(element))
 
 
 def _joint(element: Element, links: dict[str, Link]) -> Joint:
@@ -207,17 +209,17 @@ def _joint(element: Element, links: dict[str, Link]) -> Joint:
     if kind not in (*MOVING, "fixed"):
         raise element.error(f"type {', '.join(MOVING)} or fixed", repr(kind))
     parent, child = (_end(element, tag, links) for tag in ("parent", "child"))
-    rotation, translation = _origin(element)
-    joint = Joint(name, kind, parent, child, rotation, translation, np.zeros(3))
+    joint = Joint(name, kind, parent, child, _origin(element))
     if not joint.moves:
         return joint
-    lower, upper = _limits(element, kind)
-    dynamics = element.child("dynamics")
+    (lower, upper, effort, velocity), dynamics = _limits(element, kind), element.child("dynamics")
     return replace(
         joint,
-        axis=_axis(element),
         lower=lower,
         upper=upper,
+        effort=effort,
+        velocity=velocity,
+        direction=_direction(element),
         damping=dynamics.non_negative("damping") if dynamics else 0.0,
         friction=dynamics.non_negative("friction") if dynamics else 0.0,
         mimic=_mimic(element.child("mimic")),
@@ -241,30 +243,29 @@ def _end(element: Element, tag: str, links: dict[str, Link]) -> str:
     return end.text("link")
 
 
-def _axis(element: Element) -> np.ndarray:
+def _direction(element: Element) -> Vector:
     axis = element.child("axis")
     if axis is None:
-        return np.array([1.0, 0.0, 0.0])
+        return 1.0, 0.0, 0.0
     vector = axis.vector("xyz")
-    norm = float(np.linalg.norm(vector))
-    if not 1e-6 < norm < 1e6:
+    if not 1e-6 < np.linalg.norm(vector) < 1e6:
         raise axis.error("a non-zero vector", repr(axis.text("xyz")))
-    return vector / norm
+    return vector
 
 
-def _limits(element: Element, kind: str) -> tuple[float, float]:
-    """Position limits; URDF demands a <limit> of revolute and prismatic joints."""
+def _limits(element: Element, kind: str) -> tuple[float, float, float, float]:
+    """Lower, upper, effort and velocity; URDF demands them of revolute and prismatic joints."""
     limit = element.child("limit")
     if limit is None:
         if kind != "continuous":
             raise element.error('<limit lower="…" upper="…" effort="…" velocity="…"/>', "none")
-        return -math.inf, math.inf
-    for attribute in ("effort", "velocity"):
-        limit.non_negative(attribute, None)
+        return -math.inf, math.inf, math.inf, math.inf
+    effort, velocity = (limit.non_negative(name, None) for name in ("effort", "velocity"))
     lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
     if lower > upper:
         raise limit.error("lower <= upper", f"lower={lower} upper={upper}")
-    return (-math.inf, math.inf) if kind == "continuous" else (lower, upper)
+    span = (-math.inf, math.inf) if kind == "continuous" else (lower, upper)
+    return *span, effort, velocity
 
 
 def _check_mimics(root: Element, joints: dict[str, Joint]) -> None:
@@ -315,9 +316,10 @@ def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
             continue
         tensor = inertial.child("inertia")
         assert tensor is not None  # _link has read it
-        mended = _inertia(inertial).nearest_physical()
-        for (i, j), attribute in MOMENTS.items():
-            tensor.node.set(attribute, repr(float(mended.tensor[i, j])))
+        assert link.inertial is not None  # nor without it
+        mended = link.inertial.inertia.nearest_physical()
+        for attribute, moment in zip(MOMENTS, mended.moments, strict=True):
+            tensor.node.set(attribute, repr(moment))
         before, after = (
             ", ".join(f"{moment:.6g}" for moment in np.linalg.eigvalsh(inertia.tensor))
             for inertia in (link.inertia, mended)

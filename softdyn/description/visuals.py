@@ -137,7 +137,7 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
         return [Visual(link, pose, part, rgba or part.rgba or GREY) for part in parts]
     shape: Shape
     if (box := geometry.child("box")) is not None:
-        x, y, z = box.vector("size").tolist()
+        x, y, z = box.vector("size")
         shape = Box((x, y, z))
     elif (cylinder := geometry.child("cylinder")) is not None:
         shape = Cylinder(

@@ -15,7 +15,7 @@
 - `strains`: piecewise constant or polynomial strains, for `softdyn.reduce`;
 - `log_spiral`, `finger`: presets;
 - `units`, `arm_table`, `preset_tables`, `source`: all from a table whose keys name their units;
-- `urdf_text`: annotated URDF as text, link by link;
+- `chain`: a serial robot that grows link by link, and the looks of its links;
 - `shapes`: lattices, log-spiral blocks and bones as meshes.
 
 The public names are imported when they are used, as `__init__.pyi` lists them.

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
+from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
+from softdyn.description.urdf_writer import write
+from softdyn.design.chain import (
+    GENERATED,
+    X_TO_Z,
+    Chain,
+    Input,
+    collision,
+    cylinder,
+    site,
+    sphere,
+    vector,
+    visual,
+)  # fmt: skip
 from softdyn.design.layout import Layout, Spring, lay_out
 from softdyn.design.plausible import check
 from softdyn.design.rods import Arm, Cable, Section, along
-from softdyn.design.urdf_text import (
-    GENERATED,
-    ORIGIN,
-    X_TO_Z,
-    Input,
-    Joint,
-    Robot,
-    Vector,
-    collision,
-    cylinder,
-    inertial,
-    over,
-    site,
-    sphere,
-    visual,
-)  # fmt: skip
 
 SHADES = ((0.16, 0.46, 0.52), (0.80, 0.50, 0.26), (0.50, 0.44, 0.66), (0.42, 0.58, 0.34))
 """Of the sections in turn; every second link is a little lighter."""
@@ -51,23 +49,22 @@ def urdf(arm: Arm) -> str:
     """
     layout = lay_out(arm)
     check(layout)
-    robot = Robot(arm.name, comment(layout), _colors(arm), ())
+    chain = Chain(arm.name, _colors(arm))
     last = 0.0
     for k, (x, group, body) in enumerate(
         zip(layout.stations, layout.springs, layout.bodies, strict=True)
     ):
-        moments = body.tensor.tolist()
-        parts = (inertial(body.mass, body.com.tolist(), moments), *_looks(layout, k))
-        place: Vector = (float(x) - last, 0.0, 0.0)
-        angles: Vector = ORIGIN
+        place: Sequence[float] = (float(x) - last, 0.0, 0.0)
+        angles = ZERO
         if k == 0:
-            place, angles = tuple(map(float, arm.mount.position)), arm.mount.angles
-        robot.add(f"segment_{k}", parts, [_joint(spring) for spring in group], place, angles)
+            place, angles = arm.mount.position, arm.mount.angles
+        joints = [_joint(spring) for spring in group]
+        chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles)
         last = float(x)
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
-    tendons = {cable.name: _path(layout, cable) for cable in arm.cables}
+    tendons = [_tendon(layout, cable) for cable in arm.cables]
     inputs = [Input(GEAR, (0, cable.max_tension)) for cable in arm.cables]
-    return robot.finish(tip, (0.0, 0.0, 0.0), tendons, *inputs)
+    return write(chain.finish(tip, ZERO, tendons, *inputs), comment(layout))
 
 
 def comment(layout: Layout) -> str:
@@ -86,27 +83,29 @@ def comment(layout: Layout) -> str:
             f" EI {rigid[0]:.4g} to {rigid[1]:.4g} N m^2, from {arm.starts[k]:.4g} m on."
         )
     lines.append(GENERATED)
-    return "\n" + "".join(f"  {re.sub('-(?=-)', '- ', line)}\n" for line in lines)
+    return "\n" + "".join(f"  {line}\n" for line in lines)
 
 
 def _joint(spring: Spring) -> Joint:
     # a translation beyond its piece of rod would turn it inside out
     reach = math.pi if spring.freedom.turns else spring.weight / 2
     return Joint(
-        spring.name, tuple(map(float, spring.freedom.axis)), spring.stiffness, spring.damping,
-        "revolute" if spring.freedom.turns else "prismatic", (-reach, reach), rest=spring.rest,
+        spring.name, "revolute" if spring.freedom.turns else "prismatic",
+        direction=vector(spring.freedom.axis), lower=-reach, upper=reach,
+        stiffness=spring.stiffness, rest=spring.rest, damping=spring.damping,
     )  # fmt: skip
 
 
-def _path(layout: Layout, cable: Cable) -> list[str]:
+def _tendon(layout: Layout, cable: Cable) -> Tendon:
     if not cable.straight:
         arms = layout.coefficients(cable)
         least = SMALL * np.abs(arms).max()
-        return [
-            over(spring.name, float(arm))
+        terms = [
+            JointTerm(spring.name, float(arm))
             for spring, arm in zip(layout.all_springs, arms, strict=True)
             if abs(arm) > least
         ]
+        return Tendon(cable.name, terms=tuple(terms))
     start, end = layout.arm.way(cable)
     places = [start, *disc_places(layout.arm, cable)]
     sites = []
@@ -114,8 +113,8 @@ def _path(layout: Layout, cable: Cable) -> list[str]:
         k = layout.body_at(x)
         point = cable.place((x - start) / (end - start))
         point[0] = x - layout.stations[k]
-        sites.append(site(f"segment_{k}", point.tolist()))
-    return sites
+        sites.append(site(f"segment_{k}", point))
+    return Tendon(cable.name, sites=tuple(sites))
 
 
 def disc_places(arm: Arm, cable: Cable) -> list[float]:

@@ -5,22 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from softdyn.checks import number
-from softdyn.design.rods import Mount, Profile, along, check_name
-from softdyn.design.urdf_text import (
+from softdyn.description.inertia import Inertia
+from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon, Vector
+from softdyn.description.urdf_writer import write
+from softdyn.design.chain import (
     GENERATED,
-    ORIGIN,
     X_TO_Z,
+    Chain,
     Input,
-    Joint,
-    Robot,
     collision,
     cylinder,
-    inertial,
     mesh,
-    over,
     visual,
-)
+)  # fmt: skip
+from softdyn.design.rods import Mount, Profile, along, check_name
 from softdyn.exceptions import InputError
 
 COLORS = {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69)}
@@ -103,41 +104,44 @@ class Finger:
 
 def urdf(finger: Finger) -> str:
     """The annotated URDF of a finger; its looks are in ``meshes/phalanx.stl``."""
-    comment = f"\n  {GENERATED}\n"
-    robot = Robot(finger.name, comment, COLORS, ())
+    chain = Chain(finger.name, COLORS)
     total, gone = sum(finger.lengths), 0.0
     base = along(finger.radius, 0.0)
     palm = (visual(cylinder(1.5 * base, base), "dark", (-1.5 * base, 0.0, 0.0), X_TO_Z),)
-    robot.add("palm", palm, (), tuple(map(float, finger.mount.position)), finger.mount.angles)
-    offset = ORIGIN
+    chain.add("palm", None, palm, (), finger.mount.position, finger.mount.angles)
+    offset: Vector = ZERO
     for i, length in enumerate(finger.lengths, 1):
         r = along(finger.radius, (gone + length / 2) / total)
         mass = finger.density * math.pi * r * r * length
         across = mass * (3 * r * r + length * length) / 12
-        solid = ((mass * r * r / 2, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, across))
+        solid = np.diag([mass * r * r / 2, across, across])
         k = i - 1
         hinge = Joint(
-            f"hinge_{i}", (0, 1, 0),
-            finger.stiffness[k], finger.damping[k],  # type: ignore[index]  # tuples by now
-            limits=(-finger.limit, finger.limit),
+            f"hinge_{i}", "revolute", direction=(0.0, 1.0, 0.0),
+            lower=-finger.limit, upper=finger.limit,
+            stiffness=finger.stiffness[k],  # type: ignore[index]  # tuples by now
+            damping=finger.damping[k],  # type: ignore[index]
         )  # fmt: skip
-        parts = (
-            inertial(mass, (length / 2, 0.0, 0.0), solid),
-            visual(cylinder(1.1 * r, 2.2 * r), "dark", ORIGIN, (math.pi / 2, 0.0, 0.0)),
+        looks = (
+            visual(cylinder(1.1 * r, 2.2 * r), "dark", ZERO, (math.pi / 2, 0.0, 0.0)),
             visual(mesh("phalanx", (length, r, r)), "bone"),
             collision(cylinder(0.9 * r, 0.7 * length), (length / 2, 0.0, 0.0), X_TO_Z),
         )
-        robot.add(f"bone_{i}", parts, [hinge], offset)
+        body = Inertia(mass, np.array([length / 2, 0.0, 0.0]), solid)
+        chain.add(f"bone_{i}", body, looks, [hinge], offset)
         offset, gone = (length, 0.0, 0.0), gone + length
-    tendons = {
-        tendon.name: [
-            over(f"hinge_{j}", -arm)
-            for j, arm in zip(tendon.joints, tendon.moment_arms, strict=True)
-        ]
+    tendons = [
+        Tendon(
+            tendon.name,
+            tuple(
+                JointTerm(f"hinge_{j}", -arm)
+                for j, arm in zip(tendon.joints, tendon.moment_arms, strict=True)
+            ),
+        )
         for tendon in finger.tendons
-    }
+    ]
     inputs = [
         Input(-1.0, (-tendon.max_tension if tendon.pair else 0, tendon.max_tension))
         for tendon in finger.tendons
     ]
-    return robot.finish(offset, ORIGIN, tendons, *inputs)
+    return write(chain.finish(offset, ZERO, tendons, *inputs), f"\n  {GENERATED}\n")

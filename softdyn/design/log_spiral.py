@@ -5,24 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from softdyn.checks import number
-from softdyn.design.layout import FREEDOMS
-from softdyn.design.rods import MAX_SEGMENTS, Mount
-from softdyn.design.urdf_text import (
+from softdyn.description.inertia import Inertia
+from softdyn.description.robot import ZERO, Joint, Site, Tendon, Vector
+from softdyn.description.urdf_writer import write
+from softdyn.design.chain import (
     GENERATED,
-    ORIGIN,
     X_TO_Z,
+    Chain,
     Input,
-    Joint,
-    Robot,
-    Vector,
     collision,
     cylinder,
-    inertial,
     mesh,
     site,
+    vector,
     visual,
-)
+)  # fmt: skip
+from softdyn.design.layout import FREEDOMS
+from softdyn.design.rods import MAX_SEGMENTS, Mount
 from softdyn.exceptions import InputError
 
 COLORS = {"mount": (0.2, 0.22, 0.26), "even": (0.08, 0.42, 0.48), "odd": (0.3, 0.64, 0.62)}
@@ -101,37 +103,39 @@ def urdf(
         powers.append(powers[-1] * ratio)
     first = spiral.length / sum(powers)
     heaviest = spiral.mass / sum(p * p * p for p in powers)
-    robot = Robot(spiral.name, comment, COLORS, MOUNT if spiral.mount == HANGING else ())
+    chain = Chain(spiral.name, COLORS, MOUNT if spiral.mount == HANGING else ())
     directions = [cable_direction(degrees) for degrees in spiral.cable_angles]
-    cables: dict[str, list[str]] = {f"cable_{i}": [] for i in range(1, len(directions) + 1)}
+    cables: list[list[Site]] = [[] for _ in directions]
     y, z = directions[0]
     roll = (math.atan2(-y, z), 0.0, 0.0)
     joints: list[Joint] = []
     # the first segment is mounted on the base
-    offset, angles = tuple(map(float, spiral.mount.position)), spiral.mount.angles
+    offset, angles = vector(spiral.mount.position), spiral.mount.angles
     for i, power in enumerate(powers):
         length, radius = first * power, spiral.radius * power
         mass = heaviest * power * power * power
         across = mass * (3 * radius * radius + length * length) / 12
-        moments = (mass * radius * radius / 2, across, across)
-        solid = [[m if i == j else 0.0 for j in range(3)] for i, m in enumerate(moments)]
+        solid = np.diag([mass * radius * radius / 2, across, across])
+        body = Inertia(mass, np.array([length / 2, 0.0, 0.0]), solid)
         shade = "odd" if i % 2 else "even"
         looks = spiral_parts(length, radius, shade, roll, BLOCKS, ratio)
-        name, parts = f"segment_{i}", (inertial(mass, (length / 2, 0.0, 0.0), solid), *looks)
-        robot.add(name, parts, joints, offset, angles)
-        for cable, (y, z) in zip(cables.values(), directions, strict=True):
+        name = f"segment_{i}"
+        chain.add(name, body, looks, joints, offset, angles)
+        for cable, (y, z) in zip(cables, directions, strict=True):
             for fraction in spiral.site_fractions:
                 r = radius * (1 + fraction * (ratio - 1))
                 cable.append(site(name, (fraction * length, r * y, r * z)))
-        offset, angles = (length, 0.0, 0.0), ORIGIN
+        offset, angles = (length, 0.0, 0.0), ZERO
         joints = [
             Joint(
-                f"{kind}_{i + 1}", tuple(map(int, FREEDOMS[kind].axis)), spiral.stiffness,
-                spiral.damping, armature=spiral.armature,
+                f"{kind}_{i + 1}", "revolute", direction=vector(FREEDOMS[kind].axis),
+                lower=-math.pi, upper=math.pi, stiffness=spiral.stiffness, damping=spiral.damping,
+                armature=spiral.armature,
             )
             for kind in spiral.freedoms
         ]  # fmt: skip
-    return robot.finish(offset, ORIGIN, cables, *[spiral.cable] * len(cables))
+    tendons = [Tendon(f"cable_{k}", sites=tuple(sites)) for k, sites in enumerate(cables, 1)]
+    return write(chain.finish(offset, ZERO, tendons, *[spiral.cable] * len(tendons)), comment)
 
 
 def cable_direction(degrees: float) -> tuple[float, float]:
@@ -145,7 +149,7 @@ def spiral_parts(
     length: float,
     radius: float,
     shade: str,
-    angles: Vector = ORIGIN,
+    angles: Vector = ZERO,
     blocks: int = 1,
     taper: float = 1.0,
 ) -> list[str]:

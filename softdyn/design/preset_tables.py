@@ -6,9 +6,9 @@ import math
 
 from softdyn.design import finger, log_spiral
 from softdyn.design.arm_table import MOTIONS, PAIRS, read_mount, read_name
+from softdyn.design.chain import Input
 from softdyn.design.shapes import phalanx_mesh, spiral_mesh, stl
 from softdyn.design.units import TomlTable
-from softdyn.design.urdf_text import Input
 from softdyn.exceptions import errors_in
 
 TURNS = {name: name for name in MOTIONS if name in ("bend", "bend_y", "bend_z", "twist")}

@@ -21,7 +21,7 @@ FREE = "floating base"  # Pinocchio's joint of it
 
 def free_joint(robot: Robot) -> Joint:
     """The joint that a floating base hangs on: no file has it."""
-    return Joint(FREE, "floating", "", robot.root, np.eye(3), np.zeros(3), np.zeros(3))
+    return Joint(FREE, "floating", "", robot.root)
 
 
 def build_engine(robot: Robot) -> pin.Model:

@@ -268,7 +268,8 @@ def compile_tendons(
     for t, tendon in enumerate(tendons):
         for term in tendon.terms:
             coefficients[t, dof[term.joint]] = term.coef
-        for (i, a), (j, b) in pairwise(anchor(site.link, site.xyz) for site in tendon.sites):
+        points = (anchor(site.link, np.array(site.xyz)) for site in tendon.sites)
+        for (i, a), (j, b) in pairwise(points):
             if i == j:
                 offset[t] += np.linalg.norm(b - a)
             else:

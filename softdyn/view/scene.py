@@ -232,7 +232,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
         low, high = float(ends.min(axis=0).sum()), float(ends.max(axis=0).sum())
         limit = max(-low, high)
         if spatial:
-            path = [(site.link, site.xyz) for site in tendon.sites]
+            path = [(site.link, np.array(site.xyz)) for site in tendon.sites]
             yield Cable(tendon.name, path, weights, limit, 0)
             continue
         for side in (1, -1):

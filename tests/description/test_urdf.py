@@ -192,8 +192,11 @@ def test_what_is_read_cannot_be_written_to(tmp_path: Path) -> None:
     robot = parse(write(tmp_path, ARM))
     with pytest.raises(AttributeError):
         robot.name = "leg"  # type: ignore[misc]
-    with pytest.raises(ValueError, match="read-only"):
-        robot.tendons[1].sites[0].xyz[0] = 1.0
+    with pytest.raises(TypeError, match="item assignment"):
+        robot.tendons[1].sites[0].xyz[0] = 1.0  # type: ignore[index]
+    for array in (robot.joints[1].translation, robot.joints[1].rotation, robot.joints[1].axis):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
 
 
 def test_without_a_block_a_plain_urdf_remains(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import softdyn
 from softdyn import InputError
 from softdyn.commands import new
 from softdyn.design.log_spiral import LogSpiral
-from softdyn.design.urdf_text import tensor
 from softdyn.validation import crosscheck
 
 SPIRAL = """\
@@ -69,15 +68,6 @@ def test_a_log_spiral(tmp_path):
     for freedom in ("extension", "bned_y"):
         with pytest.raises(InputError, match="freedoms: expected bend_y or bend_z or twist"):
             LogSpiral(0.3, 0.12, 4, 0.82, 0.02, 0.05, 0.005, freedoms=("bend_y", freedom))
-
-
-def test_a_quarter_turn_leaves_no_rounding_in_a_tensor():
-    cos, sin = math.cos(math.pi / 4), math.sin(math.pi / 4)
-    assert cos != sin  # rounding
-    turned = tensor((1.0, 2.0, 3.0), (cos, sin, 0.0, 0.0))
-    assert turned == [[1.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 2.0]]
-    diagonal = tensor((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, math.tan(math.pi / 8)))  # 45 degrees about z
-    np.testing.assert_allclose(diagonal, [[1.5, -0.5, 0], [-0.5, 1.5, 0], [0, 0, 3]], atol=1e-15)
 
 
 def test_a_finger(tmp_path):

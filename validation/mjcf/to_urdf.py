@@ -7,39 +7,48 @@ a chain of massless links.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from lxml import etree
 
-from softdyn.validation.mjcf.comparison.neutral import (
-    WORLD,
-    Coupling,
-    Motor,
-    Neutral,
-    NeutralTendon,
+from softdyn.description.robot import (
+    ZERO,
+    Actuator,
+    Inertial,
+    Joint,
+    JointTerm,
+    Link,
+    Mimic,
+    Origin,
+    Robot,
+    Site,
+    Tendon,
+    Vector,
+    deepest_leaf,
 )
-from softdyn.validation.mjcf.xml_text import Names, add, text
+from softdyn.description.urdf_writer import write
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
+from softdyn.validation.mjcf.xml_text import Names
 
 UNLIMITED = 1e4  # m, rad: where URDF demands limits of a joint that has none
-MOMENTS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-Element = etree._Element
 
 
-@dataclass(frozen=True)
-class Written:
-    """A URDF, and what was lost on the way."""
+class Written(NamedTuple):
+    """A robot, its URDF, and what was lost on the way."""
 
+    robot: Robot
     text: str
     lost: tuple[str, ...]
 
 
-def to_urdf(robot: Neutral, name: str) -> Written:
+def to_urdf(source: Neutral, name: str) -> Written:
     """A robot in the neutral form as an annotated URDF.
 
     Parameters
     ----------
-    robot : Neutral
+    source : Neutral
         What `softdyn.validation.mjcf.comparison.comparison.neutral` reads.
     name : str
         Of the robot.
@@ -49,161 +58,123 @@ def to_urdf(robot: Neutral, name: str) -> Written:
     Written
         With a floating base the URDF is to be loaded with ``floating=True``, which no URDF can say.
     """
-    lost = [f"not written: {note}" for note in robot.notes]
-    root = etree.Element("robot", name=name)
+    lost = [f"not written: {note}" for note in source.notes]
     names = Names()
-    free = [k for k in robot.children(WORLD) if robot.parts[k].kind == "free"]
-    base = free[0] if len(free) == 1 and len(robot.children(WORLD)) == 1 else None
-    links: dict[int, str] = {}
-    if base is None:
-        links[WORLD] = names.new("world")
-        add(root, "link", name=links[WORLD])
-    else:
+    links: list[Link] = []
+    joints: list[Joint] = []
+    link_of: dict[int, str] = {}
+    roots = source.children(WORLD)
+    floating = len(roots) == 1 and source.parts[roots[0]].kind == "free"
+    if floating:
         lost.append("that the base floats: load the file with floating=True")
-    for k, part in enumerate(robot.parts):
-        if part.kind == "ball" or (part.kind == "free" and k != base):
+    else:
+        link_of[WORLD] = names.new("world")
+        links.append(Link(link_of[WORLD]))
+    welded = ("ball",) if floating else ("ball", "free")
+    for part in source.parts:
+        if part.kind in welded:
             lost.append(f"{part.kind} joint {part.name!r}: welded")
-    for k, part in enumerate(robot.parts):
-        links[k] = names.new(part.link or f"{part.name}_link")
-        _link(root, links[k], robot, k)
-        if k != base:
-            _joint(root, robot, k, links, lost)
-    for label, frame in robot.frames.items():
-        if frame.part in links:
+    for k, part in enumerate(source.parts):
+        link_of[k] = names.new(part.link or f"{part.name}_link")
+        links.append(Link(link_of[k], _inertial(source, k)))
+        if floating and part.kind == "free":
+            continue
+        place = Origin(_place(source, part.parent, part.point))
+        joint = Joint(part.name, "fixed", link_of[part.parent], link_of[k], place)
+        joints.append(joint if part.kind in welded else _moving(joint, source, part, lost))
+    for label, frame in source.frames.items():
+        if frame.part in link_of:
             child = names.new(label)
-            add(root, "link", name=child)
-            joint = add(root, "joint", name=f"{child}_weld", type="fixed")
-            origin = frame.pose.translation - _origin(robot, frame.part)
-            add(joint, "origin", xyz=origin, rpy=_angles(frame.pose.rotation))
-            add(joint, "parent", link=links[frame.part])
-            add(joint, "child", link=child)
-    _block(root, robot, links, lost)
-    if float(np.linalg.norm(robot.gravity - [0, 0, -9.81])) > 1e-9:
-        lost.append(f"gravity {robot.gravity}: a URDF has 0 0 -9.81")
-    return Written(text(root, f"{name}, written by softdyn from {robot.path.name}"), tuple(lost))
+            links.append(Link(child))
+            xyz = _place(source, frame.part, frame.pose.translation)
+            place = Origin(xyz, _angles(frame.pose.rotation))
+            joints.append(Joint(f"{child}_weld", "fixed", link_of[frame.part], child, place))
+    tendons = list(_tendons(source, link_of, lost))
+    actuators = tuple(_actuators(source, tendons, lost))
+    if float(np.linalg.norm(source.gravity - [0, 0, -9.81])) > 1e-9:
+        lost.append(f"gravity {source.gravity}: a URDF has 0 0 -9.81")
+    robot = Robot(name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating)
+    robot = replace(robot, task=deepest_leaf(robot))
+    text = write(robot, f" {name}, written by softdyn from {source.path.name} ")
+    return Written(robot, text, tuple(lost))
 
 
-def _origin(robot: Neutral, k: int) -> np.ndarray:
-    """Where the frame of a part's link stands: on its joint."""
-    return np.zeros(3) if k == WORLD else robot.parts[k].point
+def _place(source: Neutral, k: int, point: np.ndarray) -> Vector:
+    """A point in the frame of a part's link, which stands on the part's joint."""
+    return tuple((point if k == WORLD else point - source.parts[k].point).tolist())
 
 
-def _link(root: Element, name: str, robot: Neutral, k: int) -> None:
-    link = add(root, "link", name=name)
-    body = robot.parts[k].inertia
-    if body.mass or body.tensor.any():
-        inertial = add(link, "inertial")
-        add(inertial, "origin", xyz=body.com - _origin(robot, k) if body.mass else np.zeros(3))
-        add(inertial, "mass", value=body.mass)
-        moments = {key: body.tensor[place] for key, place in MOMENTS.items()}
-        add(inertial, "inertia", **moments)
+def _inertial(source: Neutral, k: int) -> Inertial | None:
+    body = source.parts[k].inertia
+    if not body.mass and not body.tensor.any():
+        return None
+    centre = _place(source, k, body.com) if body.mass else ZERO
+    return Inertial(body.mass, body.moments, Origin(centre))
 
 
-def _joint(
-    root: Element, robot: Neutral, k: int, links: dict[int, str], lost: list[str]
-) -> None:  # fmt: skip
-    part = robot.parts[k]
-    welded = part.kind in ("ball", "free")
+def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint:
+    """The joint of a hinge or a slide, which is still fixed."""
     limited = math.isfinite(part.lower) or math.isfinite(part.upper)
     kind = "prismatic" if part.kind == "slide" else "revolute"
-    led = any(part.name in (c.joint, c.leader) for c in robot.couplings)
+    led = any(part.name in (c.joint, c.leader) for c in source.couplings)
     if part.kind == "hinge" and not limited and not part.stiffness and not led:
         kind = "continuous"
-    joint = add(root, "joint", name=part.name, type="fixed" if welded else kind)
-    add(joint, "origin", xyz=part.point - _origin(robot, part.parent))
-    add(joint, "parent", link=links[part.parent])
-    add(joint, "child", link=links[k])
-    if welded:
-        return
-    add(joint, "axis", xyz=part.axis)
-    effort = part.effort if math.isfinite(part.effort) else 0.0
+    elif not limited and part.name not in {tie.joint for tie in source.couplings}:
+        lost.append(f"joint {part.name!r} has no limits: written as ±{UNLIMITED:g}")
     lower, upper = (
-        value if math.isfinite(value) else math.copysign(UNLIMITED, value)
+        value if math.isfinite(value) or kind == "continuous" else math.copysign(UNLIMITED, value)
         for value in (part.lower, part.upper)
     )
-    if kind == "continuous":
-        add(joint, "limit", effort=effort, velocity=0)
-    else:
-        add(joint, "limit", lower=lower, upper=upper, effort=effort, velocity=0)
-        if not limited and part.name not in {tie.joint for tie in robot.couplings}:
-            lost.append(f"joint {part.name!r} has no limits: written as ±{UNLIMITED:g}")
-    if part.damping or part.friction:
-        add(joint, "dynamics", damping=part.damping, friction=part.friction)
-    for tie in robot.couplings:
+    mimic = None
+    for tie in source.couplings:
         if tie.joint == part.name:
-            _mimic(joint, tie, robot, lost)
-    if part.stiffness:
-        gazebo = add(root, "gazebo", reference=part.name)
-        add(gazebo, "springStiffness").text = repr(part.stiffness)
-        add(gazebo, "springReference").text = repr(part.rest)
+            if any(other.joint == tie.leader for other in source.couplings):
+                lost.append(
+                    f"that {tie.joint!r} follows {tie.leader!r}, which follows another joint"
+                )
+            else:
+                mimic = Mimic(tie.leader, tie.multiplier, tie.offset)
+    return replace(
+        joint, kind=kind, direction=tuple(part.axis.tolist()), lower=lower, upper=upper,
+        effort=part.effort if math.isfinite(part.effort) else 0.0, stiffness=part.stiffness,
+        rest=part.rest if part.stiffness else 0.0, damping=part.damping, armature=part.armature,
+        friction=part.friction, mimic=mimic,
+    )  # fmt: skip
 
 
-def _mimic(joint: Element, tie: Coupling, robot: Neutral, lost: list[str]) -> None:
-    if any(other.joint == tie.leader for other in robot.couplings):
-        lost.append(f"that {tie.joint!r} follows {tie.leader!r}, which follows another joint")
-        return
-    add(joint, "mimic", joint=tie.leader, multiplier=tie.multiplier, offset=tie.offset)
+def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Iterator[Tendon]:
+    """The tendons that the format has a word for."""
+    for cable in source.cables:
+        if any(point.around for point in cable.path):
+            lost.append(f"tendon {cable.name!r}: pulleys, or shapes that it wraps")
+            continue
+        slack, taut = cable.rest
+        if slack != taut and cable.stiffness:
+            lost.append(f"tendon {cable.name!r}: that its spring is slack between two lengths")
+        terms = [JointTerm(joint, coefficient) for joint, coefficient in cable.terms.items()]
+        sites = [Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path]
+        rest = taut if cable.stiffness else None
+        yield Tendon(cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest)
 
 
-def _block(root: Element, robot: Neutral, links: dict[int, str], lost: list[str]) -> None:
-    """Armature, tendons and actuators."""
-    block = etree.Element("softdyn", version="1")
-    for part in robot.parts:
-        if part.armature and part.kind in ("hinge", "slide"):
-            add(block, "joint", name=part.name, armature=part.armature)
-    written = [cable.name for cable in robot.cables if _cable(block, robot, cable, links, lost)]
-    pulled = Names(*written)
-    for motor in robot.motors:
-        _motor(block, robot, motor, written, pulled, lost)
-    if len(block):
-        # tendons stand before the actuators that pull them
-        for actuator in block.findall("actuator"):
-            block.append(actuator)
-        root.append(block)
-
-
-def _cable(
-    block: Element, robot: Neutral, cable: NeutralTendon, links: dict[int, str], lost: list[str]
-) -> bool:
-    """Write a tendon, if the format has a word for it."""
-    if any(point.around for point in cable.path):
-        lost.append(f"tendon {cable.name!r}: pulleys, or shapes that it wraps")
-        return False
-    slack = cable.rest[0] != cable.rest[1]
-    if slack and cable.stiffness:
-        lost.append(f"tendon {cable.name!r}: that its spring is slack between two lengths")
-    elastic = bool(cable.stiffness)
-    node = add(block, "tendon", name=cable.name, stiffness=cable.stiffness or None,
-               damping=cable.damping or None, rest=cable.rest[1] if elastic else None)  # fmt: skip
-    for joint, coefficient in cable.terms.items():
-        add(node, "joint", name=joint, coef=coefficient)
-    for point in cable.path:
-        add(node, "site", link=links[point.part], xyz=point.xyz - _origin(robot, point.part))
-    return True
-
-
-def _motor(
-    block: Element, robot: Neutral, motor: Motor, written: list[str], names: Names, lost: list[str]
-) -> None:
-    """Write an actuator; one on a joint pulls a tendon that is the joint's coordinate."""
-    kind, _, target = motor.target.partition(":")
-    scalar = {part.name for part in robot.parts if part.kind in ("hinge", "slide")}
-    if motor.law or not (
-        target in written if kind == "tendon" else kind == "joint" and target in scalar
-    ):
-        lost.append(
-            f"actuator {motor.name!r} on {motor.target}" + f" ({motor.law})" * bool(motor.law)
-        )
-        return
-    if not (math.isfinite(motor.lower) and math.isfinite(motor.upper)):
-        lost.append(f"actuator {motor.name!r}: an input without bounds")
-        return
-    if kind == "joint":
-        tendon = names.new(f"{target}_drive")
-        add(add(block, "tendon", name=tendon), "joint", name=target, coef=1)
-        target = tendon
-    add(block, "actuator", name=motor.name, tendon=target, gear=motor.gear, lower=motor.lower,
-        upper=motor.upper)  # fmt: skip
+def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Iterator[Actuator]:
+    """The actuators; one on a joint pulls a tendon, added here, that is the joint's coordinate."""
+    names = Names(*(tendon.name for tendon in tendons))
+    targets = {f"tendon:{tendon.name}" for tendon in tendons}
+    targets |= {f"joint:{part.name}" for part in source.parts if part.kind in ("hinge", "slide")}
+    for motor in source.motors:
+        if motor.law or motor.target not in targets:
+            law = f" ({motor.law})" * bool(motor.law)
+            lost.append(f"actuator {motor.name!r} on {motor.target}{law}")
+            continue
+        if not (math.isfinite(motor.lower) and math.isfinite(motor.upper)):
+            lost.append(f"actuator {motor.name!r}: an input without bounds")
+            continue
+        kind, _, target = motor.target.partition(":")
+        if kind == "joint":
+            tendons.append(Tendon(names.new(f"{target}_drive"), (JointTerm(target, 1.0),)))
+            target = tendons[-1].name
+        yield Actuator(motor.name, target, motor.gear, motor.lower, motor.upper)
 
 
 def _angles(rotation: np.ndarray) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from softdyn.description.robot import Joint, Robot
+from softdyn.description.robot import ZERO, Joint, Robot, Vector
 from softdyn.exceptions import UrdfError
 from softdyn.validation.twin.bodies import STATIC, Body, Freedom, Shape, Tree
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
@@ -79,7 +79,7 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
         exclude = spec.add_exclude()
         exclude.bodyname1, exclude.bodyname2 = bodies[a].name, bodies[b].name
     _add_tendons(spec, robot, tree, bodies)
-    _add_site(bodies, tree, robot.task, np.zeros(3), TASK_SITE)
+    _add_site(bodies, tree, robot.task, ZERO, TASK_SITE)
     return spec
 
 
@@ -188,7 +188,7 @@ def _add_tendons(
 
 
 def _add_site(
-    bodies: list[mujoco.MjsBody], tree: Tree, link: str, point: np.ndarray, name: str
+    bodies: list[mujoco.MjsBody], tree: Tree, link: str, point: Vector, name: str
 ) -> None:
     """A point of a link as a site of the body that carries the link."""
     index, pose = tree.place[link]

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import softdyn
@@ -101,8 +100,10 @@ def losses(robot: Robot) -> dict[str, Robot]:
         changed = replace(tendon, **change)  # type: ignore[arg-type]
         return replace(robot, tendons=(changed, *robot.tendons[1:]))
 
-    lighter = replace(link, inertia=replace(link.inertia, mass=0.0))
-    turned = replace(link, inertia=replace(link.inertia, tensor=np.diag([9e-5, 1e-5, 9e-5])))
+    body = link.inertial
+    assert body is not None
+    lighter = replace(link, inertial=replace(body, mass=0.0))
+    turned = replace(link, inertial=replace(body, moments=(9e-5, 0, 0, 1e-5, 0, 9e-5)))
     cable = robot.tendons[1]
     shorter = replace(cable, sites=cable.sites[:2])
     return {
@@ -120,8 +121,8 @@ def losses(robot: Robot) -> dict[str, Robot]:
         "a spring": joints(stiffness=0.0),
         "a damper": joints(damping=0.0),
         "a limit": joints(lower=0.0),
-        "an axis": joints(axis=np.array([0.0, 1.0, 0.0])),
-        "a place": joints(translation=np.array([0.0, 0.0, 1e-6])),
+        "an axis": joints(direction=(0.0, 1.0, 0.0)),
+        "a place": joints(origin=replace(joint.origin, xyz=(0.0, 0.0, 1e-6))),
         "a mass": replace(robot, links=tuple(lighter if x is link else x for x in robot.links)),
         "an inertia": replace(robot, links=tuple(turned if x is link else x for x in robot.links)),
     }

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
-from softdyn.design.urdf_text import ORIGIN, Input, Joint, Robot, inertial, over
+import numpy as np
+
+from softdyn.description.inertia import Inertia
+from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
+from softdyn.description.urdf_writer import write
+from softdyn.design.chain import Chain, Input
 
 LENGTH, MASS = 0.5, 0.3  # m, kg of the whole chain
 RADIUS = 0.02  # m, the tendons' arms
@@ -20,22 +25,23 @@ def chain_urdf(joints: int, tendons: int = 3) -> str:
     tendons are fixed ones with constant arms, `tendons` of them in directions a golden angle
     apart; tendon k of m ends (k + 1) m-ths of the way down, so that B has rank m where n ≥ 2 m.
     """
-    robot = Robot(f"chain{joints}", " A chain for measuring step times. ", {}, ())
+    chain = Chain(f"chain{joints}", {})
     offset, mass = LENGTH / joints, MASS / joints
     moment = mass * (offset**2 / 12 + RADIUS**2 / 4)
-    tensor = ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, mass * RADIUS**2 / 2))
+    tensor = np.diag([moment, moment, mass * RADIUS**2 / 2])
+    body = Inertia(mass, np.array([0.0, 0.0, -offset / 2]), tensor)
     for i in range(joints):
         joint = Joint(
-            f"joint{i}", (i % 2, 1 - i % 2, 0), STIFFNESS * joints, DAMPING * joints,
-            limits=(-2, 2), armature=ARMATURE / joints,
+            f"joint{i}", "revolute", direction=(i % 2, 1 - i % 2, 0), lower=-2, upper=2,
+            stiffness=STIFFNESS * joints, damping=DAMPING * joints, armature=ARMATURE / joints,
         )  # fmt: skip
-        part = inertial(mass, (0, 0, -offset / 2), tensor)
-        robot.add(f"link{i}", [part], [joint], (0, 0, -offset if i else 0))
-    over_joints = {}
+        chain.add(f"link{i}", body, (), [joint], (0, 0, -offset if i else 0))
+    cables = []
     for k in range(tendons):
         reach = min(max(2, math.ceil(joints * (k + 1) / tendons)), joints)
         arms = (RADIUS * math.cos(k * GOLDEN), RADIUS * math.sin(k * GOLDEN))
-        parts = [over(f"joint{i}", arms[i % 2]) for i in range(reach) if arms[i % 2]]
-        over_joints[f"tendon{k}"] = parts
+        terms = [JointTerm(f"joint{i}", arms[i % 2]) for i in range(reach) if arms[i % 2]]
+        cables.append(Tendon(f"tendon{k}", tuple(terms)))
     inputs = [Input(-1.0, (-20, 20))] * tendons
-    return robot.finish((0, 0, -offset), ORIGIN, over_joints, *inputs)
+    robot = chain.finish((0, 0, -offset), ZERO, cables, *inputs)
+    return write(robot, " A chain for measuring step times. ")

@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.description.urdf import parse_text
+from softdyn.description.urdf_writer import write
 from softdyn.validation import Twin, compare
 from softdyn.validation.mjcf import export, to_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
+from softdyn.validation.mjcf.to_urdf import to_urdf
 from tests.support import micro, pair_robots
 from tests.support.command import command
 
@@ -67,6 +70,23 @@ def test_round_trip(tmp_path, text):
         assert result.passed, str(result)
         assert not {cause.kind for cause in result.causes} - {"limit", "effort"}
     softdyn.load(back, floating=floating)
+
+
+@pytest.mark.parametrize("name", ["finger", "spirob", "pair", "gripper", "walker"])
+def test_a_converted_robot_is_written_as_it_is(tmp_path, name):
+    """The inverse of the parser: no number changes between conversion and loading."""
+    path = tmp_path / "robot.xml"
+    if name == "pair":
+        path.write_text(pair_robots.MJCF)
+    else:
+        texts = {"gripper": micro.GRIPPER, "walker": micro.FLOATING}
+        source = micro.write(tmp_path, texts[name]) if name in texts else name
+        export.write_mjcf(source, path, floating=name == "walker")
+    written = to_urdf(neutral(path), name)
+    robot = parse_text(written.text, path=path, floating=written.robot.floating)
+    assert robot == written.robot
+    assert parse_text(write(robot), path=path, floating=robot.floating) == robot
+    assert robot.floating == (name == "walker")
 
 
 def test_what_a_urdf_cannot_say_is_listed(tmp_path):

@@ -6,7 +6,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from lxml import etree
 
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import Robot, children, moving_link_of, poses
@@ -78,7 +77,7 @@ def from_urdf(robot: Robot) -> Neutral:
     }
     cables = []
     for tendon in robot.tendons:
-        path = tuple(Point(on(s.link), placed[s.link].at(s.xyz)) for s in tendon.sites)
+        path = tuple(Point(on(s.link), placed[s.link].at(np.array(s.xyz))) for s in tendon.sites)
         rest = tendon.rest
         if rest is None:
             rest = float(sum(np.linalg.norm(b.xyz - a.xyz) for a, b in pairwise(path)))
@@ -128,12 +127,7 @@ def _efforts(robot: Robot) -> dict[str, float]:
 
     Zero is what generators write for none.
     """
-    found = {}
-    for joint in etree.fromstring(robot.xml.encode()).iter("joint"):
-        limit = joint.find("limit")
-        effort = float(limit.get("effort") or 0.0) if limit is not None else 0.0
-        if effort > 0:
-            found[str(joint.get("name"))] = effort
+    found = {joint.name: joint.effort for joint in robot.joints if 0 < joint.effort < math.inf}
     terms = {tendon.name: tendon.terms for tendon in robot.tendons}
     for motor in robot.actuators:
         if len(terms[motor.tendon]) != 1:
