@@ -145,7 +145,8 @@ def finger() -> str:
     """Return the tendon-driven finger: 4 hinges about y, 2 signed inputs, along +x."""
     data = facts("finger")
     *bodies, tip = data["bodies"]
-    comment = (
+    chain = Chain(
+        "finger",
         """
   finger: the tendon-driven finger, four rigid links in series, 4 DOF, 2 inputs. At rest it points
   along +x and the tip is at (0.24, 0, 0).
@@ -153,10 +154,7 @@ def finger() -> str:
   inertias, offsets, joint ranges, stiffness, damping, gear and input bounds are the reference
   implementation's. There each pair is two antagonistic tendons; here it is one signed input.
 """
-        + CREDIT
-    )
-    chain = Chain(
-        "finger",
+        + CREDIT,
         {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69), "pad": (0.9, 0.45, 0.3)},
         (
             visual(cylinder(0.026, 0.01), "dark", (-0.021, 0.0, 0.0), X_TO_Z),
@@ -177,9 +175,9 @@ def finger() -> str:
             collision(cylinder(0.0075, 0.04), (length / 2, 0.0, 0.0), X_TO_Z),
         )  # fmt: skip
     pairs = {"tendon_a": ("joint1", "joint2"), "tendon_b": ("joint3", "joint4")}
-    tendons = [summed(name, joints) for name, joints in pairs.items()]
-    inputs = [Input(0.1, tuple(bounds)) for bounds in data["input_bounds"]]
-    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), tendons, *inputs), comment)
+    for (name, joints), bounds in zip(pairs.items(), data["input_bounds"], strict=True):
+        chain.pull(summed(name, joints), Input(0.1, tuple(bounds)))
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
 # --- helix --------------------------------------------------------------------------------------
@@ -219,7 +217,8 @@ def helix() -> str:
     """Return the trimmed-helicoid arm: 3 modules of 4 three-DOF joints, 9 inputs, hanging down."""
     data = facts("helix")
     *bodies, tip = data["bodies"]
-    comment = (
+    chain = Chain(
+        "helix",
         """
   helix: the trimmed-helicoid continuum arm, 3 modules of 4 segments, 36 DOF (bend, lateral bend and
   compression per joint; a positive compression shortens the arm), 9 inputs. At rest it hangs down
@@ -230,10 +229,7 @@ def helix() -> str:
   and its centre of mass lies 10 mm above its joint, and every input acts with coefficient 1 on the
   four joints of its module.
 """
-        + CREDIT
-    )
-    chain = Chain(
-        "helix",
+        + CREDIT,
         {
             "plate": (0.2, 0.22, 0.26),
             "module_1": (0.8, 0.3, 0.2),
@@ -248,13 +244,11 @@ def helix() -> str:
     for i, body in enumerate(bodies, 1):
         names = [f"{kind}{i}" for kind in HELIX_KINDS]
         add_body(chain, data, body, f"segment_{i}", names, *helix_parts(i))
-    tendons = [
-        summed(f"module{module}_{kind}", [f"{kind}{4 * module - j}" for j in (3, 2, 1, 0)])
-        for module in (1, 2, 3)
-        for kind in HELIX_KINDS
-    ]
-    inputs = 3 * [Input(1.0, bounds) for bounds in HELIX_KINDS.values()]
-    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), tendons, *inputs), comment)
+    for module in (1, 2, 3):
+        for kind, bounds in HELIX_KINDS.items():
+            joints = [f"{kind}{4 * module - j}" for j in (3, 2, 1, 0)]
+            chain.pull(summed(f"module{module}_{kind}", joints), Input(1.0, bounds))
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
 # --- the two log-spiral arms --------------------------------------------------------------------
@@ -305,7 +299,8 @@ def spirob48() -> str:
 
     data = facts("spirob48")
     *bodies, tip = data["bodies"]
-    comment = (
+    chain = Chain(
+        "spirob48",
         """
   spirob48: the logarithmic-spiral arm as the reference implementation has it, 25 segments, 24
   universal joints, 48 DOF, 3 cables. At rest it hangs down and the tip is 0.4804 m below the base.
@@ -313,10 +308,7 @@ def spirob48() -> str:
   implementation's. Its dry friction of 0.1 N m per joint is left out. Its first frame is pitched by
   1.5708 rad instead of pi/2, which moves the tip sideways by 2e-6 m: kept.
 """
-        + CREDIT
-    )
-    chain = Chain(
-        "spirob48",
+        + CREDIT,
         log_spiral.COLORS,
         log_spiral.MOUNT,
     )
@@ -330,12 +322,10 @@ def spirob48() -> str:
         looks = log_spiral.spiral_parts(abs(reach), radius, "odd" if i % 2 else "even", angles)
         joints = [f"bend_z_{i}", f"bend_y_{i}"] if body["joints"] else []
         add_body(chain, data, body, name, joints, *looks)
-    cables = [
-        Tendon(f"cable_{i}", sites=tuple(site(*home[point]) for point in tendon["path"]))
-        for i, tendon in enumerate(data["tendons"], 1)
-    ]
-    inputs = [CABLE] * len(cables)
-    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"]), cables, *inputs), comment)
+    for i, tendon in enumerate(data["tendons"], 1):
+        sites = tuple(site(*home[point]) for point in tendon["path"])
+        chain.pull(Tendon(f"cable_{i}", sites=sites), CABLE)
+    return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
 # --- files --------------------------------------------------------------------------------------

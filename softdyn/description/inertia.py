@@ -28,6 +28,12 @@ class Inertia:
         """No body."""
         return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
+    @staticmethod
+    def cylinder(mass: float, radius: float, length: float, x: float = 0.0) -> Inertia:
+        """A solid cylinder along the axis x, centred at `x` (m)."""
+        axial, across = mass * radius * radius / 2, mass * (3 * radius * radius + length * length)
+        return Inertia(mass, np.array([x, 0.0, 0.0]), np.diag([axial, across / 12, across / 12]))
+
     @property
     def moments(self) -> tuple[float, ...]:
         """`MOMENTS` of the tensor."""

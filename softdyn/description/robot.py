@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softdyn.checks import read_only
 from softdyn.description.inertia import Inertia, rotation_rpy, symmetric
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -32,49 +33,38 @@ class Origin:
     @cached_property
     def translation(self) -> np.ndarray:
         """(3,)."""
-        return _read_only(np.array(self.xyz))
+        return read_only(self.xyz)
 
     @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3)."""
-        return _read_only(rotation_rpy(self.rpy))
-
-
-@dataclass(frozen=True)
-class Inertial:
-    """A rigid body in the frame at its centre of mass.
-
-    `mass` is in kg; `moments` are ixx, ixy, ixz, iyy, iyz and izz (kg·m²).
-    """
-
-    mass: float
-    moments: tuple[float, ...]
-    origin: Origin = Origin()
-
-    @cached_property
-    def inertia(self) -> Inertia:
-        """The same in its own frame: the centre is zero."""
-        return Inertia(self.mass, np.zeros(3), symmetric(self.moments))
+        return read_only(rotation_rpy(self.rpy))
 
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid link; without `inertial` it is massless.
+    """A rigid link, massless by default.
 
-    `looks` are its ``<visual>`` and ``<collision>`` elements as XML, in the file's order.
+    `mass` is in kg. `moments` are ixx, ixy, ixz, iyy, iyz and izz (kg·m²) about the centre of mass,
+    in the axes of `origin`, which places the centre of mass in the link frame. `looks` are the
+    link's ``<visual>`` and ``<collision>`` elements as XML, in the file's order.
     """
 
     name: str
-    inertial: Inertial | None = None
+    mass: float = 0.0
+    moments: tuple[float, ...] = (0.0,) * 6
+    origin: Origin = Origin()
     looks: tuple[str, ...] = ()
+
+    @property
+    def about_com(self) -> Inertia:
+        """The inertia in the axes of `origin`, with its centre of mass at zero."""
+        return Inertia(self.mass, np.zeros(3), symmetric(self.moments))
 
     @cached_property
     def inertia(self) -> Inertia:
-        """Expressed in the link frame."""
-        if self.inertial is None:
-            return Inertia.zero()
-        origin = self.inertial.origin
-        return self.inertial.inertia.moved(origin.rotation, origin.translation)
+        """The inertia in the link frame."""
+        return self.about_com.moved(self.origin.rotation, self.origin.translation)
 
 
 @dataclass(frozen=True)
@@ -119,21 +109,10 @@ class Joint:
         """Whether it is no weld; a follower moves too."""
         return self.kind in MOVING
 
-    @property
-    def rotation(self) -> np.ndarray:
-        """(3, 3), of the joint in the parent link's frame."""
-        return self.origin.rotation
-
-    @property
-    def translation(self) -> np.ndarray:
-        """(3,), of the joint in the parent link's frame."""
-        return self.origin.translation
-
     @cached_property
     def axis(self) -> np.ndarray:
         """Unit vector (3,) in the joint's own frame; zero of a weld."""
-        direction = np.array(self.direction)
-        return _read_only(direction / (np.linalg.norm(direction) or 1.0))
+        return read_only(np.array(self.direction) / (np.linalg.norm(self.direction) or 1.0))
 
 
 @dataclass(frozen=True)
@@ -182,9 +161,9 @@ class Actuator:
 class Robot:
     """One robot: the tree, its compliance and its annotations, each number as its file states it.
 
-    Robots are equal where all of that is, whatever file they come from: `path`, `overlay`, the
-    texts and the warnings do not count. `softdyn.description.urdf_writer.write` gives the text of
-    an equal robot.
+    Robots are equal where all of that is, whatever file they come from: `comment`, `path`,
+    `overlay`, the texts and the warnings do not count. `softdyn.description.urdf_writer.write`
+    gives the text of an equal robot.
 
     Attributes
     ----------
@@ -194,10 +173,13 @@ class Robot:
         In the file's order.
     task : str
         The link whose origin is the tip.
-    materials : tuple of str
-        The ``<material>`` elements that the looks of links refer to, as XML.
+    others : tuple of str
+        The other elements as XML, in the file's order: materials, and what other tools read. Of a
+        ``<gazebo>`` all but the spring.
     floating : bool
         Whether the root link moves freely, on six degrees of freedom of its own.
+    comment : str
+        The first words of the file.
     path : Path
         The file.
     warnings : tuple of str
@@ -220,8 +202,9 @@ class Robot:
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     task: str = ""
-    materials: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     floating: bool = False
+    comment: str = field(default="", compare=False)
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
     xml: str = field(default="", compare=False)
@@ -268,7 +251,7 @@ class Robot:
     @property
     def length(self) -> float:
         """Summed joint offsets from the base to the tip (m), the robot's size."""
-        return float(sum(np.linalg.norm(joint.translation) for joint in self.chain(self.task)))
+        return float(sum(np.linalg.norm(joint.origin.xyz) for joint in self.chain(self.task)))
 
 
 def children(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
@@ -304,8 +287,8 @@ def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         rotation, translation = placed[link]
         for joint in below.get(link, ()):
             placed[joint.child] = (
-                rotation @ joint.rotation,
-                rotation @ joint.translation + translation,
+                rotation @ joint.origin.rotation,
+                rotation @ joint.origin.translation + translation,
             )
             front.append(joint.child)
     return placed
@@ -364,7 +347,3 @@ def input_unit(robot: Robot) -> str:
     """The units of u, each once."""
     return ", ".join(dict.fromkeys(input_units(robot)))
 
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    array.flags.writeable = False
-    return array

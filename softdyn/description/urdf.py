@@ -7,6 +7,7 @@ refused. The format, with the error for each misuse, is described in ``docs/form
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,6 @@ from softdyn.description.inertia import MOMENTS
 from softdyn.description.robot import (
     MOVING,
     ZERO,
-    Inertial,
     Joint,
     Link,
     Mimic,
@@ -122,10 +122,10 @@ def _robot(
     _check_mimics(root, joints)
     _check_tree(root, links, joints)
     read_springs(root, joints)
-    materials = _spelled(root, "material")
+    comments = [str(c.text) for c in root.node.itersiblings(etree.Comment, preceding=True)]
     robot = Robot(
-        name, tuple(links.values()), tuple(joints.values()), materials=materials,
-        floating=floating, path=path,
+        name, tuple(links.values()), tuple(joints.values()), others=_others(root),
+        floating=floating, comment="\n".join(comments[::-1]), path=path,
     )  # fmt: skip
     repairs = _repair(root, robot) if repair_inertia else ()
     if repairs:
@@ -172,10 +172,23 @@ def _judged(node: etree._Element) -> etree._Element:
     return copy
 
 
-def _spelled(element: Element, *tags: str) -> tuple[str, ...]:
-    """Children with one of these names, as they are spelled."""
-    found = (child.node for child in element.children() if child.tag in tags)
-    return tuple(etree.tostring(node, encoding="unicode", with_tail=False) for node in found)
+def _others(root: Element) -> tuple[str, ...]:
+    """All elements but those that `Robot` holds as data, as they are spelled."""
+    found = []
+    for child in root.children():
+        if child.tag == "gazebo":
+            node = deepcopy(child.node)
+            for spring in (*node.iterfind("springStiffness"), *node.iterfind("springReference")):
+                node.remove(spring)
+            if len(node):
+                found.append(_spelled(node))
+        elif child.tag not in ("link", "joint", BLOCK):
+            found.append(_spelled(child.node))
+    return tuple(found)
+
+
+def _spelled(node: etree._Element) -> str:
+    return etree.tostring(node, encoding="unicode", with_tail=False)
 
 
 def _origin(element: Element) -> Origin:
@@ -190,16 +203,18 @@ def _origin(element: Element) -> Origin:
 
 def _link(element: Element) -> Link:
     inertial = element.child("inertial")
-    looks = _spelled(element, "visual", "collision")
-    return Link(element.text("name"), None if inertial is None else _inertial(inertial), looks)
-
-
-def _inertial(element: Element) -> Inertial:
-    mass, tensor = element.child("mass"), element.child("inertia")
+    looks = (c.node for c in element.children() if c.tag in ("visual", "collision"))
+    link = Link(element.text("name"), looks=tuple(map(_spelled, looks)))
+    if inertial is None:
+        return link
+    mass, tensor = inertial.child("mass"), inertial.child("inertia")
     if mass is None or tensor is None:
-        raise element.error("<mass> and <inertia>", "no <mass>" if mass is None else "no <inertia>")
+        raise inertial.error(
+            "<mass> and <inertia>", "no <mass>" if mass is None else "no <inertia>"
+        )
     moments = tuple(tensor.number(attribute) for attribute in MOMENTS)
-    return Inertial(mass.non_negative("value", None), moments, _origin(element))
+    mass_value = mass.non_negative("value", None)
+    return replace(link, mass=mass_value, moments=moments, origin=_origin(inertial))
 
 
 def _joint(element: Element, links: dict[str, Link]) -> Joint:
@@ -316,8 +331,7 @@ def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
             continue
         tensor = inertial.child("inertia")
         assert tensor is not None  # _link has read it
-        assert link.inertial is not None  # nor without it
-        mended = link.inertial.inertia.nearest_physical()
+        mended = link.about_com.nearest_physical()
         for attribute, moment in zip(MOMENTS, mended.moments, strict=True):
             tensor.node.set(attribute, repr(moment))
         before, after = (

@@ -12,36 +12,35 @@ import numpy as np
 
 from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
-from softdyn.description.robot import Inertial, Joint, Link, Origin, Robot, Tendon
+from softdyn.description.robot import Joint, Link, Origin, Robot
 
 
-def write(robot: Robot, comment: str = "") -> str:
+def write(robot: Robot) -> str:
     """Return URDF text that `softdyn.parse` reads back as an equal robot.
 
-    Every number is written with all its digits, and springs, tendons and overlays into one file.
-    Looks are written as they are spelled, so meshes are found beside the same folder only. What a
-    `Robot` does not hold is not written: comments and other tools' elements. No URDF can say that
-    a base floats: such a robot is to be parsed with ``floating=True``.
+    Every number is written with all its digits. Springs and tendons are written into the same file,
+    wherever they were read from. Looks and other tools' elements are written as they were spelled,
+    so meshes must be where they were. Comments inside the robot, and elements of other tools inside
+    links and joints, are lost. No URDF can say that a base floats: such a robot is to be parsed
+    with ``floating=True``.
 
     Parameters
     ----------
     robot : Robot
         From a file, changed by `dataclasses.replace`, or made from its parts.
-    comment : str
-        The first words of the file.
     """
     head = ['<?xml version="1.0" encoding="utf-8"?>']
-    if comment:
-        legal = re.sub(r"-(?=-|\Z)", "- ", comment)  # no comment may hold two in a row
+    if robot.comment:
+        legal = re.sub(r"-(?=-|\Z)", "- ", robot.comment)  # no comment may hold two in a row
         head.append(f"<!--{legal}-->")
-    content = [*robot.materials, *_tree(robot), *_block(robot)]
+    content = [*robot.others, *_tree(robot), *_block(robot)]
     return "\n".join([*head, *_nested("robot", content, name=robot.name), ""])
 
 
 def tag(element: str, /, *inside: str, **attributes: object) -> str:
     """Return an element; numbers are spelled with all digits, attributes that are None left out."""
     words = (
-        f" {key}={quoteattr(value if isinstance(value, str) else _spelled(value))}"
+        f" {key}={quoteattr(value if isinstance(value, str) else _words(value))}"
         for key, value in attributes.items()
         if value is not None
     )
@@ -56,7 +55,7 @@ def origin(pose: Origin) -> str:
     return tag("origin", xyz=pose.xyz, rpy=pose.rpy if any(pose.rpy) else None)
 
 
-def _spelled(value: object) -> str:
+def _words(value: object) -> str:
     """A number or several, with the fewest digits that read back as the same floats."""
     numbers = np.atleast_1d(np.asarray(value, float)).tolist()
     return " ".join(repr(number).removesuffix(".0") for number in numbers)
@@ -80,26 +79,20 @@ def _tree(robot: Robot) -> Iterator[str]:
 
 
 def _link(link: Link) -> list[str]:
-    bodies = [] if link.inertial is None else [_inertial(link.inertial)]
-    return _nested("link", [*bodies, *link.looks], name=link.name)
-
-
-def _inertial(body: Inertial) -> str:
-    moments = {name: repr(float(x)) for name, x in zip(MOMENTS, body.moments, strict=True)}
-    return tag("inertial", origin(body.origin), tag("mass", value=body.mass),
-               tag("inertia", **moments))  # fmt: skip
+    parts = list(link.looks)
+    if link != Link(link.name, looks=link.looks):
+        moments = {name: repr(float(x)) for name, x in zip(MOMENTS, link.moments, strict=True)}
+        body = (origin(link.origin), tag("mass", value=link.mass), tag("inertia", **moments))
+        parts.insert(0, tag("inertial", *body))
+    return _nested("link", parts, name=link.name)
 
 
 def _joint(joint: Joint) -> list[str]:
     place = origin(joint.origin) + tag("parent", link=joint.parent) + tag("child", link=joint.child)
     if not joint.moves:
         return [tag("joint", place, name=joint.name, type=joint.kind)]
-    friction = joint.friction or None
-    lines = [
-        place,
-        tag("axis", xyz=joint.direction)
-        + tag("dynamics", damping=joint.damping, friction=friction),
-    ]
+    inner = tag("dynamics", damping=joint.damping, friction=joint.friction or None)
+    lines = [place, tag("axis", xyz=joint.direction) + inner]
     span = {} if joint.kind == "continuous" else {"lower": joint.lower, "upper": joint.upper}
     if math.isfinite(joint.effort):
         lines.append(tag("limit", **span, effort=joint.effort, velocity=joint.velocity))
@@ -109,33 +102,22 @@ def _joint(joint: Joint) -> list[str]:
     found = _nested("joint", lines, name=joint.name, type=joint.kind)
     if joint.stiffness or joint.rest:
         spring = {"springStiffness": joint.stiffness, "springReference": joint.rest}
-        inside = (tag(name, _spelled(value)) for name, value in spring.items())
+        inside = (tag(name, _words(value)) for name, value in spring.items())
         found.append(tag("gazebo", *inside, reference=joint.name))
     return found
 
 
 def _block(robot: Robot) -> list[str]:
     """What softdyn adds."""
-    lines = [
-        tag("joint", name=joint.name, armature=joint.armature)
-        for joint in robot.joints
-        if joint.armature
-    ]
+    lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
     for tendon in robot.tendons:
-        lines += _tendon(tendon)
-    lines += [
-        tag("actuator", name=u.name, tendon=u.tendon, gear=u.gear, lower=u.lower, upper=u.upper)
-        for u in robot.actuators
-    ]
+        path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
+        path += [tag("site", link=site.link, xyz=site.xyz) for site in tendon.sites]
+        springs = {"stiffness": tendon.stiffness or None, "damping": tendon.damping or None}
+        lines += _nested("tendon", path, name=tendon.name, **springs, rest=tendon.rest)
+    for u in robot.actuators:
+        force = {"gear": u.gear, "lower": u.lower, "upper": u.upper}
+        lines.append(tag("actuator", name=u.name, tendon=u.tendon, **force))
     if robot.task:
         lines.append(tag("task", frame=robot.task))
     return _nested(BLOCK, lines, version=VERSION)
-
-
-def _tendon(tendon: Tendon) -> list[str]:
-    terms = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
-    sites = [tag("site", link=site.link, xyz=site.xyz) for site in tendon.sites]
-    return _nested(
-        "tendon", terms + sites, name=tendon.name, stiffness=tendon.stiffness or None,
-        damping=tendon.damping or None, rest=tendon.rest,
-    )  # fmt: skip

@@ -49,7 +49,7 @@ def urdf(arm: Arm) -> str:
     """
     layout = lay_out(arm)
     check(layout)
-    chain = Chain(arm.name, _colors(arm))
+    chain = Chain(arm.name, comment(layout), _colors(arm))
     last = 0.0
     for k, (x, group, body) in enumerate(
         zip(layout.stations, layout.springs, layout.bodies, strict=True)
@@ -62,9 +62,9 @@ def urdf(arm: Arm) -> str:
         chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles)
         last = float(x)
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
-    tendons = [_tendon(layout, cable) for cable in arm.cables]
-    inputs = [Input(GEAR, (0, cable.max_tension)) for cable in arm.cables]
-    return write(chain.finish(tip, ZERO, tendons, *inputs), comment(layout))
+    for cable in arm.cables:
+        chain.pull(_tendon(layout, cable), Input(GEAR, (0, cable.max_tension)))
+    return write(chain.finish(tip))
 
 
 def comment(layout: Layout) -> str:

@@ -10,7 +10,6 @@ from softdyn.description.inertia import Inertia
 from softdyn.description.robot import (
     ZERO,
     Actuator,
-    Inertial,
     Joint,
     Link,
     Origin,
@@ -43,6 +42,8 @@ class Chain:
     ----------
     name : str
         Of the robot.
+    comment : str
+        The first words of its file.
     colors : mapping of str to sequence of float
         Red, green, blue and, where it is given, opacity of each material.
     looks : sequence of str
@@ -50,33 +51,33 @@ class Chain:
     """
 
     def __init__(
-        self, name: str, colors: Mapping[str, Sequence[float]], looks: Sequence[str] = ()
-    ) -> None:
-        self.name, self.last = name, "world"
+        self, name: str, comment: str, colors: Mapping[str, Sequence[float]],
+        looks: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        self.name, self.comment, self.last = name, comment, "world"
         self._materials = tuple(
             tag("material", tag("color", rgba=(*color, 1.0)[:4]), name=material)
             for material, color in colors.items()
         )
-        self._links, self._joints = [Link("world")], list[Joint]()
+        self._links: list[Link] = [Link("world")]
+        self._joints: list[Joint] = []
+        self._tendons: list[Tendon] = []
+        self._actuators: list[Actuator] = []
         self.add("base", looks=looks)
 
     def add(
-        self,
-        name: str,
-        body: Inertia | None = None,
-        looks: Sequence[str] = (),
-        joints: Sequence[Joint] = (),
-        xyz: Sequence[float] = ZERO,
-        angles: Sequence[float] = ZERO,
-    ) -> None:
+        self, name: str, body: Inertia | None = None, looks: Sequence[str] = (),
+        joints: Sequence[Joint] = (), xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
+    ) -> None:  # fmt: skip
         """Add a link at a pose in the last one, on one-DOF joints in series, or welded to it.
 
         Between joints there are massless links. A body has the axes of its link.
         """
-        inertial = None
+        link = Link(name, looks=tuple(looks))
         if body is not None:
-            inertial = Inertial(body.mass, body.moments, Origin(vector(body.com)))
-        self._links.append(Link(name, inertial, tuple(looks)))
+            com = Origin(vector(body.com))
+            link = replace(link, mass=body.mass, moments=body.moments, origin=com)
+        self._links.append(link)
         place = Origin(vector(xyz), vector(angles))
         group = joints or (Joint(f"{name}_joint", "fixed"),)
         for joint in group:
@@ -88,22 +89,18 @@ class Chain:
             self._joints.append(replace(joint, origin=place))
             place, self.last = Origin(), target
 
-    def finish(
-        self,
-        xyz: Sequence[float],
-        angles: Sequence[float],
-        tendons: Sequence[Tendon],
-        *inputs: Input,
-    ) -> Robot:
-        """Return the robot with its tip, at a pose in the last link, and the tendons' inputs."""
+    def pull(self, tendon: Tendon, given: Input) -> None:
+        """Add a tendon and the input that acts on it."""
+        self._tendons.append(tendon)
+        name = f"u{len(self._tendons)}"
+        self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds))
+
+    def finish(self, xyz: Sequence[float], angles: Sequence[float] = ZERO) -> Robot:
+        """Return the robot, whose tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
-        actuators = [
-            Actuator(f"u{i}", tendon.name, given.gear, *given.bounds)
-            for i, (tendon, given) in enumerate(zip(tendons, inputs, strict=True), 1)
-        ]
         return Robot(
-            self.name, tuple(self._links), tuple(self._joints), tuple(tendons), tuple(actuators),
-            "tip", self._materials,
+            self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),
+            tuple(self._actuators), "tip", self._materials, comment=self.comment,
         )  # fmt: skip
 
 
@@ -140,16 +137,14 @@ def visual(
     shape: str, material: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO
 ) -> str:
     """Return a ``<visual>`` with a named material."""
-    return _placed("visual", shape, xyz, angles, tag("material", name=material))
+    named = tag("material", name=material)
+    return tag("visual", _placed(xyz, angles), tag("geometry", shape), named)
 
 
 def collision(shape: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO) -> str:
     """Return a ``<collision>``; shapes are primitives, used only with link contacts on."""
-    return _placed("collision", shape, xyz, angles)
+    return tag("collision", _placed(xyz, angles), tag("geometry", shape))
 
 
-def _placed(
-    kind: str, shape: str, xyz: Sequence[float], angles: Sequence[float], *more: str
-) -> str:
-    place = origin(Origin(vector(xyz), vector(angles)))
-    return tag(kind, place, tag("geometry", shape), *more)
+def _placed(xyz: Sequence[float], angles: Sequence[float]) -> str:
+    return origin(Origin(vector(xyz), vector(angles)))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from softdyn.checks import number
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon, Vector
@@ -104,7 +102,7 @@ class Finger:
 
 def urdf(finger: Finger) -> str:
     """The annotated URDF of a finger; its looks are in ``meshes/phalanx.stl``."""
-    chain = Chain(finger.name, COLORS)
+    chain = Chain(finger.name, f"\n  {GENERATED}\n", COLORS)
     total, gone = sum(finger.lengths), 0.0
     base = along(finger.radius, 0.0)
     palm = (visual(cylinder(1.5 * base, base), "dark", (-1.5 * base, 0.0, 0.0), X_TO_Z),)
@@ -113,8 +111,6 @@ def urdf(finger: Finger) -> str:
     for i, length in enumerate(finger.lengths, 1):
         r = along(finger.radius, (gone + length / 2) / total)
         mass = finger.density * math.pi * r * r * length
-        across = mass * (3 * r * r + length * length) / 12
-        solid = np.diag([mass * r * r / 2, across, across])
         k = i - 1
         hinge = Joint(
             f"hinge_{i}", "revolute", direction=(0.0, 1.0, 0.0),
@@ -127,21 +123,12 @@ def urdf(finger: Finger) -> str:
             visual(mesh("phalanx", (length, r, r)), "bone"),
             collision(cylinder(0.9 * r, 0.7 * length), (length / 2, 0.0, 0.0), X_TO_Z),
         )
-        body = Inertia(mass, np.array([length / 2, 0.0, 0.0]), solid)
+        body = Inertia.cylinder(mass, r, length, length / 2)
         chain.add(f"bone_{i}", body, looks, [hinge], offset)
         offset, gone = (length, 0.0, 0.0), gone + length
-    tendons = [
-        Tendon(
-            tendon.name,
-            tuple(
-                JointTerm(f"hinge_{j}", -arm)
-                for j, arm in zip(tendon.joints, tendon.moment_arms, strict=True)
-            ),
-        )
-        for tendon in finger.tendons
-    ]
-    inputs = [
-        Input(-1.0, (-tendon.max_tension if tendon.pair else 0, tendon.max_tension))
-        for tendon in finger.tendons
-    ]
-    return write(chain.finish(offset, ZERO, tendons, *inputs), f"\n  {GENERATED}\n")
+    for tendon in finger.tendons:
+        pairs = zip(tendon.joints, tendon.moment_arms, strict=True)
+        terms = tuple(JointTerm(f"hinge_{j}", -arm) for j, arm in pairs)
+        least = -tendon.max_tension if tendon.pair else 0
+        chain.pull(Tendon(tendon.name, terms), Input(-1.0, (least, tendon.max_tension)))
+    return write(chain.finish(offset))

@@ -285,6 +285,4 @@ def _slice(section: Section, low: float, high: float, density: float | None = No
 
 def _cylinder(plate: Plate) -> Inertia:
     """A plate about its centre."""
-    m, r, h = plate.mass, plate.radius, plate.thickness
-    across = m * (3 * r * r + h * h) / 12
-    return Inertia(m, np.zeros(3), np.diag([m * r * r / 2, across, across]))
+    return Inertia.cylinder(plate.mass, plate.radius, plate.thickness)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from softdyn.checks import number
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import ZERO, Joint, Site, Tendon, Vector
@@ -103,7 +101,7 @@ def urdf(
         powers.append(powers[-1] * ratio)
     first = spiral.length / sum(powers)
     heaviest = spiral.mass / sum(p * p * p for p in powers)
-    chain = Chain(spiral.name, COLORS, MOUNT if spiral.mount == HANGING else ())
+    chain = Chain(spiral.name, comment, COLORS, MOUNT if spiral.mount == HANGING else ())
     directions = [cable_direction(degrees) for degrees in spiral.cable_angles]
     cables: list[list[Site]] = [[] for _ in directions]
     y, z = directions[0]
@@ -114,9 +112,7 @@ def urdf(
     for i, power in enumerate(powers):
         length, radius = first * power, spiral.radius * power
         mass = heaviest * power * power * power
-        across = mass * (3 * radius * radius + length * length) / 12
-        solid = np.diag([mass * radius * radius / 2, across, across])
-        body = Inertia(mass, np.array([length / 2, 0.0, 0.0]), solid)
+        body = Inertia.cylinder(mass, radius, length, length / 2)
         shade = "odd" if i % 2 else "even"
         looks = spiral_parts(length, radius, shade, roll, BLOCKS, ratio)
         name = f"segment_{i}"
@@ -134,8 +130,9 @@ def urdf(
             )
             for kind in spiral.freedoms
         ]  # fmt: skip
-    tendons = [Tendon(f"cable_{k}", sites=tuple(sites)) for k, sites in enumerate(cables, 1)]
-    return write(chain.finish(offset, ZERO, tendons, *[spiral.cable] * len(tendons)), comment)
+    for k, sites in enumerate(cables, 1):
+        chain.pull(Tendon(f"cable_{k}", sites=tuple(sites)), spiral.cable)
+    return write(chain.finish(offset))
 
 
 def cable_direction(degrees: float) -> tuple[float, float]:

@@ -38,7 +38,7 @@ def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
         For a number in a shape that is none.
     """
     shapes, unreadable = visuals(robot)
-    size = max(robot.length, *(float(np.linalg.norm(j.translation)) for j in robot.joints), 0.05)
+    size = max(robot.length, *(float(np.linalg.norm(j.origin.xyz)) for j in robot.joints), 0.05)
     widest: dict[str, float] = {}
     for shape in shapes:
         if isinstance(shape.shape, Mesh):
@@ -72,7 +72,7 @@ def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) 
 
 
 def _sizes(robot: Robot) -> Iterator[str]:
-    offsets = [float(np.linalg.norm(joint.translation)) for joint in robot.joints]
+    offsets = [float(np.linalg.norm(joint.origin.translation)) for joint in robot.joints]
     size = max([robot.length, *offsets])
     if size > LARGEST:
         yield f"a size of {size:g} m: lengths in mm? URDF wants metres"

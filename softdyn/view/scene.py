@@ -113,7 +113,7 @@ class Figure:
                 {
                     "parent": links[joint.parent],
                     "child": links[joint.child],
-                    "pose": columns(_pose(joint.rotation, joint.translation)),
+                    "pose": columns(_pose(joint.origin.rotation, joint.origin.translation)),
                     "axis": joint.axis.tolist(),
                     "slides": joint.kind == "prismatic",
                     "turns": joint.kind == "continuous",
@@ -246,10 +246,11 @@ def _sticks(robot: Robot) -> Iterator[Visual]:
     """A cylinder from every link's origin to each of its joints, and a ball at each joint."""
     size = max(robot.length, 1e-3)
     for joint in robot.joints:
-        length = float(np.linalg.norm(joint.translation))
+        end = joint.origin.translation
+        length = float(np.linalg.norm(end))
         if length > 0:
-            along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), joint.translation)
-            pose = _pose(along.matrix(), joint.translation / 2)
+            along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end)
+            pose = _pose(along.matrix(), end / 2)
             yield Visual(joint.parent, pose, Cylinder(0.018 * size, length), STICK)
         if joint.moves or joint.child == robot.task:
             yield Visual(joint.child, np.eye(4), Sphere(0.03 * size), STICK)

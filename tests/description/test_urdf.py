@@ -194,7 +194,8 @@ def test_what_is_read_cannot_be_written_to(tmp_path: Path) -> None:
         robot.name = "leg"  # type: ignore[misc]
     with pytest.raises(TypeError, match="item assignment"):
         robot.tendons[1].sites[0].xyz[0] = 1.0  # type: ignore[index]
-    for array in (robot.joints[1].translation, robot.joints[1].rotation, robot.joints[1].axis):
+    place = robot.joints[1].origin
+    for array in (place.translation, place.rotation, robot.joints[1].axis):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
@@ -380,14 +381,14 @@ def test_links_may_have_the_names_that_mujoco_keeps_for_itself(order, tmp_path: 
 @pytest.mark.parametrize("number", ["0.10", ".1", "1e-1", "+0.1", "1.E-1", "0.1E+00"])
 def test_every_spelling_of_a_number_means_the_same(number: str, tmp_path: Path) -> None:
     robot = changed(tmp_path, ('xyz="0.1 0 0"', f'xyz="  {number} 0  -0 "'))
-    np.testing.assert_array_equal(joint(robot, "glue").translation, [0.1, 0, 0])
+    np.testing.assert_array_equal(joint(robot, "glue").origin.translation, [0.1, 0, 0])
     assert_read_alike(robot)
 
 
 @pytest.mark.parametrize("number", ["5e-324", "1e-400", "-0", "1e50"])
 def test_extreme_numbers_mean_the_same(number: str, tmp_path: Path) -> None:
     robot = changed(tmp_path, ('xyz="0.1 0 0"', f'xyz="{number} 0 0"'))
-    assert joint(robot, "glue").translation[0] == float(number)
+    assert joint(robot, "glue").origin.translation[0] == float(number)
     assert_read_alike(robot)
 
 

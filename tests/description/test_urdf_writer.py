@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 import pytest
 from lxml import etree
-from tests.support.random_robots import random_urdf
 
 import softdyn
 from softdyn import design
 from softdyn.description.library import find
-from softdyn.description.robot import Inertial, Joint, Link, Mimic, Origin, Robot, Site, Tendon
+from softdyn.description.robot import Joint, Link, Mimic, Origin, Robot, Site, Tendon
 from softdyn.description.urdf import parse, parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.description.visuals import visuals
 from softdyn.design import finger, log_spiral
 from softdyn.validation import crosscheck
 from softdyn.validation.timing.chains import chain_urdf
+from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support import ROOT, micro
 from tests.support.arms import EVERYTHING, THREE_SECTIONS
 from tests.support.misuses import ARM
 
-NOT_COMPARED = {"path", "overlay", "xml", "text", "annotations", "mended", "warnings"}
+NOT_COMPARED = {"comment", "path", "overlay", "xml", "text", "annotations", "mended", "warnings"}
 QUANTITIES = ("M", "bias", "K", "D", "B", "y", "J", "lengths")
 LOOKS = """\
 <robot name="looks">
@@ -50,20 +50,21 @@ LOOKS = """\
   </link>
   <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/>
     <limit lower="-1" upper="1" effort="3" velocity="4"/></joint>
+  <transmission name="t"><joint name="hinge"><x:y xmlns:x="z"/></joint></transmission>
+  <gazebo reference="hinge">
+    <springStiffness>2</springStiffness>
+    <plugin><springReference>7</springReference></plugin>
+    <springReference>0.5</springReference>
+  </gazebo>
+  <gazebo><static>true</static></gazebo>
+  <gazebo reference="arm"/>
 </robot>
 """
 
 
-def again(robot: Robot, comment: str = "") -> Robot:
+def again(robot: Robot) -> Robot:
     """The robot of what is written of a robot, read as if from the same file."""
-    return parse_text(write(robot, comment), path=robot.path, floating=robot.floating)
-
-
-def comment_of(text: str) -> str:
-    """What stands before the root."""
-    comment = etree.fromstring(text.encode()).getprevious()
-    assert comment is not None
-    return str(comment.text)
+    return parse_text(write(robot), path=robot.path, floating=robot.floating)
 
 
 def of_text(text: str, **options: Any) -> Robot:
@@ -72,7 +73,7 @@ def of_text(text: str, **options: Any) -> Robot:
 
 def test_what_makes_robots_equal() -> None:
     assert {field.name for field in fields(Robot) if not field.compare} == NOT_COMPARED
-    for part in (Link, Inertial, Origin, Joint, Mimic, Tendon, Site):
+    for part in (Link, Origin, Joint, Mimic, Tendon, Site):
         assert all(field.compare for field in fields(part)), part
 
 
@@ -80,7 +81,7 @@ def test_what_makes_robots_equal() -> None:
 def test_bundled_files_are_what_the_writer_writes(name: str) -> None:
     text = find(name).read_text(encoding="utf-8")
     robot = parse(find(name))
-    assert write(robot, comment_of(text)) == text
+    assert write(robot) == text
     assert again(robot) == robot
 
 
@@ -102,7 +103,7 @@ def test_bundled_files_are_what_the_writer_writes(name: str) -> None:
 )  # fmt: skip
 def test_designed_files_are_what_the_writer_writes(text: str) -> None:
     robot = of_text(text)
-    assert write(robot, comment_of(text)) == text
+    assert write(robot) == text
     assert again(robot) == robot
 
 
@@ -169,13 +170,24 @@ def test_looks_are_spelled_as_they_were() -> None:
     assert len(base.looks) == 3
     assert base.looks[2].count("\n") == 3
     assert "<!-- inside -->" in base.looks[2]
-    assert [len(arm.looks), len(robot.materials)] == [1, 2]
+    assert len(arm.looks) == 1
     before, after = visuals(robot)[0], visuals(again(robot))[0]
     assert [v.shape for v in after] == [v.shape for v in before]
     for one, other in zip(before, after, strict=True):
         np.testing.assert_array_equal(one.pose, other.pose)
         assert (one.link, one.rgba) == (other.link, other.rgba)
     assert len(before) == 3
+
+
+def test_what_other_tools_read_stays() -> None:
+    """All but the springs, which are numbers of the robot, and an element that says nothing."""
+    robot = of_text(LOOKS)
+    written = again(robot)
+    assert written.others == robot.others
+    kept = [etree.fromstring(text) for text in written.others]
+    assert [node.tag for node in kept] == ["material"] * 2 + ["transmission"] + ["gazebo"] * 2
+    assert [child.tag for child in kept[3]] == ["plugin"]
+    assert (written.joints[0].stiffness, written.joints[0].rest) == (2.0, 0.5)
 
 
 def test_names_may_hold_what_xml_must_escape() -> None:
@@ -205,10 +217,11 @@ def test_names_may_hold_what_xml_must_escape() -> None:
 
 @pytest.mark.parametrize("comment", ["-", "--", "---", "a -- b-", "\n <x> & y\n", "- - -"])
 def test_any_comment(comment: str) -> None:
-    robot = of_text(ARM)
-    assert again(robot, comment) == robot
-    found = comment_of(write(robot, comment))
-    assert found.replace(" ", "") == comment.replace(" ", "")
+    robot = replace(of_text(ARM), comment=comment)
+    written = again(robot)
+    assert written == robot
+    assert written.comment.replace(" ", "") == comment.replace(" ", "")
+    assert again(written).comment == written.comment
 
 
 NUMBERS = (5e-324, 1e-300, 1e-12, 0.1 + 0.2, 1 / 3, 123456789.123456789, 1e22, 1e50)
@@ -219,8 +232,7 @@ def changes(robot: Robot, x: float) -> dict[str, Robot]:
     joint, link, tendon, actuator = (
         robot.joints[2], robot.links[4], robot.tendons[0], robot.actuators[0]
     )  # fmt: skip
-    body, cable = link.inertial, robot.tendons[1]
-    assert body is not None
+    cable = robot.tendons[1]
     y = min(x, 1e3)  # no axis is as long, and no body as large, as other numbers may be
 
     def within(name: str, old: Any, **change: Any) -> Robot:
@@ -236,9 +248,9 @@ def changes(robot: Robot, x: float) -> dict[str, Robot]:
     found = {name: within("joints", joint, **{name: new}) for name, new in fields_of_joint.items()}
     found["rpy"] = within("joints", joint, origin=Origin(rpy=(0.0, x, -x)))
     found["a weld"] = within("joints", robot.joints[3], origin=Origin((0.0, 0.0, x)))
-    found["com"] = within("links", link, inertial=replace(body, origin=Origin((y, y, 0.0))))
-    found["axes"] = within("links", link, inertial=replace(body, origin=Origin(rpy=(y, y, y))))
-    found["mass"] = within("links", link, inertial=replace(body, mass=y))
+    found["com"] = within("links", link, origin=Origin((y, y, 0.0)))
+    found["axes"] = within("links", link, origin=Origin(rpy=(y, y, y)))
+    found["mass"] = within("links", link, mass=y)
     found["tendon's spring"] = within("tendons", tendon, stiffness=x)
     found["tendon's damper"] = within("tendons", tendon, damping=x)
     found["tendon's rest"] = within("tendons", tendon, rest=-x)
@@ -269,7 +281,7 @@ def test_every_word_counts() -> None:
         replace(robot, tendons=(*tendons, tendon)),
         replace(robot, actuators=robot.actuators[::-1]),
         replace(robot, actuators=robot.actuators[1:]),
-        replace(robot, materials=('<material name="red"/>',)),
+        replace(robot, others=('<material name="red"/>',)),
         replace(robot, floating=True),
         replace(robot, links=(replace(links[0], looks=("<visual/>",)), *links[1:], last)),
         replace(robot, joints=(replace(first, name="weld"), *robot.joints[1:])),

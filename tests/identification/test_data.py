@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from softdyn import InputError, identification
 from softdyn.commands import identify as command
 from softdyn.identification.data import at_stops
 from softdyn.validation.identification.trials import Excitation, twin_data
+from tests.support import ROOT
 
 HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
 
@@ -101,8 +103,24 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     assert np.array_equal(
         softdyn.load(path).rest, np.where(np.arange(4) == index["joint3"], 0.1, 0)
     )
-    with pytest.raises(InputError, match="a place for the armature of 'joint1'"):
-        identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}})
+    # so does an armature that the file has no word for
+    path.write_text(identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}}))
+    assert np.array_equal(softdyn.load(path).armature, [1.0, 0, 0, 0])
+    assert identification.rewritten(finger.robot, {}) == finger.robot.path.read_text()
+
+
+def test_what_a_file_of_annotations_gives_is_written_with_the_robot(tmp_path):
+    overlay = ROOT / "docs" / "examples" / "soft_ur5.xml"
+    arm = softdyn.load("ur5", annotations=overlay)
+    joint = arm.joint_names[1]
+    found = {"stiffness": {joint: 77.0}, "gear": {arm.robot.actuators[0].name: 2.5}}
+    path = tmp_path / "whole.urdf"
+    path.write_text(identification.rewritten(arm.robot, found))
+    robot = softdyn.parse(path)
+    assert next(j.stiffness for j in robot.joints if j.name == joint) == 77.0
+    assert robot.actuators[0].gear == 2.5
+    joints = (replace(j, stiffness=77.0) if j.name == joint else j for j in arm.robot.joints)
+    assert robot == replace(arm.robot, joints=tuple(joints), actuators=robot.actuators)
 
 
 def test_the_command_writes_robot_and_page(finger, tmp_path, capsys):

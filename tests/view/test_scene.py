@@ -98,7 +98,7 @@ def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
         half = rod.shape.length / 2 * rod.pose[:3, 2]
         ends = rod.pose[:3, 3] - half, rod.pose[:3, 3] + half
         assert rod.link == joint.parent
-        np.testing.assert_allclose(ends, [np.zeros(3), joint.translation], atol=1e-12)
+        np.testing.assert_allclose(ends, [np.zeros(3), joint.origin.translation], atol=1e-12)
     rng = np.random.default_rng(3)
     for _ in range(5):
         q = model.configuration(rng.uniform(-0.9, 0.9, model.nv))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
+from softdyn.description.urdf_writer import write
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
@@ -73,10 +74,10 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
         For a file that cannot be used, or a robot that is no URDF's: the message says why.
     """
     robot = neutral(source)
-    written = to_urdf(robot, Path(find(source)).stem)
-    write_text(str(target), written.text)
+    converted = to_urdf(robot, Path(find(source)).stem)
+    write_text(str(target), write(converted.robot))
     floating = any(part.kind == "free" for part in robot.parts)
-    return _compared(robot, neutral(target, floating=floating)), written.lost
+    return _compared(robot, neutral(target, floating=floating)), converted.lost
 
 
 def _compared(one: Neutral, other: Neutral) -> Comparison:

@@ -16,7 +16,6 @@ import numpy as np
 from softdyn.description.robot import (
     ZERO,
     Actuator,
-    Inertial,
     Joint,
     JointTerm,
     Link,
@@ -28,23 +27,21 @@ from softdyn.description.robot import (
     Vector,
     deepest_leaf,
 )
-from softdyn.description.urdf_writer import write
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.xml_text import Names
 
 UNLIMITED = 1e4  # m, rad: where URDF demands limits of a joint that has none
 
 
-class Written(NamedTuple):
-    """A robot, its URDF, and what was lost on the way."""
+class Converted(NamedTuple):
+    """A robot, and what was lost on the way."""
 
     robot: Robot
-    text: str
     lost: tuple[str, ...]
 
 
-def to_urdf(source: Neutral, name: str) -> Written:
-    """A robot in the neutral form as an annotated URDF.
+def to_urdf(source: Neutral, name: str) -> Converted:
+    """A robot in the neutral form as one that an annotated URDF can state.
 
     Parameters
     ----------
@@ -55,8 +52,8 @@ def to_urdf(source: Neutral, name: str) -> Written:
 
     Returns
     -------
-    Written
-        With a floating base the URDF is to be loaded with ``floating=True``, which no URDF can say.
+    Converted
+        With a floating base its URDF is to be loaded with ``floating=True``, which no URDF can say.
     """
     lost = [f"not written: {note}" for note in source.notes]
     names = Names()
@@ -76,7 +73,8 @@ def to_urdf(source: Neutral, name: str) -> Written:
             lost.append(f"{part.kind} joint {part.name!r}: welded")
     for k, part in enumerate(source.parts):
         link_of[k] = names.new(part.link or f"{part.name}_link")
-        links.append(Link(link_of[k], _inertial(source, k)))
+        com = Origin(_place(source, k, part.inertia.com) if part.inertia.mass else ZERO)
+        links.append(Link(link_of[k], part.inertia.mass, part.inertia.moments, com))
         if floating and part.kind == "free":
             continue
         place = Origin(_place(source, part.parent, part.point))
@@ -93,23 +91,16 @@ def to_urdf(source: Neutral, name: str) -> Written:
     actuators = tuple(_actuators(source, tendons, lost))
     if float(np.linalg.norm(source.gravity - [0, 0, -9.81])) > 1e-9:
         lost.append(f"gravity {source.gravity}: a URDF has 0 0 -9.81")
-    robot = Robot(name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating)
-    robot = replace(robot, task=deepest_leaf(robot))
-    text = write(robot, f" {name}, written by softdyn from {source.path.name} ")
-    return Written(robot, text, tuple(lost))
+    robot = Robot(
+        name, tuple(links), tuple(joints), tuple(tendons), actuators, floating=floating,
+        comment=f" {name}, written by softdyn from {source.path.name} ",
+    )  # fmt: skip
+    return Converted(replace(robot, task=deepest_leaf(robot)), tuple(lost))
 
 
 def _place(source: Neutral, k: int, point: np.ndarray) -> Vector:
     """A point in the frame of a part's link, which stands on the part's joint."""
     return tuple((point if k == WORLD else point - source.parts[k].point).tolist())
-
-
-def _inertial(source: Neutral, k: int) -> Inertial | None:
-    body = source.parts[k].inertia
-    if not body.mass and not body.tensor.any():
-        return None
-    centre = _place(source, k, body.com) if body.mass else ZERO
-    return Inertial(body.mass, body.moments, Origin(centre))
 
 
 def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint:

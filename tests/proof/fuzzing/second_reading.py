@@ -130,8 +130,8 @@ def _joints(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         yield from _same(f"type of {where}", joint.kind, element.get("type"))
         yield from _same(f"ends of {where}", [joint.parent, joint.child], ends)
         rotation, translation = _pose(element)
-        yield from _close(f"origin of {where}", joint.translation, translation)
-        yield from _close(f"rotation of {where}", joint.rotation, rotation)
+        yield from _close(f"origin of {where}", joint.origin.translation, translation)
+        yield from _close(f"rotation of {where}", joint.origin.rotation, rotation)
         if joint.kind == "fixed":
             continue
         yield from _mimic(joint, element)

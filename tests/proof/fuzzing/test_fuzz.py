@@ -100,10 +100,8 @@ def losses(robot: Robot) -> dict[str, Robot]:
         changed = replace(tendon, **change)  # type: ignore[arg-type]
         return replace(robot, tendons=(changed, *robot.tendons[1:]))
 
-    body = link.inertial
-    assert body is not None
-    lighter = replace(link, inertial=replace(body, mass=0.0))
-    turned = replace(link, inertial=replace(body, moments=(9e-5, 0, 0, 1e-5, 0, 9e-5)))
+    lighter = replace(link, mass=0.0)
+    turned = replace(link, moments=(9e-5, 0, 0, 1e-5, 0, 9e-5))
     cable = robot.tendons[1]
     shorter = replace(cable, sites=cable.sites[:2])
     return {

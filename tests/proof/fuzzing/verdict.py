@@ -118,7 +118,7 @@ def compare_engines(model: SoftModel) -> str:
 def _comparable(model: SoftModel, M: np.ndarray) -> bool:
     """Whether the robot's numbers leave both engines their digits."""
     robot = model.robot
-    sizes = [*(abs(x) for j in robot.joints for x in (*j.translation, j.stiffness, j.damping))]
+    sizes = [*(abs(x) for j in robot.joints for x in (*j.origin.xyz, j.stiffness, j.damping))]
     sizes += [abs(x) for link in robot.links for x in (link.inertia.mass, *link.inertia.com)]
     sizes += [abs(x) for t in robot.tendons for s in t.sites for x in s.xyz]
     sizes += [x for t in robot.tendons for x in (t.stiffness, t.damping)]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from softdyn.description.inertia import Inertia
-from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
+from softdyn.description.robot import Joint, JointTerm, Tendon
 from softdyn.description.urdf_writer import write
 from softdyn.design.chain import Chain, Input
 
@@ -25,7 +25,7 @@ def chain_urdf(joints: int, tendons: int = 3) -> str:
     tendons are fixed ones with constant arms, `tendons` of them in directions a golden angle
     apart; tendon k of m ends (k + 1) m-ths of the way down, so that B has rank m where n ≥ 2 m.
     """
-    chain = Chain(f"chain{joints}", {})
+    chain = Chain(f"chain{joints}", " A chain for measuring step times. ", {})
     offset, mass = LENGTH / joints, MASS / joints
     moment = mass * (offset**2 / 12 + RADIUS**2 / 4)
     tensor = np.diag([moment, moment, mass * RADIUS**2 / 2])
@@ -36,12 +36,9 @@ def chain_urdf(joints: int, tendons: int = 3) -> str:
             stiffness=STIFFNESS * joints, damping=DAMPING * joints, armature=ARMATURE / joints,
         )  # fmt: skip
         chain.add(f"link{i}", body, (), [joint], (0, 0, -offset if i else 0))
-    cables = []
     for k in range(tendons):
         reach = min(max(2, math.ceil(joints * (k + 1) / tendons)), joints)
         arms = (RADIUS * math.cos(k * GOLDEN), RADIUS * math.sin(k * GOLDEN))
         terms = [JointTerm(f"joint{i}", arms[i % 2]) for i in range(reach) if arms[i % 2]]
-        cables.append(Tendon(f"tendon{k}", tuple(terms)))
-    inputs = [Input(-1.0, (-20, 20))] * tendons
-    robot = chain.finish((0, 0, -offset), ZERO, cables, *inputs)
-    return write(robot, " A chain for measuring step times. ")
+        chain.pull(Tendon(f"tendon{k}", tuple(terms)), Input(-1.0, (-20, 20)))
+    return write(chain.finish((0, 0, -offset)))
