@@ -26,8 +26,8 @@ cli.add_json(parser)
 def command(arguments: cli.Arguments) -> int:
     """Read, judge, write."""
     from softdyn import InputError, design
-    from softdyn.loading import load_text
     from softdyn.design.chain import GENERATED
+    from softdyn.loading import load_text
     from softdyn.validation.files import atomic
 
     table = cli.read_toml(arguments.file)

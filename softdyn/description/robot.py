@@ -346,4 +346,3 @@ def input_units(robot: Robot) -> tuple[str, ...]:
 def input_unit(robot: Robot) -> str:
     """The units of u, each once."""
     return ", ".join(dict.fromkeys(input_units(robot)))
-
