@@ -328,12 +328,49 @@ def spirob48() -> str:
     return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
+def helicoid_mesh(strips: int = 4, inner: float = 0.6, thickness: float = 0.16) -> np.ndarray:
+    """Return one cell of a trimmed helicoid: strips of both hands about y, of radius and height 1.
+
+    A helicoid sweeps a radial line up a screw; trimmed, only its outer part is left, and two
+    opposite hands make a lattice. A strip turns by 1/``strips`` of a circle, so cells fit together.
+
+    Parameters
+    ----------
+    strips : int
+        Number of strips per hand.
+    inner : float
+        Radius inside which the helicoid is cut away.
+    thickness : float
+        Of a strip, along y.
+    """
+    import numpy as np
+
+    from softdyn.design.shapes import grid_triangles
+
+    up = np.linspace(0.0, 1.0, 13)
+    parts = []
+    for start in 2 * np.pi * np.arange(strips) / strips:
+        for hand in (1, -1):
+            angle = start + hand * 2 * np.pi / strips * up
+            section = [(inner, -0.5), (1.0, -0.5), (1.0, 0.5), (inner, 0.5)][::-hand]
+            grid = np.array(
+                [
+                    [(r * np.sin(t), y + thickness * h, r * np.cos(t)) for r, h in section]
+                    for t, y in zip(angle, up, strict=True)
+                ]
+            )
+            # a collapsed row at either end closes the strip
+            first, last = (np.broadcast_to(g.mean(axis=0), g.shape) for g in (grid[0], grid[-1]))
+            parts.append(grid_triangles(np.concatenate([[first], grid, [last]])))
+    return np.concatenate(parts)
+
+
 # --- files --------------------------------------------------------------------------------------
 
 
 def files() -> dict[str, bytes]:
     """Return every generated file, by its path below ``urdf/``."""
-    from softdyn.design.shapes import helicoid_mesh, phalanx_mesh, spiral_mesh, stl
+    from softdyn.design.shapes import phalanx_mesh, spiral_mesh, stl
 
     robots = (finger, helix, spirob, spirob48)
     content = {f"{robot.__name__}.urdf": robot().encode() for robot in robots}

@@ -1,7 +1,7 @@
 """The paper: its experiments, its QPs as printed, its reference implementation.
 
 - `paper_qps`: CLF-QP, ID-CLF-QP, Soft ID-CLF-QP, IC-QP, IC, UIC as the paper has them;
-- `solvers`: quadprog, DAQP, SCS through cvxpy; the least-norm minimiser;
+- `solvers`: quadprog, SCS through cvxpy; the least-norm minimiser;
 - `reference_laws`: the reference implementation's peculiarities around them;
 - `reproduction`: what the reference implementation does otherwise, change by change;
 - `one_step`: where that emulation leaves its recorded runs, one step at a time;

@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from softdyn import design, statics
+from softdyn import InputError, SoftModel, design, statics
 from softdyn.design.quadrature import RULES, Rule
-from softdyn.validation.rods.arms import frequencies, model_of, tip, tip_under
+from softdyn.validation.rods.arms import frequencies, model_of, tip
 from softdyn.validation.rods.ladder import Ladder
 from softdyn.validation.tables import Table
 from tests.proof.rods import closed_forms
@@ -87,6 +87,31 @@ def cases() -> list[Case]:
     shear = _compliance(THICK, ("bend_y", "shear_z"))
     found.append(Case("small force, r/L 0.1 (Timoshenko)", shear, np.array(thick), thick))
     return found
+
+
+def tip_under(model: SoftModel, force: np.ndarray) -> np.ndarray:
+    """Where the tip (3,) rests under a dead force (3,) on it and no input (N, m).
+
+    Newton's method on K + g - Jᵀf = 0 in ten steps of load; ∂(Jᵀf)/∂q by differences.
+    """
+    q, still, h = np.array(model.q0), np.zeros(model.nv), 1e-5
+
+    def pull(at: np.ndarray, f: np.ndarray) -> np.ndarray:
+        return model.state(at, still).J.T @ f
+
+    for share in np.linspace(0.1, 1, 10):
+        f = share * force
+        for _ in range(50):
+            state = model.state(q, still)
+            r = state.K + state.bias - state.J.T @ f
+            if np.abs(r).max() < 1e-11 * np.abs(force).max():
+                break
+            steps = [h * e for e in np.eye(model.nv)]
+            turned = [(pull(q + d, f) - pull(q - d, f)) / (2 * h) for d in steps]
+            q = q - np.linalg.solve(model.tangent_stiffness(q) - np.transpose(turned), r)
+        else:
+            raise InputError("force", "one that the arm can hold", force)
+    return model.state(q, still).y
 
 
 def run(counts: Sequence[int], only: Iterable[Case] | None = None) -> dict[str, list[Ladder]]:

@@ -9,7 +9,6 @@ from softdyn import InputError
 from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw, clf_qp
 from softdyn.validation.paper.solvers import (
     Affine,
-    Daqp,
     LeastNorm,
     Quadprog,
     Scs,
@@ -20,6 +19,7 @@ from softdyn.validation.paper.solvers import (
     unknowns,
 )
 from tests.support.control_cases import drawn, gains_of, recorded
+from tests.support.daqp import Daqp
 from tests.support.printed import printed
 
 
