@@ -3,6 +3,7 @@
 - `library`: from a name to a file: bundled robots, paths, example-robot-data;
 - `strict_xml`: XML without surprises; every error names file, line and element;
 - `urdf`: the one parse of an annotated URDF, from links and joints to the checks of the whole;
+- `urdf_writer`: the inverse: a Robot as URDF text;
 - `annotations`: what softdyn adds: a joint's spring (stiffness and rest), the ``<softdyn>`` block
   with armatures, tendons, actuators and the task frame, overlays;
 - `unknown_names`: misspelt and misplaced elements;

@@ -2,7 +2,7 @@
 
 A solver hands out variables, a QP is written in them with NumPy's operators, and the solver
 answers it. quadprog is exact: its variables are rows that know their coefficients
-(`Affine`). SCS is what the paper used: its variables are cvxpy's own. All three are extras
+(`Affine`). SCS is what the paper used: its variables are cvxpy's own. Both are extras
 (``test``, ``bench``), imported when a solver is made.
 """
 
