@@ -18,7 +18,7 @@ from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
-from softdyn.identification.problem import measured, problem_of
+from softdyn.identification.problem import problem_of
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
 
@@ -103,9 +103,9 @@ def test_outputs_of_tip_and_cables(spirob):
     path = rng.uniform(-0.3, 0.3, (2, spirob.nv))
     names = ["tip.z", f"length.{spirob.tendons.names[1]}", f"q.{spirob.joint_names[5]}"]
     by = np.broadcast_to(np.eye(spirob.nv), (2, spirob.nv, spirob.nv))
-    _, slope = measured(spirob, names, path, by)
+    _, slope = measured_outputs(spirob, names, path, by)
     for k, e in enumerate(np.eye(spirob.nv) * 1e-6):
-        sides = [measured(spirob, names, path + s * e, by)[0] for s in (1, -1)]
+        sides = [measured_outputs(spirob, names, path + s * e, by)[0] for s in (1, -1)]
         assert np.allclose(slope[:, :, k], (sides[0] - sides[1]) / 2e-6, atol=1e-7)
 
 
