@@ -60,9 +60,9 @@ def command(arguments: cli.Arguments) -> int:
     """Tune a bundled robot on the paper's ellipse, any other one on what its statics find."""
     import softdyn
     from softdyn.controllers.schedule import read_schedule
-    from softdyn.validation.studies.schedule_search import tables
+    from softdyn.validation.studies.schedule_search import schedule_tables
 
-    start = tables(read_schedule(arguments.gains)) if arguments.gains else None
+    start = schedule_tables(read_schedule(arguments.gains)) if arguments.gains else None
     bundled = arguments.again is not None or arguments.robot in softdyn.bundled_names()
     return (tune_bundled if bundled else tune_own)(arguments, start)
 
@@ -88,15 +88,15 @@ def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
         cli.check_outputs(parser, arguments, out)
     with share_bar("statics") as tell:
         targets = find_targets(arguments.robot, arguments.annotations, model, arguments.seed)
-        found = tuning.search(
+        found = tuning.tune_schedule(
             targets, arguments.seconds, began=began, start=start, seed=arguments.seed,
             jobs=arguments.jobs or -1, tell=tell,
         )  # fmt: skip
-    text = tuning.text(targets, found)
+    text = tuning.tuning_text(targets, found)
     if arguments.summary is not None:
         write_json(arguments.summary, {"robot": model.name, **found})
     if found["better"]:
-        write_text(out, tuning.for_robot(targets, found["schedule"], text))
+        write_text(out, tuning.robot_schedule_toml(targets, found["schedule"], text))
     cli.say(f"{text}{f': {out}' if found['better'] else ''}")
     return cli.PASSED if found["better"] else cli.FAILED
 
@@ -125,7 +125,7 @@ def tune_bundled(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
     new = [path for path in (out, summary) if path not in (arguments.out, arguments.summary)]
     cli.check_outputs(parser, arguments, *new)
     if arguments.again:
-        wanted = paper_tuning.read(arguments.again)
+        wanted = paper_tuning.read_search(arguments.again)
     else:
         wanted = paper_tuning.Search(
             arguments.robot,
@@ -142,10 +142,10 @@ def tune_bundled(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
         if arguments.trace:
             write_json(arguments.trace, {"settings": vars(wanted), "trace": trace})
 
-    found = paper_tuning.search(wanted, arguments.jobs or -1, keep)
-    write_text(out, schedule_search.toml(found.pop("schedule")))
+    found = paper_tuning.search_schedule(wanted, arguments.jobs or -1, keep)
+    write_text(out, schedule_search.schedule_toml(found.pop("schedule")))
     write_json(summary, found)
-    cli.say(paper_tuning.text(found))
+    cli.say(paper_tuning.search_text(found))
     return cli.PASSED
 
 

@@ -28,7 +28,7 @@ from softdyn.controllers.schedule import make_schedule, schedule_path, tuned
 from softdyn.controllers.staged import best
 from softdyn.description import library as catalogue
 from softdyn.validation import paper, simulate
-from softdyn.validation.studies.schedule_search import tables, toml
+from softdyn.validation.studies.schedule_search import schedule_tables, schedule_toml
 from tests.support import ROOT
 from tests.support.control_cases import GAINS, drawn, recorded, robot
 
@@ -100,7 +100,7 @@ def test_a_schedule_beside_a_file_is_for_that_content(tmp_path: Path) -> None:
     assert isinstance(best(model), Mpc)
     written = tmp_path / "arm.schedule.toml"
     mark = f'robot = "{model.robot.digest}"\n'
-    written.write_text(mark + toml(tables(SCHEDULE)))
+    written.write_text(mark + schedule_toml(schedule_tables(SCHEDULE)))
     law = best(softdyn.load(file))
     assert isinstance(law, Staged)
     assert law.gains == SCHEDULE
@@ -129,7 +129,7 @@ def test_a_schedule_of_annotations_lies_beside_them() -> None:
 def test_tuned_schedules(name: str) -> None:
     schedule = tuned(robot(name))
     assert schedule is not None
-    assert make_schedule(tables(schedule)) == schedule
+    assert make_schedule(schedule_tables(schedule)) == schedule
     law = find_controller("best")(robot(name))
     assert isinstance(law, Staged)
     assert law.gains == schedule

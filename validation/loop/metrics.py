@@ -55,9 +55,9 @@ def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) ->
     return float(np.trapezoid(values, times) / (t[-1] - start))
 
 
-def mean_std(values: Iterable[float]) -> tuple[float | None, float | None]:
-    """Mean and population standard deviation over all cases; None, None if one is not finite."""
-    cases = [float(value) for value in values]
+def mean_std(values: Iterable[float | None]) -> tuple[float | None, float | None]:
+    """Mean and population standard deviation; None, None if a value is None or not finite."""
+    cases = [math.nan if value is None else float(value) for value in values]
     if not cases or not all(math.isfinite(value) for value in cases):
         return None, None
     return float(np.mean(cases)), float(np.std(cases))

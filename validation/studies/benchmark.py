@@ -206,7 +206,7 @@ def row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) ->
     points, rates = of("set_point", "final_error_cm"), of("tracking", "mse_cm2")
     points |= {cell_title(c.kind, c.value): r["final_error_cm"] for c, r in own}
     second = of("tracking", "second_cycle_mse_cm2")
-    sp, tt, late = (mean_std(map(_number, x.values())) for x in (points, rates, second))
+    sp, tt, late = (mean_std(x.values()) for x in (points, rates, second))
     published = experiments.published(robot, controller)
     results = [result for _, result in runs]
     return {
@@ -224,7 +224,7 @@ def row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) ->
         ],
         "set_points_cm": points,
         "trajectories_cm2": rates,
-        "input_activity": mean_std(_number(result["input_activity"]) for result in results)[0],
+        "input_activity": mean_std(result["input_activity"] for result in results)[0],
         "not_solved": sum(result["not_solved"] for result in results),
         "fallbacks": sum(result["fallbacks"] for result in results),
         "max_bound_violation": max(_number(r["max_bound_violation"]) for r in results),

@@ -38,7 +38,7 @@ PARTS: dict[str, tuple[Any, Any, float | None]] = {
 SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
 
 
-def cases(robot: str, part: str) -> list[Case]:
+def search_cases(robot: str, part: str) -> list[Case]:
     """The runs that a stage is judged on, or that decide the finals."""
     points, rates, duration = PARTS[part]
     make = partial(Case, robot, "best", duration=duration)
@@ -77,7 +77,7 @@ def first_schedule(robot: str) -> dict[str, Any]:
         gains, length = SoftIdClfQp(model).gains, experiments.setup_of(model).length
         both = Stage(gains, default_horizon(gains))
         schedule = Schedule(both, both, arrive=0.02 * length, leave=0.2 * length, dwell=0.2)
-    return schedule_search.tables(schedule)
+    return schedule_search.schedule_tables(schedule)
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ class Search:
     seed: int
 
 
-def read(path: str | Path) -> Search:
-    """The search that a summary, see `search`, is of.
+def read_search(path: str | Path) -> Search:
+    """The search that a summary, see `search_schedule`, is of.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def read(path: str | Path) -> Search:
     return wanted
 
 
-def search(
+def search_schedule(
     wanted: Search, jobs: int = -1, each: Callable[[dict[str, Any]], None] = lambda _: None
 ) -> dict[str, Any]:
     """Tune one stage after the other, then let the finals decide.
@@ -170,7 +170,8 @@ def search(
         if wanted.generations[stage] == 0:
             continue
         trace = schedule_search.search_stage(
-            schedule, stage, partial(schedule_search.judge, cases(wanted.robot, stage), cost, jobs),
+            schedule, stage,
+            partial(schedule_search.judge, search_cases(wanted.robot, stage), cost, jobs),
             generations=wanted.generations[stage], population=wanted.population, seed=wanted.seed,
             each=partial(tell, stage),
         )  # fmt: skip
@@ -182,7 +183,9 @@ def search(
     finals: list[dict[str, Any]] = []
     if wanted.finalists:
         contenders = contenders[: wanted.finalists]
-        judged = schedule_search.judge(cases(wanted.robot, "final"), stay_cost, jobs, contenders)
+        judged = schedule_search.judge(
+            search_cases(wanted.robot, "final"), stay_cost, jobs, contenders
+        )
         finals = [{"schedule": c} | j for c, j in zip(contenders, judged, strict=True)]
         for final in finals:
             tell("final", final)
@@ -196,8 +199,8 @@ def search(
     }  # fmt: skip
 
 
-def text(found: Mapping[str, Any]) -> str:
-    """What `search` found, for people."""
+def search_text(found: Mapping[str, Any]) -> str:
+    """What `search_schedule` found, for people."""
     lines = [
         f"{stage}: cost {winner['start_cost']:.4g} at the start, {winner['cost']:.4g} now"
         for stage, winner in found["winners"].items()

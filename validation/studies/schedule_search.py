@@ -25,7 +25,7 @@ Entry = dict[str, Any]
 """A candidate with the ``scores`` of its cases and its ``cost``."""
 
 
-def tables(schedule: Schedule) -> dict[str, Any]:
+def schedule_tables(schedule: Schedule) -> dict[str, Any]:
     """The tables that `softdyn.controllers.schedule.make_schedule` reads."""
     found = asdict(schedule)
     for stage in STAGES:
@@ -33,7 +33,7 @@ def tables(schedule: Schedule) -> dict[str, Any]:
     return found
 
 
-def toml(schedule: Tables) -> str:
+def schedule_toml(schedule: Tables) -> str:
     """A schedule as text."""
     parts = {"": schedule} | {f"\n[{name}]\n": schedule[name] for name in STAGES}
     return "".join(

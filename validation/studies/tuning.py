@@ -46,7 +46,7 @@ Tell = Callable[[str, float], None]
 """(what is being done, share of the time that has passed) → None."""
 
 
-def cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
+def run_cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
     """A run's rms error in tenths of the length; to a point also its final error in hundredths."""
     if result["failed"] or result["mse_cm2"] is None:
         return WORST
@@ -55,12 +55,12 @@ def cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
     return min(WORST, rms + final)
 
 
-def seconds(*cases: Case) -> float:
+def simulated_time(*cases: Case) -> float:
     """How long the runs last together (s, simulated)."""
     return sum(case.duration or 0.0 for case in cases)
 
 
-def drawn(targets: TuningTargets, rng: np.random.Generator) -> dict[str, Any]:
+def random_schedule(targets: TuningTargets, rng: np.random.Generator) -> dict[str, Any]:
     """A schedule of random gains, both stages the same.
 
     w2 ‖q̈‖² and w3 ‖u‖² are so many times ‖μ‖² for a tip a tenth of the robot's length away, with q̈
@@ -91,7 +91,7 @@ class Tuning:
     Attributes
     ----------
     targets, time, began, seed, jobs, tell
-        As of `search`.
+        As of `tune_schedule`.
     wall, simulated : float
         What runs of `best` took, and how much of them was not cut short by a failure (s).
     candidates : int
@@ -136,11 +136,11 @@ class Tuning:
 
     def judge(self, cases: list[Case], schedules: Sequence[Tables]) -> list[Entry]:
         """`schedule_search.judge`, and what it took."""
-        since, price = monotonic(), partial(cost, self.targets.model.robot.length)
+        since, price = monotonic(), partial(run_cost, self.targets.model.robot.length)
         found = schedule_search.judge(cases, price, self.jobs, schedules)
         scores = [score for entry in found for score in entry["scores"]]
         runs = zip(cases * len(schedules), scores, strict=True)
-        whole = seconds(*(case for case, score in runs if score < WORST))
+        whole = simulated_time(*(case for case, score in runs if score < WORST))
         if whole > 0:
             self.wall += monotonic() - since
             self.simulated += whole
@@ -168,7 +168,7 @@ class Tuning:
         found: list[tuple[float, Tables]] = []
         while len(found) < DRAWN and (not found or self.spent() < end()):
             some = [start] if start and not found else []
-            some = some + [drawn(self.targets, rng) for _ in range(BATCH - len(some))]
+            some = some + [random_schedule(self.targets, rng) for _ in range(BATCH - len(some))]
             entries = self.judge(cases, some)
             found += [(entry["cost"], one) for entry, one in zip(entries, some, strict=True)]
             self.costs["draw"], best = min(found, key=lambda pair: pair[0])
@@ -178,14 +178,14 @@ class Tuning:
     def refine(self, stage: str, end: float) -> None:
         """CMA-ES on one stage until `end`, a share of the time; nothing where that is too soon."""
         cases = self.targets.cases("search", window=stage == "approach")
-        if self.is_short((1 + POPULATION) * seconds(*cases), end):
+        if self.is_short((1 + POPULATION) * simulated_time(*cases), end):
             return
         schedule = self.contenders[0]
         trace = schedule_search.search_stage(
             schedule, stage, partial(self.judge, cases), generations=GENERATIONS,
             population=POPULATION, seed=self.seed,
             each=lambda entry: self.say(f"{stage}, cost {entry['cost']:.3g}"),
-            enough=partial(self.is_short, POPULATION * seconds(*cases), end),
+            enough=partial(self.is_short, POPULATION * simulated_time(*cases), end),
         )  # fmt: skip
         ranked = sorted(trace, key=lambda entry: entry["cost"])[:FINALISTS]
         self.costs[stage] = ranked[0]["cost"]
@@ -205,7 +205,7 @@ class Tuning:
         return best
 
 
-def search(
+def tune_schedule(
     targets: TuningTargets,
     time: float,
     *,
@@ -254,8 +254,8 @@ def search(
     run = Tuning(targets, time, monotonic() if began is None else began, seed, jobs, tell)
     rival = run.run_rival()
     first = run.spent()
-    test = seconds(*targets.cases("test")[: len(rival)])
-    final = seconds(*targets.cases("final"))
+    test = simulated_time(*targets.cases("test")[: len(rival)])
+    final = simulated_time(*targets.cases("final"))
 
     def end(part: str) -> float:
         """The share of the time at which a part of the search ends: finals and test follow."""
@@ -271,38 +271,34 @@ def search(
     run.say("test against mpc")
     cases = targets.cases("test", "best", schedule)[: len(rival)]
     pairs = (("best", run_all(cases, jobs)), ("mpc", rival))
-    rows = [row(name, targets, cases, results) for name, results in pairs]
+    rows = [figures_on_test(name, targets, cases, results) for name, results in pairs]
     return {
         "schedule": schedule, "better": rows[0]["cost"] < rows[1]["cost"], "rows": rows,
         "costs": run.costs, "candidates": run.candidates, "seconds": monotonic() - run.began,
     }  # fmt: skip
 
 
-def row(
+def figures_on_test(
     name: str, targets: TuningTargets, cases: Sequence[Case], results: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """The figures of one controller on the runs of the test."""
     runs = list(zip(cases, results, strict=True))
-    prices = [cost(targets.model.robot.length, case, result) for case, result in runs]
-    finals = [_number(result["final_error_cm"]) for case, result in runs if not case.target]
-    squares = [_number(result["mse_cm2"]) for case, result in runs if case.target]
+    prices = [run_cost(targets.model.robot.length, case, result) for case, result in runs]
+    finals = [result["final_error_cm"] for case, result in runs if not case.target]
+    squares = [result["mse_cm2"] for case, result in runs if case.target]
     square = mean_std(squares)[0]
     return {
         "name": name, "cost": float(np.mean(prices)), "costs": prices,
         "final_cm": mean_std(finals)[0],
         "rms_cm": None if square is None else math.sqrt(square),
         "failed": sum(bool(result["failed"]) for result in results),
-        "step_us": float(np.median([_number(r["step_us"]["median"]) for r in results])),
+        "step_us": float(np.median([r["step_us"]["median"] or math.nan for r in results])),
         "targets": len(finals), "paths": len(squares),
     }  # fmt: skip
 
 
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
-def text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
-    """What `search` found, for people."""
+def tuning_text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
+    """What `tune_schedule` found, for people."""
     points, paths = (sum(map(len, some.values())) for some in (targets.points, targets.loops))
     costs = ", ".join(f"{name} {value:.3g}" for name, value in found["costs"].items())
     first, whole = found["rows"][0], len(targets.cases("test"))
@@ -323,7 +319,11 @@ def text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
     ))  # fmt: skip
 
 
-def for_robot(targets: TuningTargets, schedule: Tables, text: str) -> str:
+def robot_schedule_toml(targets: TuningTargets, schedule: Tables, text: str) -> str:
     """A schedule as the text of a file for one robot, with what it is as a comment."""
     about = "".join(f"# {line}".rstrip() + "\n" for line in text.splitlines())
-    return about + f'robot = "{targets.model.robot.digest}"\n' + schedule_search.toml(schedule)
+    return (
+        about
+        + f'robot = "{targets.model.robot.digest}"\n'
+        + schedule_search.schedule_toml(schedule)
+    )

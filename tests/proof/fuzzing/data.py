@@ -108,6 +108,7 @@ def kinds() -> list[Kind]:
     ended = CaseResult({"outcome": "done", "reason": None, "mse_cm2": 1.5, "failed": False},
                     step_us=log.step_times_us)  # fmt: skip
     schedule = paper_tuning.first_schedule("finger")
+    toml = schedule_search.schedule_toml(schedule)
     search = paper_tuning.Search("finger", schedule, {"approach": 2, "stay": 1}, 4, 2, 1)
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -124,7 +125,7 @@ def kinds() -> list[Kind]:
         Kind("times.json", times, change_json, Stored("times", times)),
         Kind("summary.json", summary, change_json, read_summary),
         Kind("sweep.toml", SWEEP.encode(), change_text, read_sweep),
-        Kind("schedule.toml", schedule_search.toml(schedule).encode(), change_text, read_schedule),
+        Kind("schedule.toml", toml.encode(), change_text, read_schedule),
     ]
 
 
@@ -219,8 +220,8 @@ class Stored:
 def read_summary(data: bytes, path: Path) -> str:
     """A tuning's settings are those in the file, and can be run."""
     path.write_bytes(data)
-    search = paper_tuning.read(path)
-    schedule_search.toml(search.start)
+    search = paper_tuning.read_search(path)
+    schedule_search.schedule_toml(search.start)
     settings = json.loads(data)["settings"]
     return (
         "" if repr(sorted(settings.items())) == repr(sorted(vars(search).items())) else "settings"
@@ -254,7 +255,7 @@ def read_schedule(data: bytes, path: Path) -> str:
     """A schedule has every number of its file."""
     path.write_bytes(data)
     table = read_toml(path)
-    found = schedule_search.tables(make_schedule(table))
+    found = schedule_search.schedule_tables(make_schedule(table))
     for name, value in table.items():
         if isinstance(value, dict):
             if any(found[name][key] != number for key, number in value.items()):

@@ -47,7 +47,7 @@ def test_the_costs_of_a_run() -> None:
 
 def test_the_training_set_is_not_the_papers() -> None:
     for part in paper_tuning.PARTS:
-        trials = paper_tuning.cases("helix", part)
+        trials = paper_tuning.search_cases("helix", part)
         assert {t.kind for t in trials} == {"set_point", "tracking"}
         assert not {t.value for t in trials if t.kind == "set_point"} & set(paper.THETAS)
         assert not {t.value for t in trials if t.kind == "tracking"} & set(paper.OMEGAS)
@@ -118,7 +118,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
         assert after.w1 == before.w1  # not tuned
     trace = json.loads(Path("trace.json").read_text())
     assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
-    assert trace["settings"]["start"] == schedule_search.tables(start)
+    assert trace["settings"]["start"] == schedule_search.schedule_tables(start)
     # the approach is judged alone; the finals are of whole schedules on other cases
     first, last = seen[0].parameters, seen[-1].parameters
     assert first is not None
@@ -160,10 +160,12 @@ def test_the_kept_summaries_can_be_made_again(monkeypatch: pytest.MonkeyPatch) -
     found = sorted((ROOT / "docs" / "tuning").glob("*.json"))
     assert found
     for path in found:
-        wanted = paper_tuning.read(path)
+        wanted = paper_tuning.read_search(path)
         schedule = make_schedule(wanted.start)
-        assert make_schedule(schedule_search.tables(schedule)) == schedule
+        assert make_schedule(schedule_search.schedule_tables(schedule)) == schedule
         assert wanted.seed > 0
         assert set(wanted.generations) == set(schedule_search.STAGES)
-        again = paper_tuning.search(replace(wanted, generations={"approach": 1, "stay": 1}))
+        again = paper_tuning.search_schedule(
+            replace(wanted, generations={"approach": 1, "stay": 1})
+        )
         assert set(again["winners"]) == set(schedule_search.STAGES)

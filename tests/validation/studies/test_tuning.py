@@ -37,7 +37,7 @@ def test_search_finals_and_test_share_no_target(targets):
     assert len({*every}) == len(every)
     start = targets.model.state(targets.model.q0, np.zeros(4)).y
     assert min(np.linalg.norm(np.array(y) - start) for y in every) > 0.05 * 0.24
-    schedule = tuning.drawn(targets, np.random.default_rng(0))
+    schedule = tuning.random_schedule(targets, np.random.default_rng(0))
     assert make_schedule(schedule).approach == make_schedule(schedule).stay
     with pytest.raises(InputError, match="a robot with inputs"):
         tuning_targets.find_targets("ur5", None, load_model("ur5"), seed=1)
@@ -47,9 +47,9 @@ def test_a_run_costs_its_errors_in_parts_of_the_length():
     case = Case("finger", "best", "point", (0.1, 0, -0.1))
     run = {"failed": False, "mse_cm2": 4.0, "final_error_cm": 0.5}
     # 2 cm of a tenth of 1 m, 0.5 cm of a hundredth
-    assert tuning.cost(1.0, case, run) == pytest.approx(0.2 + 0.5)
-    assert tuning.cost(1.0, case, run | {"failed": True}) == 10.0
-    assert tuning.cost(1.0, case, run | {"mse_cm2": None}) == 10.0
+    assert tuning.run_cost(1.0, case, run) == pytest.approx(0.2 + 0.5)
+    assert tuning.run_cost(1.0, case, run | {"failed": True}) == 10.0
+    assert tuning.run_cost(1.0, case, run | {"mse_cm2": None}) == 10.0
 
 
 @pytest.mark.parametrize("wins", [True, False])
@@ -59,12 +59,12 @@ def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, c
     for name, value in (("POINTS", one), ("PATHS", none), ("POINT_TIME", 0.05), ("WINDOW", 0.05)):
         monkeypatch.setattr(tuning_targets, name, value)
     monkeypatch.setattr(tuning, "DRAWN", 4)
-    real = tuning.row
+    real = tuning.figures_on_test
 
     def decided(name, *arguments):
         return real(name, *arguments) | {"cost": 0.0 if wins and name == "best" else 1.0}
 
-    monkeypatch.setattr(tuning, "row", decided)
+    monkeypatch.setattr(tuning, "figures_on_test", decided)
     code = command.main([str(arm), "--seconds", "1", "--jobs", "1"])
     said = capsys.readouterr().out
     written = arm.with_name("arm.schedule.toml")
@@ -102,7 +102,9 @@ def test_the_answer_comes_in_time(targets, time, price, rival, broken, tested, m
         failed = [case.controller == "best" and rng.random() < broken for case in cases]
         rates = [rival if case.controller == "mpc" else price * (1 - 0.9 * f)
                  for case, f in zip(cases, failed, strict=True)]  # fmt: skip
-        took = 0.3 + sum(r * tuning.seconds(c) for r, c in zip(rates, cases, strict=True)) / 2
+        took = (
+            0.3 + sum(r * tuning.simulated_time(c) for r, c in zip(rates, cases, strict=True)) / 2
+        )
         now, longest = now + took, max(longest, took)
         return [{"failed": f, "mse_cm2": 1.0, "final_error_cm": rng.random(),
                  "step_us": {"median": 1.0}} for f in failed]  # fmt: skip
@@ -110,11 +112,11 @@ def test_the_answer_comes_in_time(targets, time, price, rival, broken, tested, m
     monkeypatch.setattr(tuning, "monotonic", lambda: now)
     for module in (tuning, schedule_search):
         monkeypatch.setattr(module, "run_all", run_all)
-    found = tuning.search(targets, time, began=now - 5.0, jobs=2)
+    found = tuning.tune_schedule(targets, time, began=now - 5.0, jobs=2)
     assert found["seconds"] == now - 95.0
     # it ends in time, by one batch of runs; and does not end early
     assert 0.5 * time < found["seconds"] < time + longest
     assert found["rows"][0]["targets"] + found["rows"][0]["paths"] == tested
     assert found["rows"][0]["paths"] == 1
-    text = tuning.text(targets, found)
+    text = tuning.tuning_text(targets, found)
     assert ("more with more --seconds" in text) == (tested < 7)
