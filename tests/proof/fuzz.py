@@ -81,14 +81,12 @@ READ = {
     "play": "finger best --port 7000 --no-open",
     "view": "finger --html page.html --port 7000",
     "obstacle": "finger --theta 0.5 --duration 1 --limits --runs 2 --seed 1 --json out.json",
-    "sweep": "sweep.toml --jobs 2 --out folder --dry-run --json out.json",
+    "sweep": "robustness --robots finger helix --controllers best --period 0.01 --jobs 2 "
+    "--out folder --dry-run --ensemble 3 --seed 2 --keep kept.json --json out.json",
     "tune": "finger --gains a.toml --population 4 --seed 1 --out b.toml --summary c.json",
-    "robustness": "--robots finger helix --controller best --jobs 2 --out folder --json out.json",
     "benchmark": "--robots finger --controllers ic uic --theta 0 1 --omega 0.1 --jobs 2",
     "reproduce": "exact stale --robots finger --out folder --json out.json",
     "step_time": "--robots finger --controllers ic --states 10 --no-stack --json out.json",
-    "beyond": "--robots finger --jobs 1",
-    "hold": "finger --period 0.01 --jobs 1 --out folder --json out.json",
 }
 ADDED = (
     "--theta", "--target", "--duration", "--period", "--seed", "--samples", "--floating", "--json",

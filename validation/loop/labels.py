@@ -1,4 +1,4 @@
-"""What robots, controllers and experiments are called in tables, figures and pages."""
+"""Names of robots, controllers and experiments in tables, figures and pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands between the plant and the controller: delay, lag, noise, altered states."""
+"""The path of signals between plant and controller: delay, lag, noise, altered states."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ View = Callable[[State], State]
 
 @dataclass(frozen=True)
 class SignalPath:
-    """What stands between the plant and the controller.
+    """The path of signals between plant and controller.
 
     Attributes
     ----------
@@ -27,9 +27,10 @@ class SignalPath:
     noise : float
         Standard deviation (m) of each coordinate of the tip that the controller sees.
     seed : int
-        Of the noise.
+        Seed of the noise.
     views : tuple of Callable[[], View]
-        Each makes, for one run, what a state becomes before the controller sees it.
+        Makers of functions that alter a state before the controller sees it; each is called once
+        a run.
     late : bool
         Whether the first input is zero, whatever the controller would answer.
     """
@@ -59,7 +60,7 @@ class Noise:
         self._deviation, self._random = deviation, np.random.default_rng(seed)
 
     def __call__(self, state: State) -> State:
-        """What the controller sees instead of `state`."""
+        """The state that the controller sees instead of `state`."""
         return replace(state, y=state.y + self._deviation * self._random.normal(size=3))
 
 

@@ -123,7 +123,7 @@ def meet(
         rows.append(figures(f"random {k}", law, run(law, target), other))
     worst = max(row["violation"] for row in rows[2:])
     report = {
-        "robot": model.name, "hold_s": tau, "limits": limits, "seed": seed, "radius_m": radius,
+        "robot": model.name, "horizon_s": tau, "limits": limits, "seed": seed, "radius_m": radius,
         "worst_violation": worst, "passed": worst <= 1.0, "runs": rows,
     }  # fmt: skip
     return Encounters(ball, logs, report)

@@ -74,13 +74,13 @@ def parameter(case: Case, name: str) -> Any:
 
 
 def store(folder: Path) -> Store:
-    """Where a sweep keeps what came of its cases."""
+    """The store of a sweep's results."""
     return Store(folder, runs="cases")
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What a sweep file says, checked.
+    """The content of a sweep file, checked.
 
     Attributes
     ----------
@@ -91,13 +91,13 @@ class Sweep:
     targets : tuple of Axis
         One per kind of target in the file.
     axes : tuple of Axis
-        Of gains, plant, signals and the ellipse, in the file's order.
+        Gains, plant, signals and the ellipse, in the file's order.
     samples, seed : int
         Number of random samples (None without) and their seed.
     logs : bool
         Whether every run's log is kept.
     figure : str
-        What the best cases are best in, one of `FIGURES`.
+        The figure that ranks the cases, one of `FIGURES`.
     models : dict of str to SoftModel
         The robots' analytic models.
     annotations : dict of str to str
@@ -110,7 +110,7 @@ class Sweep:
         Name → parameter that differs → robot → its value, ``default`` for any other robot; each
         change is run by itself.
     rows : tuple of str
-        What tells the rows of a table of all cases apart; without any there is no such table.
+        Parameters that tell the rows of a table of all cases apart; without any, no such table.
     means : bool
         Whether that table has the mean of each row.
     must_not_fail : tuple of str
@@ -182,7 +182,7 @@ class Sweep:
         return {f"{row}/{column}": table[row][column] for row in table for column in table[row]}
 
     def failures(self, failed: Collection[str]) -> int:
-        """How many of the cases with these names must not fail."""
+        """The number of cases among these names that must not fail."""
         names = (c.name for c, change in self._expanded if change in self.must_not_fail)
         return sum(name in failed for name in names)
 
@@ -218,7 +218,9 @@ class Sweep:
             for axis in self.targets
             for value in ([axis] if axis.drawn else axis.values)
         ]
-        return study_targets(self.models[robot], found) if self.equilibria else found
+        if self.equilibria:  # two of them may be one point
+            found = list(dict.fromkeys(study_targets(self.models[robot], found)))
+        return found
 
     def _at_periods(
         self, robot: str, kind: str, values: dict[str, Any]

@@ -42,9 +42,9 @@ def read(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sweep:
         A file, or the name of one that comes with softdyn where there is no such file. Relative
         paths in a file are relative to it.
     instead : mapping, optional
-        What stands in the place of the file's: lists of `robots` and `controllers`, `period` (s);
-        for one robot the file of its `annotations` and a table of `gains`. Paths in it are relative
-        to the current folder; what is None is not said.
+        Values in the place of the file's: lists of `robots` and `controllers`, `period` (s); for
+        one robot the file of its `annotations` and a table of `gains`. Paths in it are relative to
+        the current folder; None stands for the file's value.
 
     Raises
     ------

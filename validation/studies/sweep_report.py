@@ -45,7 +45,7 @@ class Setting:
     rows : tuple of Row
         Its cases with their results.
     mean, worst : float, optional
-        Of the figure over them; None when a case has none.
+        Mean and largest figure over them; None when a case has none.
     """
 
     rows: tuple[Row, ...]
@@ -59,7 +59,7 @@ class Setting:
 
     @property
     def failed(self) -> int:
-        """How many of its cases did not end well."""
+        """The number of its cases that did not end well."""
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
@@ -98,7 +98,7 @@ def _setting(case: Case) -> str:
 
 
 def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> dict[str, Any]:
-    """What there is to do, for JSON."""
+    """The cases to be run, for JSON."""
     return {
         "sweep": str(sweep.path),
         "cases": len(jobs),
@@ -186,7 +186,7 @@ def _file(case: Case) -> str:
 
 
 def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
-    """What varied, how the cases ended, `table` or the best of every robot, why cases failed."""
+    """Parameters that vary, outcomes, `table` or each robot's best cases, reasons of failures."""
     blocks = [f"# Sweep {inline(sweep.path.name)}", _counts(found, len(sweep.cases))]
     blocks += ["\n".join(_varied(sweep)), table]
     for robot in sweep.robots if not table else ():

@@ -1,4 +1,4 @@
-"""How the plant differs from the model that the controller has."""
+"""Differences between the plant and the model that the controller has."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 
 @dataclass(frozen=True)
 class PlantErrors:
-    """How the plant differs from the model that the controller has.
+    """Differences between the plant and the model that the controller has.
 
     Attributes
     ----------

@@ -233,12 +233,14 @@ def read_sweep(data: bytes, path: Path) -> str:
     path.write_bytes(data)
     sweep = sweep_file.read(path)
     table = tomllib.loads(data.decode())
-    groups = {"gains": table.get("gains", {}), "plant": table.get("plant", {})}
+    groups = {group: table.get(group, {}) for group in ("gains", "plant", "signals")}
     said = {f"{group}.{name}" for group, values in groups.items() for name in values}
+    said = said - {"plant.shorter_periods"} | {"ellipse_scale"} & set(table)
     checks = {
         "robots": [*sweep.robots] == table["robots"],
         "controllers": [*sweep.controllers] == table["controllers"],
-        "targets": {axis.name for axis in sweep.targets} == set(table["targets"]),
+        "targets": {a.name for a in sweep.targets} == set(table["targets"]) - {"equilibria"},
+        "changes": len(sweep.changes) > len(table.get("changes", {})),
         "axes": {axis.name for axis in sweep.axes} == said,
         "logs": sweep.logs is table.get("logs", False),
         "keys": set(table) <= {*sweep_file.KEYS},

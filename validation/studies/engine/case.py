@@ -43,13 +43,13 @@ class Case:
     value : float or tuple of float
         θ or ω in multiples of π (rad, rad/s), or the point (3,) in the world (m).
     parameters : Any
-        What the controller is built with besides the model.
+        Arguments of the controller besides the model.
     period, duration, timestep : float, optional
         Control period, length of the run, plant step (s); a step of ``inf`` is one a period.
     plant : PlantErrors
         How the plant differs from the model.
     signals : SignalPath
-        What stands between plant and controller.
+        Delay, lag and noise between plant and controller.
     ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
@@ -100,7 +100,7 @@ class Case:
         return f"{path}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def experiment(self, model: SoftModel) -> Experiment:
-        """What to run; the paper's ellipse in the robot's own size unless it is the paper's."""
+        """The experiment; for a robot that is not the paper's on an ellipse of its own size."""
         setup = replace(experiments.setup_of(model), ellipse_scale=self.ellipse_scale)
         setup = setup if self.period is None else replace(setup, period=self.period)
         experiment = KINDS[self.kind](setup, self.value)
@@ -126,7 +126,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     Raises
     ------
     InputError
-        What cannot be run; what a user's own controller raises, in one line.
+        A case that cannot be run; an exception of a user's own controller, in one line.
     """
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()

@@ -1,4 +1,4 @@
-"""What came of a cell in several runs: its distribution, tables and files of them.
+"""A cell in several runs: its distribution, tables and files of them.
 
 A figure that moves is printed as the median of all runs and their range, marked ``~``; one that
 does not move as a plain number.
@@ -63,7 +63,7 @@ class Distribution:
 
     @property
     def median(self) -> float:
-        """Of all runs."""
+        """The median of all runs."""
         return _median(self.values)
 
     @property
@@ -81,7 +81,7 @@ class Distribution:
         return not seeds or max(map(min, seeds)) <= min(map(max, seeds))
 
     def chance(self) -> float:
-        """How often two draws of one distribution differ as much as its seeds do.
+        """The probability that two draws of one distribution differ as much as its seeds do.
 
         The two-sided p-value of Mann and Whitney's rank test (1947); 1 where there are not two.
         """
@@ -141,7 +141,7 @@ class Agreement:
 def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
     """Mean and population standard deviation over cells, run by run of the same number and seed.
 
-    Of a seed as many runs as every cell has that has any.
+    Uses the same number of runs per seed in every cell that has runs.
     """
     lengths: dict[str, int] = {}
     for cell in cells:
@@ -166,7 +166,7 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
     cells : mapping
         In the order of the table.
     titles : sequence of str
-        Of all parts of a label but the last.
+        Titles of all parts of a label but the last.
     mean : str
         Title of a last column with mean ± standard deviation over the row; none by default.
     """
@@ -213,8 +213,8 @@ def join(
 ) -> dict[str, Distribution]:
     """Old cells and new ones; of a cell that is in both, the runs of all seeds.
 
-    Of a seed that is in both, whichever has more runs: they begin with the same ones. Where the
-    figure from rest is another one the old runs are of another code, and are dropped.
+    Of a seed that is in both the longer list counts: both begin with the same runs. Where the
+    figure from rest is another one, the old runs are of another code, and are dropped.
     """
     both = dict(old)
     for label, cell in new.items():

@@ -47,7 +47,7 @@ def run(
     count : int
         Nudged runs of a cell whose printed figure moves in `SCREEN` of them.
     seed : int
-        Of the nudges.
+        Seed of the nudges.
     known : mapping, optional
         Cells as they were found with other seeds: what moved there is run as often.
     folder : Path

@@ -87,7 +87,7 @@ def _feed(left: dict[int, CaseJob], sent: list[int]) -> Iterator[tuple[Any, ...]
 
 
 def _alone(job: CaseJob) -> CaseResult:
-    """Run a job that may kill its process; with two of them, for one would be this process."""
+    """Run a job that may kill its process. Two workers: a pool of one runs in this process."""
     try:
         (result,) = in_processes(worker.attempt, [(job,)], 2)
     except WorkerKilled:

@@ -1,4 +1,4 @@
-"""What a run depends on, as one hash: when it changes, the case is run again."""
+"""One hash of all that a run depends on: when it changes, the case is run again."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def has_digest(path: Path, sha256: str | None) -> bool:
 
 @cache
 def _hash_of(names: tuple[str, ...]) -> str:
-    """Of files of softdyn, of whole folders, and of those that lie at its top."""
+    """A hash of files of softdyn, of whole folders, and of the files at its top."""
     package = Path(str(files("softdyn")))
     found = [*package.glob("*.py")]
     for name in names:

@@ -38,7 +38,7 @@ class Source:
     Attributes
     ----------
     text : str
-        What the user calls it.
+        The user's name for it.
     path : str
         The main file on the machine where it was found.
     files : tuple of (str, str)

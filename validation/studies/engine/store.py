@@ -1,4 +1,4 @@
-"""What is kept of a study: files below a folder, each whole or not at all.
+"""The results of a study: files below a folder, each whole or not at all.
 
 A case has ``runs/NAME.json``, its result, with a fingerprint of all that it depends on and the hash
 of its log; where logs are kept ``runs/NAME.npz``; and where step times are ``times/NAME.json``,
@@ -51,11 +51,11 @@ class Store:
     times: str | None = None
 
     def result_path(self, name: str) -> Path:
-        """Where the result of a case lies."""
+        """The path of a case's result."""
         return self.folder / self.runs / f"{name}.json"
 
     def log_path(self, name: str) -> Path:
-        """Where the log of a case lies."""
+        """The path of a case's log."""
         return self.folder / self.runs / f"{name}.npz"
 
     def result(self, name: str) -> dict[str, Any] | None:
@@ -158,7 +158,7 @@ def _write(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """What `_write` wrote; None where there is nothing, or anything else."""
+    """The content that `_write` wrote; None where there is nothing, or anything else."""
     try:
         content = read_json(path, "a result")
     except InputError:

@@ -1,7 +1,7 @@
-"""One case, run by whichever process and machine has a hand free.
+"""One case, run in any process on any machine.
 
-What comes in and goes out is plain data, so that a worker needs softdyn and nothing else: no folder
-in common, and of the user's own files only what is sent along.
+Jobs and results are plain data. A worker needs softdyn and no shared folder; the user's own files
+are sent along.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ class CaseJob:
     ----------
     case : Case
     name : str
-        Of its files, without a suffix, below a store's folder.
+        Path of its files below a store's folder, without a suffix.
     head : dict
-        What stands first in its result file.
+        First entries of its result file.
     robot, controller : Source
         Their files; None for a controller of the package.
     cost : float
         Rough work, for an order.
     fingerprint, code : str
-        Of all that the run depends on, and of softdyn and the engines alone.
+        Hashes: of all that the run depends on, and of softdyn and the engines alone.
     log : bool
         Whether the whole run is kept.
     """
@@ -62,7 +62,7 @@ class CaseJob:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What came of a job.
+    """The result of a job.
 
     Attributes
     ----------
@@ -94,11 +94,11 @@ def jobs_of(
     ----------
     cases : sequence of Case
     names, heads : sequences, optional
-        Of each its `CaseJob.name` and `CaseJob.head`; the case's own name and nothing by default.
+        Each job's `CaseJob.name` and `CaseJob.head`; the case's own name and nothing by default.
     also : sequence, optional
-        What else each depends on.
+        Further data that each run depends on.
     folder : Path
-        What relative paths of robots and controllers are relative to.
+        Relative paths of robots and controllers are relative to it.
     log : bool
         Whether the whole runs are kept.
 
@@ -139,7 +139,7 @@ def run(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult
     NotHere
         This worker cannot run it.
     SoftdynError
-        What is wrong with the case, a user's own controller in one line.
+        A defect of the case; an exception of a user's own controller, in one line.
     """
     with redirect_stdout(sys.stderr):  # what a user's code prints is no part of our output
         return _case_result(job, _prepare(job, contents or {})())

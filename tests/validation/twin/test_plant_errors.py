@@ -1,0 +1,31 @@
+"""Plants that differ from the model: other masses, springs and dampers, cables that rub."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from softdyn.validation import Twin
+from softdyn.validation.twin.plant_errors import PlantErrors
+
+
+def test_a_plant_of_other_numbers() -> None:
+    plain, heavy = Twin("finger"), PlantErrors(mass=1.2, stiffness=0.9, damping=1.1).twin("finger")
+    weight = [twin.model.body_mass.sum() for twin in (plain, heavy)]
+    assert weight[1] == pytest.approx(1.2 * weight[0])
+    np.testing.assert_allclose(heavy.model.jnt_stiffness, 0.9 * plain.model.jnt_stiffness)
+    np.testing.assert_allclose(heavy.model.dof_damping, 1.1 * plain.model.dof_damping)
+    # and it acts: the arm falls alike at first, whatever its mass, but bends otherwise
+    for twin in (plain, heavy):
+        twin.advance(np.zeros(2), 400)
+    assert np.abs(plain.qpos - heavy.qpos).max() > 1e-3
+
+
+def test_cables_rub() -> None:
+    twin = PlantErrors(cable_friction=0.05).twin("finger", friction=True)
+    twin.advance(np.array([1.0, -1.0]), 100)  # both tendons slide
+    rubs = twin.data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
+    largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1
+    np.testing.assert_allclose(np.abs(twin.data.efc_force[rubs]), [largest] * 2)
+    assert (twin.data.efc_force[rubs] * twin.data.ten_velocity < 0).all()
