@@ -65,9 +65,11 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.studies.sweep_file import read, shipped
 
     began = perf_counter()
-    if arguments.list or arguments.file is None:
+    if arguments.list:
         cli.say("\n".join(f"{name:12}{path}" for name, path in shipped().items()))
-        return cli.PASSED if arguments.list else cli.BAD_INPUT
+        return cli.PASSED
+    if arguments.file is None:
+        parser.error(f"FILE: expected a TOML file, or one of {', '.join(shipped())}, got none")
     said = {key: getattr(arguments, key) for key in ("robots", "controllers", "period")}
     said |= {"annotations": arguments.annotations}
     said |= {"gains": cli.read_toml(arguments.gains) if arguments.gains else None}

@@ -186,7 +186,9 @@ def test_a_file_comes_before_a_name(folder: Path) -> None:
     done = command("sweep", "--list")
     assert (done.code, len(done.out.splitlines())) == (0, 3)
     assert str(shipped()["horizon"]) in done.out
-    assert command("sweep").code == 2
+    done = command("sweep")
+    assert (done.code, done.out) == (2, "")
+    assert done.err.startswith("error: FILE: expected a TOML file, or one of horizon, periods")
 
 
 # -- the table of all cases ------------------------------------------------------------------------
