@@ -18,10 +18,15 @@ from softdyn.exceptions import InputError
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.result import CrossCheck
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
+from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import Terms, evaluate, random_states, rotations
 from softdyn.validation.mjcf.scene import Scene
 
+SORTS = mujoco.mjtTrn
+TENDON = ("tendon_armature", "tendon_stiffness", "tendon_stiffnesspoly", "tendon_damping",
+          "tendon_dampingpoly")  # fmt: skip
+SAME = 1e-9  # relative, of an engine against the neutral form
 Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
 
@@ -102,18 +107,48 @@ def side_by_side(
 
 
 def _settle_one_sided(scene: Scene) -> None:
-    """Give the scene's joints what the URDF says where only one file says anything."""
-    model = scene.model
-    values = {
-        "armature": model.dof_armature, "damping": model.dof_damping,
-        "stiffness": model.jnt_stiffness,
-    }  # fmt: skip
+    """Give the scene what the URDF says where only one file says anything."""
+    model, matched = scene.model, scene.comparison.matched
+    sorts = {"damping": ("dof_damping", "dof_dampingpoly"), "armature": ("dof_armature",),
+             "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly")}  # fmt: skip
     for cause in scene.comparison.causes:
-        if cause.one_sided and cause.kind in values:
-            joint = scene.joint_names.index(scene.comparison.matched[cause.where])
+        if not cause.one_sided:
+            continue
+        if cause.where in matched and cause.kind in sorts:
+            joint = scene.joint_names.index(matched[cause.where])
             index = joint if cause.kind == "stiffness" else model.jnt_dofadr[joint]
-            values[cause.kind][index] = cause.a
+            first, *powers = np.atleast_1d(cause.a)
+            for field, value in zip(sorts[cause.kind], (first, powers or 0.0), strict=False):
+                getattr(model, field)[index] = value
+            _silence_drives(model, joint, (SORTS.mjTRN_JOINT, SORTS.mjTRN_JOINTINPARENT), cause)
+        elif cause.kind in ("armature", "tendon") and cause.where not in matched:
+            numbers = [k for k in range(model.ntendon) if model.tendon(k).name == cause.where]
+            for k in numbers if cause.a is None or cause.kind == "armature" else ():
+                _silence_drives(model, k, (SORTS.mjTRN_TENDON,), cause)
+                for field in TENDON if cause.kind == "tendon" else ("tendon_armature",):
+                    getattr(model, field)[k] = 0.0
+        elif cause.kind == "gravity" and cause.where == "world":
+            model.opt.gravity[:] = cause.a
+        elif cause.kind == "gravity":
+            model.body_gravcomp[:] = 0.0
+        elif cause.where in ("opt.density", "opt.viscosity"):
+            setattr(model.opt, cause.where[4:], 0.0)
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _silence_drives(
+    model: mujoco.MjModel, target: int, sorts: tuple[int, ...], cause: Cause
+) -> None:
+    """Take from actuators what they add to their target's armature or damping."""
+    for k in range(model.nactuator):
+        if model.actuator_trnid[k, 0] == target and any(
+            model.actuator_trntype[k] == sort for sort in sorts
+        ):
+            if cause.kind in ("armature", "tendon"):
+                model.actuator_armature[k] = 0.0
+            if cause.kind in ("damping", "tendon"):
+                model.actuator_damping[k] = 0.0
+                model.actuator_dampingpoly[k] = 0.0
 
 
 def _errors(terms: Terms, answers: list[Answer]) -> dict[str, float]:
@@ -169,7 +204,7 @@ class _Mujoco:
         for velocity in (v, np.zeros_like(v)):
             data.qvel[:] = self._turn @ velocity
             mujoco.mj_forward(model, data)
-            answers.append(self._turn.T @ data.qfrc_bias)
+            answers.append(self._turn.T @ (data.qfrc_bias - data.qfrc_gravcomp))
         M = np.empty((model.nv, model.nv))
         mujoco.mj_fullM(model, data, M)
         return self._turn.T @ M @ self._turn, answers[0], answers[1]

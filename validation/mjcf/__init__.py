@@ -1,6 +1,7 @@
 """MJCF files beside our own URDF: compared, written, and used as the plant.
 
 - `comparison`: two files of one robot, URDF or MJCF, and the causes of what differs;
+- `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
 - `export`: a robot written in the other format and read back (`to_mjcf`, `to_urdf`, `xml_text`);
 - `scene`: a user's own MJCF as the plant; `scene_inputs` maps our inputs to its actuators,
   `scenery` is what it looks like;

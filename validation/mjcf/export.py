@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
 
 from softdyn.description.library import find
 from softdyn.description.urdf import parse
 from softdyn.description.urdf_writer import write
 from softdyn.validation.files import write_text
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
+from softdyn.validation.mjcf.comparison.finding import beyond_urdf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import Neutral
+from softdyn.validation.mjcf.comparison.neutral import Neutral, NeutralTendon, Numbers, Part
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
@@ -77,7 +81,43 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
     converted = to_urdf(robot, Path(find(source)).stem)
     write_text(str(target), write(converted.robot))
     floating = any(part.kind == "free" for part in robot.parts)
-    return _compared(robot, neutral(target, floating=floating)), converted.lost
+    return _compared(robot, neutral(target, floating=floating)), (*converted.lost, *unsaid(robot))
+
+
+def unsaid(robot: Neutral) -> Iterator[str]:
+    """What a file says by fields that a URDF has no word for, a line for each object."""
+    for part in robot.parts:
+        even = part.more.get("jnt_actfrcrange", (0.0, 0.0))
+        known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # which an effort is
+        own = {field: value for field, value in part.more.items() if field not in known}
+        yield from _unsaid(f"joint {part.name!r}", _curves(part) | own)
+        for link, share in part.gravcomp.items():
+            yield f"link {link!r}: body_gravcomp {share:g}"
+    for tendon in robot.cables:
+        armature = {"tendon_armature": (tendon.armature,)} if tendon.armature else {}
+        yield from _unsaid(f"tendon {tendon.name!r}", armature | _curves(tendon) | tendon.more)
+    for motor in (m for m in robot.motors if not m.law):  # the others are left out
+        yield from _unsaid(f"actuator {motor.name!r}", motor.more)
+    for tie in robot.couplings:
+        yield from _unsaid(f"that {tie.joint!r} follows {tie.leader!r}", tie.more)
+    for equality in robot.equalities:
+        yield f"equality {equality.kind}: {' and '.join(equality.ends)}"
+    yield from (f"{field} {_text(value)}" for field, value in robot.features.items())
+
+
+def _curves(item: Part | NeutralTendon) -> dict[str, Numbers]:
+    """Coefficients of higher powers that are not zero."""
+    found = {"stiffness": item.stiffness_curve, "damping": item.damping_curve}
+    return {f"{name} of higher powers": curve for name, curve in found.items() if any(curve)}
+
+
+def _unsaid(where: str, fields: dict[str, Numbers]) -> Iterator[str]:
+    if said := [f"{name} {_text(value)}" for name, value in beyond_urdf(fields).items()]:
+        yield f"{where}: {', '.join(said)}"
+
+
+def _text(values: Numbers) -> str:
+    return " ".join(f"{value:g}" for value in np.trim_zeros(values, "b")) or "0"
 
 
 def _compared(one: Neutral, other: Neutral) -> Comparison:

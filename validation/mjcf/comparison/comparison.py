@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from softdyn.exceptions import InputError
-from softdyn.validation.mjcf.comparison.finding import KINDS, Finding
+from softdyn.validation.mjcf.comparison.finding import KINDS, Finding, Turns
 from softdyn.validation.mjcf.comparison.geometry import find_geometry
 from softdyn.validation.mjcf.comparison.matching import Match, match, reduce
 from softdyn.validation.mjcf.comparison.neutral import Neutral
-from softdyn.validation.mjcf.comparison.parameters import Turns, find_order, find_parameters
+from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
     QUANTITIES,
     Cause,
@@ -106,12 +106,14 @@ def compare_neutral(
     causes: list[Cause] = []
     steps = [RepairStep("as is", measure.errors(right))]
     robot = right
+    any_armature = any(tendon.armature for tendon in (*left.cables, *right.cables))
     for _, stage in groupby(sorted(found, key=_stage), _stage):
         kinds: list[str] = []
         for finding in stage:
             before = robot
             robot = finding.repair(robot)
-            moves = finding.kind in DYNAMIC
+            # a tendon's armature is in M
+            moves = finding.kind in DYNAMIC or (finding.kind == "tendon" and any_armature)
             effect = measure.effect(before, robot if moves else before) | {"value": finding.size}
             if max(effect.values()) > NAMED:
                 kinds.append(finding.kind)

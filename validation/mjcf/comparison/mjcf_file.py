@@ -281,6 +281,8 @@ def _strip(root: etree._Element, whole: bool, moving: bool) -> None:
         return
     by_shapes = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
     total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
+    # shapes on which a fluid acts are needed as well
+    by_shapes |= any("fluidshape" in geom.attrib for geom in root.iter("geom"))
     wrapped = {
         str(node.get(attribute))
         for tendon in root.iter("spatial")

@@ -17,6 +17,7 @@ import numpy as np
 
 from softdyn.description.inertia import Inertia
 
+Numbers = tuple[float, ...]
 WORLD = -1  # the parent of what hangs on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -73,6 +74,14 @@ class Part:
         What the body is made of: its own link and those fixed to it, by name.
     lower, upper, effort : float
         Limits (rad, m) and the largest force (N, N·m); infinite where the file states none.
+    armature, damping : float
+        Of the joint, and of the actuators that act on it.
+    stiffness_curve, damping_curve : tuple of two
+        Coefficients of the second and third power of the displacement and the speed.
+    gravcomp : dict[str, float]
+        By link, the part of its weight that is compensated.
+    more : dict[str, Numbers]
+        What else the file says of the joint, by MuJoCo's name of the field.
     """
 
     name: str
@@ -91,11 +100,24 @@ class Part:
     friction: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    stiffness_curve: Numbers = (0.0, 0.0)
+    damping_curve: Numbers = (0.0, 0.0)
+    gravcomp: dict[str, float] = field(default_factory=dict)
+    more: dict[str, Numbers] = field(default_factory=dict)
 
     @cached_property
     def inertia(self) -> Inertia:
         """Of the whole body."""
         return sum((piece for _, piece in self.pieces), Inertia.zero())
+
+    @property
+    def uplift(self) -> np.ndarray:
+        """The mass whose weight is compensated, and its first moment (4,)."""
+        rows = [
+            self.gravcomp.get(name, 0.0) * piece.mass * np.array([1.0, *piece.com])
+            for name, piece in self.pieces
+        ]
+        return np.sum(rows, axis=0) if rows else np.zeros(4)
 
     def moved(self, by: Transform, *, joint: bool = True) -> Part:
         """The same part displaced; with `joint` False its axis stays."""
@@ -127,7 +149,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class NeutralTendon:
-    """A tendon: fixed (`terms`: joint → coefficient) or along `path`."""
+    """A tendon: fixed (`terms`: joint → coefficient) or along `path`; the rest as of a `Part`."""
 
     name: str
     terms: dict[str, float]
@@ -135,13 +157,30 @@ class NeutralTendon:
     stiffness: float = 0.0
     damping: float = 0.0
     rest: tuple[float, float] = (0.0, 0.0)
+    armature: float = 0.0
+    stiffness_curve: Numbers = (0.0, 0.0)
+    damping_curve: Numbers = (0.0, 0.0)
+    more: dict[str, Numbers] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motor:
-    """An actuator: what it acts on (``tendon:name``, ``joint:name``), gear and range of the input.
+    """An actuator.
 
-    `law` says how the force follows from the input where it is not the input itself.
+    Attributes
+    ----------
+    target : str
+        What it acts on: ``tendon:name``, ``joint:name``, …
+    gear, lower, upper : float
+        Force of a unit of the input, and the input's range.
+    law : str
+        How the force follows from the input where it is not the input itself.
+    axes : Numbers
+        The whole gear where it has directions: of a joint in the root's axes, of a site in its own.
+    frames : tuple of Frame
+        Of the sites that it acts on.
+    more : dict[str, Numbers]
+        What else the file says of it, by MuJoCo's name of the field.
     """
 
     name: str
@@ -150,9 +189,12 @@ class Motor:
     lower: float
     upper: float
     law: str = ""
+    axes: Numbers = ()
+    frames: tuple[Frame, ...] = ()
+    more: dict[str, Numbers] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coupling:
     """A joint that follows another: q = multiplier · q_leader + offset."""
 
@@ -160,6 +202,30 @@ class Coupling:
     leader: str
     multiplier: float
     offset: float
+    more: dict[str, Numbers] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Equality:
+    """Any other equality: its sort, what it is between, and its numbers.
+
+    Attributes
+    ----------
+    kind : str
+        ``connect``, ``weld``, ``joint``, ``tendon`` …
+    ends : tuple of str
+        Names of the bodies, sites, joints or tendons.
+    data : Numbers
+        Coefficients, or the displacement that a weld asks of the second body at zero.
+    points : tuple of Point
+        Which points coincide.
+    """
+
+    kind: str
+    ends: tuple[str, ...]
+    data: Numbers
+    points: tuple[Point, ...] = ()
+    more: dict[str, Numbers] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +240,8 @@ class Neutral:
         The orders of joints that the file may be read in; MJCF knows one; none is not known.
     frames : dict[str, Frame]
         By name, links and sites that are no part's own link.
+    features : dict[str, Numbers]
+        What else the motion depends on, by MuJoCo's names of field and object.
     notes : tuple of str
         What was left out.
     """
@@ -185,6 +253,8 @@ class Neutral:
     cables: tuple[NeutralTendon, ...] = ()
     motors: tuple[Motor, ...] = ()
     couplings: tuple[Coupling, ...] = ()
+    equalities: tuple[Equality, ...] = ()
+    features: dict[str, Numbers] = field(default_factory=dict)
     gravity: np.ndarray = field(default_factory=lambda: GRAVITY)
     orders: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
@@ -230,20 +300,20 @@ class Neutral:
             else part
             for k, part in enumerate(self.parts)
         )
-        frames = {
-            name: replace(frame, pose=place(frame.part, frame.pose))
-            for name, frame in self.frames.items()
-        }
-        cables = tuple(
-            replace(
-                cable,
-                path=tuple(
-                    replace(p, xyz=by.at(p.xyz)) if p.part in moving else p for p in cable.path
-                ),
-            )
-            for cable in self.cables
+        frames = {n: replace(f, pose=place(f.part, f.pose)) for n, f in self.frames.items()}
+
+        def points(path: tuple[Point, ...]) -> tuple[Point, ...]:
+            return tuple(replace(p, xyz=by.at(p.xyz)) if p.part in moving else p for p in path)
+
+        cables = tuple(replace(cable, path=points(cable.path)) for cable in self.cables)
+        equalities = tuple(replace(tie, points=points(tie.points)) for tie in self.equalities)
+        motors = tuple(
+            replace(m, frames=tuple(replace(f, pose=place(f.part, f.pose)) for f in m.frames))
+            for m in self.motors
         )
-        return replace(self, parts=parts, frames=frames, cables=cables)
+        return replace(
+            self, parts=parts, frames=frames, cables=cables, motors=motors, equalities=equalities
+        )
 
     def arranged(self, kept: list[int], welded: set[int]) -> Neutral:
         """Parts in the order `kept`, the others left out; those `welded` join their parent.
@@ -251,11 +321,13 @@ class Neutral:
         `kept` has parents before children; what was welded or left out keeps no joint.
         """
         lumps = {k: self.parts[k].pieces for k in kept}
+        lifted = {k: self.parts[k].gravcomp for k in kept}
         carrier = {WORLD: WORLD}
         for k, part in enumerate(self.parts):
             carrier[k] = k if k in lumps else carrier[part.parent]
             if k in welded and carrier[k] in lumps:
                 lumps[carrier[k]] += part.pieces
+                lifted[carrier[k]] = lifted[carrier[k]] | part.gravcomp
         place = {old: new for new, old in enumerate(kept)} | {WORLD: WORLD}
         names = {self.parts[k].name for k in kept}
 
@@ -263,7 +335,10 @@ class Neutral:
             return place[carrier[index]]
 
         parts = tuple(
-            replace(self.parts[k], pieces=lumps[k], parent=on(self.parts[k].parent)) for k in kept
+            replace(
+                self.parts[k], pieces=lumps[k], gravcomp=lifted[k], parent=on(self.parts[k].parent)
+            )
+            for k in kept
         )
         gone = set(range(len(self.parts))) - set(kept) - welded
         frames = {
@@ -280,11 +355,23 @@ class Neutral:
             if set(cable.terms) <= names and not gone.intersection(p.part for p in cable.path)
         )
         couplings = tuple(c for c in self.couplings if {c.joint, c.leader} <= names)
-        targets = {f"joint:{name}" for name in names} | {f"tendon:{c.name}" for c in cables}
-        motors = tuple(motor for motor in self.motors if motor.target in targets)
-        return replace(
-            self, parts=parts, frames=frames, cables=cables, couplings=couplings, motors=motors
+        lost = {f"joint:{part.name}" for part in self.parts} - {f"joint:{name}" for name in names}
+        lost |= {f"tendon:{c.name}" for c in self.cables} - {f"tendon:{c.name}" for c in cables}
+        motors = tuple(
+            replace(m, frames=tuple(replace(f, part=on(f.part)) for f in m.frames))
+            for m in self.motors
+            if m.target not in lost and not gone.intersection(f.part for f in m.frames)
         )
+        equalities = tuple(
+            replace(tie, points=tuple(replace(p, part=on(p.part)) for p in tie.points))
+            for tie in self.equalities
+            if not lost.intersection(f"{tie.kind}:{end}" for end in tie.ends)
+            and not gone.intersection(p.part for p in tie.points)
+        )
+        return replace(
+            self, parts=parts, frames=frames, cables=cables, couplings=couplings,
+            motors=motors, equalities=equalities,
+        )  # fmt: skip
 
     def renamed(self, names: dict[str, str]) -> Neutral:
         """Joints called otherwise; those not in `names` keep theirs."""
@@ -300,12 +387,15 @@ class Neutral:
             self,
             parts=tuple(replace(part, name=new(part.name)) for part in self.parts),
             cables=tuple(
-                replace(cable, terms={new(joint): c for joint, c in cable.terms.items()})
-                for cable in self.cables
+                replace(t, terms={new(j): c for j, c in t.terms.items()}) for t in self.cables
             ),
             motors=tuple(replace(motor, target=target(motor.target)) for motor in self.motors),
             couplings=tuple(
                 replace(c, joint=new(c.joint), leader=new(c.leader)) for c in self.couplings
+            ),
+            equalities=tuple(
+                replace(tie, ends=tuple(map(new, tie.ends))) if tie.kind == "joint" else tie
+                for tie in self.equalities
             ),
             orders=tuple(tuple(map(new, order)) for order in self.orders),
         )

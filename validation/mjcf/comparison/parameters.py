@@ -1,7 +1,9 @@
-"""Causes in what is no geometry: armature, damping, friction, springs, limits, cables, inputs.
+"""Causes in what is no geometry: armature, damping, friction, springs, limits, gravity, frames.
 
-What stands at zero, or nowhere, in one file only is one-sided. A joint whose sense or zero differs
-may have its limits, rest or coefficients written either way: both readings count as agreement.
+A value that stands at zero in one file only is one-sided, and so is what a URDF has no word for.
+Between two MJCFs a field of MuJoCo's is stated by both: one that a file leaves out has its default.
+A joint whose sense or zero differs may have its limits, rest or coefficients written either way:
+both readings count as agreement.
 """
 
 from __future__ import annotations
@@ -9,28 +11,41 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from softdyn.validation.mjcf.comparison.bodies import vector
-from softdyn.validation.mjcf.comparison.finding import Finding
+from softdyn.validation.mjcf.comparison.drives import find_drives
+from softdyn.validation.mjcf.comparison.finding import (
+    LIMITS,
+    SAME,
+    Finding,
+    Turns,
+    apart,
+    curves,
+    differ,
+    one_sided,
+    shown,
+    told_apart,
+    with_urdf,
+)
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import Coupling, Motor, Neutral, NeutralTendon
-from softdyn.validation.mjcf.comparison.terms import States, lengths
+from softdyn.validation.mjcf.comparison.neutral import Neutral, Part
+from softdyn.validation.mjcf.comparison.terms import States
 
-SAME = 1e-6  # relative
-LIMITS = 1e-4  # rad, m: limits are rounded in most files
-FRAMES = 1e-6  # m
 NOTHING = 1e-12  # m
-ONLY = "only in one file"
-SCALARS = ("armature", "damping", "friction", "stiffness")
-Named = TypeVar("Named", NeutralTendon, Motor)
-Turns = dict[str, tuple[float, float]]  # by joint: sense and zero, q_A = sense · q_B + zero
+REST = 1e-6  # rad, m
+# Kinds of what MuJoCo says of a joint by fields of their own; of all others it is "feature".
+KIND_OF = {
+    "jnt_solref": "limit", "jnt_solimp": "limit", "jnt_margin": "limit", "qpos_spring": "rest",
+    "jnt_actfrcrange": "effort", "dof_solref": "friction", "dof_solimp": "friction",
+}  # fmt: skip
 
 
 def find_parameters(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
     """Findings on two robots whose geometry and bodies agree; each repair stands alone."""
+    urdf = with_urdf(a, b)
     followers = {coupling.joint for robot in (a, b) for coupling in robot.couplings}
     for k, part in enumerate(a.parts):
         found = _joint(a, b, k, turns.get(part.name, (1.0, 0.0)))
@@ -38,17 +53,9 @@ def find_parameters(a: Neutral, b: Neutral, turns: Turns, states: States) -> Ite
         yield from (f for f in found if f.kind != "limit" or part.name not in followers)
     yield from _gravity(a, b)
     yield from _frames(a, b)
-    yield from _cables(a, b, turns, states)
-    yield from _motors(a, b, turns)
-    yield from _couplings(a, b, turns)
-
-
-def differ(a: float, b: float) -> float:
-    """Relative difference of two values, 0 for two that are the same."""
-    if a == b:
-        return 0.0
-    size = max(abs(a), abs(b))
-    return abs(a - b) / size if math.isfinite(size) else 1.0
+    for field, values, size in told_apart(a.features, b.features, urdf=urdf):
+        yield Finding("feature", field, values, "", lambda robot: robot, size, with_urdf(a, b))
+    yield from find_drives(a, b, turns, states)
 
 
 def _set(k: int, **values: Any) -> Callable[[Neutral], Neutral]:
@@ -58,32 +65,69 @@ def _set(k: int, **values: Any) -> Callable[[Neutral], Neutral]:
 def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterator[Finding]:
     one, other = a.parts[k], b.parts[k]
     sense, zero = turn
-    for name in SCALARS:
+    for name in ("armature", "friction"):
         p, q = getattr(one, name), getattr(other, name)
         if (size := differ(p, q)) > SAME:
             detail = f"{100 * (q / p - 1):+.3g} %" if p and q else "none in one file"
             yield Finding(name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q))
-    both = one.stiffness > 0 and other.stiffness > 0
-    if both and not _near(one.rest, (other.rest, sense * other.rest, sense * other.rest + zero)):
+    for name, ours, theirs, size in curves(one, other, sense):
+        alone = one_sided(ours, theirs, urdf=with_urdf(a, b))
+        detail = "none in one file" if alone else ""
+        if len(ours) == len(theirs) == 1 and not alone:
+            detail = f"{100 * (theirs[0] / ours[0] - 1):+.3g} %"
+        repair = _set(k, **{n: getattr(one, n) for n in (name, f"{name}_curve")})
+        yield Finding(name, one.name, (shown(ours), shown(theirs)), detail, repair, size, alone)
+    rests = other.rest, sense * other.rest, sense * other.rest + zero
+    poses = (part.more.get("qpos_spring", (0.0,)) for part in (one, other))  # of free bodies
+    gap = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
+    if _springs(one) and _springs(other) and gap > REST:
         yield Finding("rest", one.name, (one.rest, other.rest), "", _set(k, rest=one.rest), 1.0)
-    ours, theirs = [one.lower, one.upper], [other.lower, other.upper]
-    readings = [theirs, sorted(sense * v for v in theirs), sorted(sense * v + zero for v in theirs)]
-    if not any(_near(ours[0], (r[0],)) and _near(ours[1], (r[1],)) for r in readings):
-        values = _stated(ours), _stated(theirs)
-        size = max(differ(p, q) for p, q in zip(ours, theirs, strict=True))
+    span, others = [one.lower, one.upper], [other.lower, other.upper]
+    readings = [others, sorted(sense * v for v in others), sorted(sense * v + zero for v in others)]
+    if not any(_near(span[0], r[0]) and _near(span[1], r[1]) for r in readings):
+        values = _stated(span), _stated(others)
+        size = max(differ(p, q) for p, q in zip(span, others, strict=True))
         yield Finding(
             "limit", one.name, values, "", _set(k, lower=one.lower, upper=one.upper), size,
             None in values,
         )  # fmt: skip
+    yield from _effort(a, b, k)
+    for field, values, size in told_apart(one.more, other.more, urdf=with_urdf(a, b)):
+        kind = KIND_OF.get(field, "feature")
+        if kind not in ("effort", "rest"):  # which are told already
+            where = one.name if kind != "feature" else f"{field} of {one.name}"
+            detail = field if kind != "feature" else ""
+            yield Finding(
+                kind, where, values, detail, _set(k, more=one.more), size, with_urdf(a, b)
+            )
+
+
+def _springs(part: Part) -> bool:
+    return bool(part.stiffness) or any(part.stiffness_curve)
+
+
+def _effort(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
+    """The largest force; between two MJCFs also a range that clamps the sum of all actuators."""
+    one, other = a.parts[k], b.parts[k]
     if (size := differ(one.effort, other.effort)) > SAME:
-        efforts = _finite(one.effort), _finite(other.effort)
-        yield Finding(
-            "effort", one.name, efforts, "", _set(k, effort=one.effort), size, None in efforts
-        )
+        values = _finite(one.effort), _finite(other.effort)
+        repair = _set(k, effort=one.effort)
+        yield Finding("effort", one.name, values, "", repair, size, None in values)
+        return
+    ours, theirs = (
+        {"": s} if (s := part.more.get("jnt_actfrcrange")) else {} for part in (one, other)
+    )
+    uneven = any(low != -high for low, high in (*ours.values(), *theirs.values()))
+    if uneven or not with_urdf(a, b):
+        for _, span, size in told_apart(ours, theirs, urdf=with_urdf(a, b)):
+            repair = _set(k, more=one.more)
+            yield Finding(
+                "effort", one.name, span, "of all actuators", repair, size, with_urdf(a, b)
+            )
 
 
-def _near(value: float, others: tuple[float, ...]) -> bool:
-    return any(value == other or abs(value - other) <= LIMITS for other in others)
+def _near(value: float, other: float) -> bool:
+    return value == other or abs(value - other) <= LIMITS
 
 
 def _finite(value: float) -> float | None:
@@ -100,9 +144,18 @@ def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
     if gap > SAME * 9.81:
         yield Finding(
             "gravity", "world", (vector(a.gravity), vector(b.gravity)), "",
-            lambda robot: replace(robot, gravity=a.gravity), gap / 9.81,
-            "urdf" in (a.format, b.format),
+            lambda robot: replace(robot, gravity=a.gravity), gap / 9.81, with_urdf(a, b),
         )  # fmt: skip
+    for k, (one, other) in enumerate(zip(a.parts, b.parts, strict=True)):
+        ours, theirs = one.uplift, other.uplift
+        size = float(np.abs(ours - theirs).max()) / max(float(np.abs([ours, theirs]).max()), 1e-300)
+        if size > SAME:
+            shares = [float(p.uplift[0] / p.inertia.mass) if p.uplift.any() else 0.0
+                      for p in (one, other)]  # fmt: skip
+            yield Finding(
+                "gravity", one.link or one.name, (shares[0], shares[1]), "weight compensated",
+                _set(k, pieces=one.pieces, gravcomp=one.gravcomp), size, with_urdf(a, b),
+            )  # fmt: skip
 
 
 def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
@@ -127,184 +180,6 @@ def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
 
 def _replaced_frame(label: str, frame: Any) -> Callable[[Neutral], Neutral]:
     return lambda robot: replace(robot, frames=robot.frames | {label: frame})
-
-
-def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[Any, Any]]:
-    """Tendons or actuators of the same name, then of like names; None where one has no partner."""
-    left = {item.name: item for item in theirs}
-    pairs: list[tuple[Any, Any]] = []
-    for item in ours:
-        like = [name for name in left if plain_name(name) == plain_name(item.name)]
-        name = item.name if item.name in left else like[0] if len(like) == 1 else None
-        pairs.append((item, left.pop(name) if name is not None else None))
-    return pairs + [(None, item) for item in left.values()]
-
-
-def _alone(
-    kind: str, one: Named | None, other: Named | None, words: Callable[[Named], str]
-) -> Finding:
-    """One of the two is None: the file that has no such thing."""
-    ours, theirs = (None if item is None else words(item) for item in (one, other))
-    item = one if one is not None else other
-    assert item is not None
-    return Finding(kind, item.name, (ours, theirs), ONLY, lambda robot: robot, 1.0, True)
-
-
-def _cables(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
-    ours = lengths(a, states)
-    theirs = lengths(b, states)
-    for one, other in _paired(a.cables, b.cables):
-        if one is None or other is None:
-            if not (_drives(one, a) or _drives(other, b)):
-                yield _alone("tendon", one, other, _cable_words)
-            continue
-        scale = float(np.abs(ours[one.name]).max()) or 1.0
-        error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
-        signed = {joint: turns.get(joint, (1.0, 0.0))[0] * c for joint, c in other.terms.items()}
-        same_terms = any(_same_terms(one.terms, terms) for terms in (other.terms, signed))
-        around = [p.around for p in one.path] != [p.around for p in other.path]
-        if (one.terms or other.terms) and same_terms and not one.path:
-            error = 0.0
-        if error > SAME or around:
-            yield Finding(
-                "tendon", one.name, (_cable_words(one), _cable_words(other)),
-                _path_words(one, other) or f"length {100 * error:.3g} % apart",
-                _with_cable(other.name, one), max(error, 1.0 if around else 0.0),
-            )  # fmt: skip
-        for name in ("stiffness", "damping"):
-            p, q = getattr(one, name), getattr(other, name)
-            if (size := differ(p, q)) > SAME:
-                yield Finding(
-                    "tendon", one.name, (p, q), name, _with_cable(other.name, one), size,
-                    not (p and q),
-                )  # fmt: skip
-        sprung = one.stiffness > 0 and other.stiffness > 0
-        if sprung and max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True)) > FRAMES:
-            yield Finding(
-                "tendon", one.name, (list(one.rest), list(other.rest)), "rest length",
-                _with_cable(other.name, one), 1.0,
-            )  # fmt: skip
-
-
-def _drives(cable: NeutralTendon | None, robot: Neutral) -> bool:
-    """Whether a tendon says no more than its actuators do: it is plain, and over one joint."""
-    if cable is None or len(cable.terms) != 1 or cable.stiffness or cable.damping:
-        return False
-    return any(motor.target == f"tendon:{cable.name}" for motor in robot.motors)
-
-
-def _same_terms(ours: dict[str, float], theirs: dict[str, float]) -> bool:
-    return all(
-        differ(ours.get(joint, 0.0), theirs.get(joint, 0.0)) <= SAME for joint in {**ours, **theirs}
-    )
-
-
-def _with_cable(name: str, cable: NeutralTendon) -> Callable[[Neutral], Neutral]:
-    def repair(robot: Neutral) -> Neutral:
-        cables = tuple(replace(cable, name=c.name) if c.name == name else c for c in robot.cables)
-        return replace(robot, cables=cables)
-
-    return repair
-
-
-def _cable_words(cable: NeutralTendon) -> str:
-    if cable.terms:
-        return " + ".join(f"{coefficient:g} {joint}" for joint, coefficient in cable.terms.items())
-    return f"{len(cable.path)} points"
-
-
-def _path_words(one: NeutralTendon, other: NeutralTendon) -> str:
-    """Which points of two paths are apart, and how far."""
-    if len(one.path) != len(other.path):
-        return "another number of points"
-    words = []
-    for k, (p, q) in enumerate(zip(one.path, other.path, strict=True)):
-        gap = float(np.linalg.norm(p.xyz - q.xyz))
-        if p.part != q.part:
-            words.append(f"point {k + 1} on another body")
-        elif gap > FRAMES:
-            words.append(f"point {k + 1} moved {1e3 * gap:.4g} mm")
-    return ", ".join(words)
-
-
-def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
-    for one, other in _paired(a.motors, b.motors):
-        if one is None or other is None:
-            yield _alone("actuator", one, other, _motor_words)
-            continue
-        first, second = one, other
-        if plain_name(one.target) != plain_name(other.target):
-            first, second = _on_joint(one, a), _on_joint(other, b)
-        _, _, joint = first.target.partition("joint:")
-        sense = turns.get(joint, (1.0, 0.0))[0]
-        words = []
-        size = 0.0
-        if plain_name(first.target) != plain_name(second.target):
-            words.append("acts on another target")
-        if one.law != other.law:
-            words.append("another law")
-        if min(differ(first.gear, second.gear), differ(first.gear, sense * second.gear)) > SAME:
-            words.append("gear")
-            size = differ(first.gear, second.gear)
-        spans = [(one.lower, other.lower), (one.upper, other.upper)]
-        if any(differ(p, q) > SAME for p, q in spans):
-            words.append("range")
-            size = max(size, *(differ(p, q) for p, q in spans))
-        if words:
-            yield Finding(
-                "actuator", one.name, (_motor_words(one), _motor_words(other)), ", ".join(words),
-                _with_motor(other.name, one), size or 1.0,
-            )  # fmt: skip
-
-
-def _on_joint(motor: Motor, robot: Neutral) -> Motor:
-    """The same force as one on the joint itself, if the tendon it pulls is over one joint alone."""
-    for cable in robot.cables:
-        if motor.target == f"tendon:{cable.name}" and len(cable.terms) == 1:
-            ((joint, coefficient),) = cable.terms.items()
-            return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient)
-    return motor
-
-
-def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:
-    def repair(robot: Neutral) -> Neutral:
-        motors = tuple(replace(motor, name=m.name) if m.name == name else m for m in robot.motors)
-        return replace(robot, motors=motors)
-
-    return repair
-
-
-def _motor_words(motor: Motor) -> str:
-    words = f"{motor.target}, gear {motor.gear:g}, input {motor.lower:g} … {motor.upper:g}"
-    return f"{words}, {motor.law}" if motor.law else words
-
-
-def _couplings(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
-    def by_pair(robot: Neutral) -> dict[tuple[str, ...], Coupling]:
-        return {tuple(sorted((c.joint, c.leader))): c for c in robot.couplings}
-
-    ours, theirs = by_pair(a), by_pair(b)
-    for pair in {**ours, **theirs}:
-        one, other = ours.get(pair), theirs.get(pair)
-        first, second = (None if c is None else [c.multiplier, c.offset] for c in (one, other))
-        if one is None or other is None:
-            yield Finding(
-                "coupling", " and ".join(pair), (first, second), ONLY, lambda robot: robot, 1.0,
-                True,
-            )  # fmt: skip
-            continue
-        if other.joint != one.joint and other.multiplier:  # solved for the other joint
-            other = Coupling(
-                other.leader, other.joint, 1 / other.multiplier, -other.offset / other.multiplier
-            )
-        sense = math.prod(turns.get(joint, (1.0, 0.0))[0] for joint in pair)
-        readings = other.multiplier, sense * other.multiplier
-        multiplier = min(differ(one.multiplier, reading) for reading in readings)
-        if multiplier > SAME or abs(abs(one.offset) - abs(other.offset)) > LIMITS:
-            yield Finding(
-                "coupling", one.joint, (first, second), f"to {one.leader}",
-                lambda robot: robot, max(multiplier, abs(one.offset - other.offset)),
-            )  # fmt: skip
 
 
 def find_order(a: Neutral, b: Neutral) -> Finding | None:

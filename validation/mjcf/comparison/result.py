@@ -12,6 +12,7 @@ QUANTITIES = ("M", "bias", "g", "J")
 CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
 CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
 EXPLAINED = 1e-9  # what may be left once every cause is repaired
+WIDEST = 48  # letters of a value in the table; JSON has all of it
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Comparison:
     strict : bool
         Whether what only one file states fails too.
     notes : tuple of str
-        What was left out of the comparison.
+        What was left out of the comparison, after ``A:`` or ``B:``.
     seconds : float
         How long it took.
     turns : dict[str, tuple[float, float]]
@@ -118,10 +119,19 @@ class Comparison:
 
     @property
     def passed(self) -> bool:
-        """Whether the files agree: no cause but one-sided ones; with `strict`, none at all."""
+        """Whether the files agree: no cause but one-sided ones; with `strict`, none at all.
+
+        With `strict` both have all joints, and the same was left out of both.
+        """
         failing = [cause for cause in self.causes if self.strict or not cause.one_sided]
-        partial = self.strict and any(self.unmatched.values())
+        partial = self.strict and (any(self.unmatched.values()) or not self.same_notes)
         return self.explained and not failing and not partial
+
+    @property
+    def same_notes(self) -> bool:
+        """Whether what was left out was left out of both files."""
+        ours, theirs = ({n[3:] for n in self.notes if n.startswith(s)} for s in ("A: ", "B: "))
+        return ours == theirs
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain data; figures that are not finite are None."""
@@ -228,7 +238,8 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         shown = [_value(item) for item in value[:3]]
         return " ".join(shown) + (" …" if len(value) > 3 else "")
-    return str(value)
+    text = str(value)
+    return text if len(text) <= WIDEST else f"{text[: WIDEST - 2]} …"
 
 
 def _finite(value: float) -> float | None:

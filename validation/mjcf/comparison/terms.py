@@ -1,5 +1,9 @@
 """Dynamics of the neutral form at many states at once, in NumPy: M, bias, g, J, lengths.
 
+Tendons' armature a adds a Jᵀ J to M and a Jᵀ J̇ q̇ to the bias, J being that of the length. As in
+MuJoCo, M has no entry for two joints neither of which carries the other. The part of the weight
+that is compensated is in neither bias nor g.
+
 Spatial vectors (angular, linear) at the world's origin in the world's axes; recursive Newton-Euler
 and composite rigid bodies (Featherstone, Rigid Body Dynamics Algorithms, chapters 5 and 6). Neither
 engine is used; tests hold it against both.
@@ -7,12 +11,19 @@ engine is used; tests hold it against both.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
+from softdyn.validation.mjcf.comparison.neutral import (
+    FREEDOMS,
+    WORLD,
+    Neutral,
+    NeutralTendon,
+    Point,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +174,93 @@ def evaluate(robot: Neutral, states: States) -> Terms:
     M = np.where(carried, M, np.swapaxes(M, 1, 2))
     M[:, np.arange(n), np.arange(n)] += np.array([parts[k].armature for k in owner])
     bias = np.einsum("sin,nsi->sn", S, force[owner])
-    g = np.einsum("sin,i->sn", momenta, base)
+    lifted = _uplift(robot, placed, S, owner)
+    bias, g = bias - lifted, np.einsum("sin,i->sn", momenta, base) - lifted
+    move = _Motion(placed, S, owner, _ancestors(robot), velocity, acceleration - base)
+    for tendon in robot.cables:
+        if tendon.armature:  # none that wraps a shape, which MuJoCo refuses
+            row, rate = _tendon_row(robot, move, tendon)
+            added = tendon.armature * row[:, :, None] * row[:, None, :]
+            M += np.where(carried | carried.T, added, 0.0)
+            bias += tendon.armature * rate[:, None] * row
     tips, J = _tips(robot, placed, S, owner)
     return Terms(M, bias, g, J, tips)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """How the parts move at the states: spatial vectors as in `evaluate`, gravity left out."""
+
+    placed: Placed
+    S: np.ndarray
+    owner: np.ndarray
+    carried: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    def of(self, point: Point) -> tuple[np.ndarray, ...]:
+        """Place, Jacobian (samples, 3, nv), velocity, and acceleration at q̈ = 0 of a point."""
+        at = self.placed.point(point.part, point.xyz)
+        if point.part == WORLD:
+            still = np.zeros((len(at), 3))
+            return at, np.zeros((len(at), 3, self.S.shape[2])), still, still
+        columns = self.S[:, 3:] - skew(at) @ self.S[:, :3]
+        columns = np.where(self.carried[self.owner, point.part], columns, 0.0)
+        v, a = self.velocity[point.part], self.acceleration[point.part]
+        speed = v[:, 3:] + cross(v[:, :3], at)
+        rate = a[:, 3:] + cross(a[:, :3], at) + cross(v[:, :3], speed)
+        return at, columns, speed, rate
+
+
+def _tendon_row(
+    robot: Neutral, move: _Motion, tendon: NeutralTendon
+) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian (samples, nv) of a tendon's length, and J̇ q̇ (samples,)."""
+    names = [robot.parts[k].name for k in move.owner]
+    row = np.zeros((len(move.S), robot.nv))
+    for joint, coefficient in tendon.terms.items():
+        row[:, names.index(joint)] += coefficient
+    rate = np.zeros(len(row))
+    for divisor, ends in _branches(tendon):
+        for (a, Ja, va, aa), (b, Jb, vb, ab) in pairwise(move.of(point) for point in ends):
+            length = np.linalg.norm(b - a, axis=1)
+            along = (b - a) / np.where(length, length, 1.0)[:, None]
+            row += np.einsum("si,sin->sn", along, Jb - Ja) / divisor
+            speed, turning = vb - va, length > 0
+            stretch = np.einsum("si,si->s", along, speed)
+            swing = np.where(turning, np.sum(speed**2, axis=1) - stretch**2, 0.0)
+            swing /= np.where(turning, length, 1.0)
+            rate += (np.einsum("si,si->s", along, ab - aa) + swing) / divisor
+    return row, rate
+
+
+def _branches(tendon: NeutralTendon) -> Iterator[tuple[float, list[Point]]]:
+    """The stretches of a path between pulleys, with what their length is divided by."""
+    divisor: float = 1.0
+    points: list[Point] = []
+    for point in tendon.path:
+        if point.around.startswith("pulley"):
+            yield divisor, points
+            divisor, points = float(point.around.split()[1]), []
+        else:
+            points.append(point)
+    yield divisor, points
+
+
+def _uplift(robot: Neutral, placed: Placed, S: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """Generalized force (samples, nv) of the weight that is compensated."""
+    found = np.zeros((len(S), robot.nv))
+    movers = _ancestors(robot)
+    for k, part in enumerate(robot.parts):
+        mass, *moment = part.uplift
+        if mass or any(moment):
+            # m (R c + p): the first moment about the world's origin
+            arm = placed.rotation[k] @ np.array(moment) + mass * placed.translation[k]
+            torque = cross(arm, np.broadcast_to(-robot.gravity, arm.shape))
+            force = np.einsum("sin,si->sn", S[:, :3], torque)
+            force += np.einsum("sin,i->sn", S[:, 3:], -mass * robot.gravity)
+            found += np.where(movers[owner, k], force, 0.0)
+    return found
 
 
 def _unit_velocities(robot: Neutral, placed: Placed, samples: int) -> np.ndarray:
@@ -240,8 +335,9 @@ def lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
         length = np.zeros(len(states.v))
         for joint, coefficient in cable.terms.items():
             length = length + coefficient * coordinate[joint]
-        ends = [placed.point(point.part, point.xyz) for point in cable.path]
-        for a, b in pairwise(ends):
-            length = length + np.linalg.norm(b - a, axis=1)
+        for divisor, points in _branches(cable):
+            ends = [placed.point(point.part, point.xyz) for point in points]
+            for a, b in pairwise(ends):
+                length = length + np.linalg.norm(b - a, axis=1) / divisor
         found[cable.name] = length
     return found

@@ -1,0 +1,355 @@
+"""Causes in tendons, actuators, couplings and other equalities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from softdyn.validation.mjcf.comparison.finding import (
+    LIMITS,
+    SAME,
+    Finding,
+    Turns,
+    apart,
+    curves,
+    differ,
+    one_sided,
+    shown,
+    told_apart,
+    with_urdf,
+)
+from softdyn.validation.mjcf.comparison.matching import plain_name
+from softdyn.validation.mjcf.comparison.neutral import (
+    Coupling,
+    Equality,
+    Motor,
+    Neutral,
+    NeutralTendon,
+    Point,
+)
+from softdyn.validation.mjcf.comparison.terms import States, lengths
+
+FRAMES = 1e-6  # m
+ONLY = "only in one file"
+LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
+Named = TypeVar("Named", NeutralTendon, Motor)
+
+
+def find_drives(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
+    """Findings on tendons, actuators and couplings of two robots whose geometry agrees."""
+    yield from _tendons(a, b, turns, states)
+    yield from _motors(a, b, turns)
+    a, b = _uncoupled(a, b), _uncoupled(b, a)
+    yield from _couplings(a, b, turns)
+    yield from _equalities(a, b)
+
+
+def _paired(ours: tuple[Named, ...], theirs: tuple[Named, ...]) -> list[tuple[Any, Any]]:
+    """Tendons or actuators of the same name, then of like names; None where one has no partner."""
+    left = {item.name: item for item in theirs}
+    pairs: list[tuple[Any, Any]] = []
+    for item in ours:
+        like = [name for name in left if plain_name(name) == plain_name(item.name)]
+        name = item.name if item.name in left else like[0] if len(like) == 1 else None
+        pairs.append((item, left.pop(name) if name is not None else None))
+    return pairs + [(None, item) for item in left.values()]
+
+
+# -- tendons ---------------------------------------------------------------------------------------
+
+
+def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
+    ours, theirs = lengths(a, states), lengths(b, states)
+    urdf = with_urdf(a, b)
+    for one, other in _paired(a.cables, b.cables):
+        if one is None or other is None:
+            if not (_drives(one, a) or _drives(other, b)):
+                yield _tendon_alone(one, other)
+            continue
+        scale = float(np.abs(ours[one.name]).max()) or 1.0
+        error = float(np.abs(ours[one.name] - theirs[other.name]).max()) / scale
+        signed = {joint: turns.get(joint, (1.0, 0.0))[0] * c for joint, c in other.terms.items()}
+        same_terms = any(_same_terms(one.terms, terms) for terms in (other.terms, signed))
+        around = [p.around for p in one.path] != [p.around for p in other.path]
+        if (one.terms or other.terms) and same_terms and not one.path:
+            error = 0.0
+        if error > SAME or around:
+            yield Finding(
+                "tendon", one.name, _path_values(one, other),
+                _path_words(one, other) or f"length {100 * error:.3g} % apart",
+                _with_tendon(other.name, terms=one.terms, path=one.path),
+                max(error, 1.0 if around else 0.0),
+            )  # fmt: skip
+        if (size := differ(one.armature, other.armature)) > SAME:
+            yield Finding(
+                "armature", one.name, (one.armature, other.armature), "of the tendon",
+                _with_tendon(other.name, armature=one.armature), size,
+                urdf or not (one.armature and other.armature),
+            )  # fmt: skip
+        for name, p, q, size in curves(one, other):
+            repair = _with_tendon(
+                other.name, **{n: getattr(one, n) for n in (name, f"{name}_curve")}
+            )
+            alone = one_sided(p, q, urdf=urdf)
+            yield Finding("tendon", one.name, (shown(p), shown(q)), name, repair, size, alone)
+        sprung = all(t.stiffness or any(t.stiffness_curve) for t in (one, other))
+        if sprung and max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True)) > FRAMES:
+            yield Finding(
+                "tendon", one.name, (list(one.rest), list(other.rest)), "rest length",
+                _with_tendon(other.name, rest=one.rest), 1.0,
+            )  # fmt: skip
+        for field, values, size in told_apart(one.more, other.more, urdf=urdf):
+            repair = _with_tendon(other.name, more=one.more)
+            yield Finding("tendon", one.name, values, field, repair, size, urdf)
+
+
+def _drives(tendon: NeutralTendon | None, robot: Neutral) -> bool:
+    """Whether a tendon says no more than its actuators do: it is plain, and over one joint."""
+    if tendon is None or len(tendon.terms) != 1:
+        return False
+    plain = NeutralTendon(tendon.name, tendon.terms, (), rest=tendon.rest)
+    own = (tendon.armature, tendon.more, *curves(tendon, plain))
+    return not any(own) and any(m.target == f"tendon:{tendon.name}" for m in robot.motors)
+
+
+def _same_terms(ours: dict[str, float], theirs: dict[str, float]) -> bool:
+    return all(
+        differ(ours.get(joint, 0.0), theirs.get(joint, 0.0)) <= SAME for joint in {**ours, **theirs}
+    )
+
+
+def _with_tendon(name: str, **values: Any) -> Callable[[Neutral], Neutral]:
+    def repair(robot: Neutral) -> Neutral:
+        tendons = tuple(replace(c, **values) if c.name == name else c for c in robot.cables)
+        return replace(robot, cables=tendons)
+
+    return repair
+
+
+def _tendon_alone(one: NeutralTendon | None, other: NeutralTendon | None) -> Finding:
+    """A tendon that one file does not have."""
+
+    def repair(robot: Neutral) -> Neutral:
+        left = tuple(tendon for tendon in robot.cables if tendon is not other)
+        return replace(robot, cables=left if one is None else (*left, one))
+
+    item = one if one is not None else other
+    assert item is not None
+    ours, theirs = (None if t is None else _tendon_words(t) for t in (one, other))
+    return Finding("tendon", item.name, (ours, theirs), ONLY, repair, 1.0, True)
+
+
+def _tendon_words(tendon: NeutralTendon) -> str:
+    return _sum(tendon.terms) if tendon.terms else f"{len(tendon.path)} points"
+
+
+def _sum(terms: dict[str, float]) -> str:
+    return " + ".join(f"{coefficient:.9g} {joint}" for joint, coefficient in terms.items())
+
+
+def _path_values(one: NeutralTendon, other: NeutralTendon) -> tuple[str, str]:
+    """Both paths; of sums the terms that differ."""
+    if not (one.terms and other.terms):
+        return _tendon_words(one), _tendon_words(other)
+    changed = [
+        joint
+        for joint in {**one.terms, **other.terms}
+        if differ(one.terms.get(joint, 0.0), other.terms.get(joint, 0.0)) > SAME
+    ]
+    ours, theirs = ({j: t.terms.get(j, 0.0) for j in changed} for t in (one, other))
+    return _sum(ours), _sum(theirs)
+
+
+def _path_words(one: NeutralTendon, other: NeutralTendon) -> str:
+    """Which points of two paths are apart, and how far."""
+    if len(one.path) != len(other.path):
+        return "another number of points"
+    return _points_words(one.path, other.path)
+
+
+def _points_words(ours: tuple[Point, ...], theirs: tuple[Point, ...]) -> str:
+    words = []
+    for k, (p, q) in enumerate(zip(ours, theirs, strict=True)):
+        gap = float(np.linalg.norm(p.xyz - q.xyz))
+        if p.part != q.part:
+            words.append(f"point {k + 1} on another body")
+        elif gap > FRAMES:
+            words.append(f"point {k + 1} moved {1e3 * gap:.4g} mm")
+    return ", ".join(words)
+
+
+# -- actuators -------------------------------------------------------------------------------------
+
+
+def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
+    urdf = with_urdf(a, b)
+    for one, other in _paired(a.motors, b.motors):
+        if one is None or other is None:
+            item = other if one is None else one
+            ours, theirs = (None if m is None else _motor_words(m) for m in (one, other))
+            yield Finding(
+                "actuator", item.name, (ours, theirs), ONLY, lambda robot: robot, 1.0, True
+            )
+            continue
+        first, second = one, other
+        if plain_name(one.target) != plain_name(other.target):
+            first, second = _on_joint(one, a), _on_joint(other, b)
+        found = _motor_differences(first, second, turns, urdf)
+        if found:
+            ours, theirs = ("; ".join(filter(None, words)) for words in zip(
+                *((p, q) for _, p, q, _ in found), strict=True
+            ))  # fmt: skip
+            yield Finding(
+                "actuator", one.name, (ours, theirs),
+                ", ".join(dict.fromkeys(word for word, *_ in found)),
+                _with_motor(other.name, one), max(size for *_, size in found),
+            )  # fmt: skip
+
+
+def _motor_differences(
+    one: Motor, other: Motor, turns: Turns, urdf: bool
+) -> list[tuple[str, str, str, float]]:
+    """What differs: its name, both values in words, and how far apart they are."""
+    _, _, joint = one.target.partition("joint:")
+    sense = turns.get(joint, (1.0, 0.0))[0]
+    found = []
+    if plain_name(one.target) != plain_name(other.target):
+        found.append(("acts on another target", one.target, other.target, 1.0))
+    if min(differ(one.gear, other.gear), differ(one.gear, sense * other.gear)) > SAME:
+        size = differ(one.gear, other.gear)
+        found.append(("gear", f"gear {one.gear:.9g}", f"gear {other.gear:.9g}", size))
+    if (size := apart(one.axes, other.axes)) > SAME:
+        found.append(("gear's axes", _row("gear", one.axes), _row("gear", other.axes), size))
+    if (size := apart((one.lower, one.upper), (other.lower, other.upper))) > SAME:
+        found.append(("range", _range(one), _range(other), size))
+    for p, q in zip(one.frames, other.frames, strict=False):
+        turned = float(np.abs(p.pose.rotation - q.pose.rotation).max())
+        moved = float(np.linalg.norm(p.pose.translation - q.pose.translation))
+        if p.part != q.part or moved > FRAMES or turned > FRAMES:
+            found.append(("site", "", f"site {1e3 * moved:.4g} mm, {turned:.3g} apart", 1.0))
+    for field, values, size in told_apart(one.more, other.more, urdf=urdf):
+        name = field.removeprefix("actuator_")
+        ours, theirs = (_row(name, value) for value in values)
+        found.append(("another law" if name in LAW else name, ours, theirs, size))
+    return found
+
+
+def _on_joint(motor: Motor, robot: Neutral) -> Motor:
+    """The same force as one on the joint itself, if the tendon it pulls is over one joint alone."""
+    for tendon in robot.cables:
+        if motor.target == f"tendon:{tendon.name}" and len(tendon.terms) == 1:
+            ((joint, coefficient),) = tendon.terms.items()
+            return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient)
+    return motor
+
+
+def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:
+    def repair(robot: Neutral) -> Neutral:
+        motors = tuple(replace(motor, name=m.name) if m.name == name else m for m in robot.motors)
+        return replace(robot, motors=motors)
+
+    return repair
+
+
+def _row(name: str, values: Any) -> str:
+    """A field in words, zeros behind its last number left out."""
+    if values is None:
+        return ""
+    row = np.trim_zeros(np.atleast_1d(values), "b")
+    return f"{name} {' '.join(f'{x:.9g}' for x in row) or '0'}"
+
+
+def _range(motor: Motor) -> str:
+    return f"input {motor.lower:.9g} … {motor.upper:.9g}"
+
+
+def _motor_words(motor: Motor) -> str:
+    words = f"{motor.target}, gear {motor.gear:g}, {_range(motor)}"
+    return f"{words}, {motor.law}" if motor.law else words
+
+
+# -- couplings and equalities ----------------------------------------------------------------------
+
+
+def _uncoupled(robot: Neutral, other: Neutral) -> Neutral:
+    """The robot; what is a coupling here and has higher powers there is an equality in both."""
+    ends = {tie.ends for tie in other.equalities if tie.kind == "joint"}
+    bent = [c for c in robot.couplings if (c.joint, c.leader) in ends]
+    ties = tuple(
+        Equality("joint", (c.joint, c.leader), (c.offset, c.multiplier, 0.0, 0.0, 0.0), (), c.more)
+        for c in bent
+    )
+    left = tuple(c for c in robot.couplings if c not in bent)
+    return replace(robot, couplings=left, equalities=(*robot.equalities, *ties))
+
+
+def _couplings(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
+    def by_pair(robot: Neutral) -> dict[tuple[str, ...], Coupling]:
+        return {tuple(sorted((c.joint, c.leader))): c for c in robot.couplings}
+
+    urdf = with_urdf(a, b)
+    ours, theirs = by_pair(a), by_pair(b)
+    for pair in {**ours, **theirs}:
+        one, other = ours.get(pair), theirs.get(pair)
+        first, second = (None if c is None else [c.multiplier, c.offset] for c in (one, other))
+        if one is None or other is None:
+            yield Finding(
+                "coupling", " and ".join(pair), (first, second), ONLY, lambda robot: robot, 1.0,
+                True,
+            )  # fmt: skip
+            continue
+        solved = other
+        if other.joint != one.joint and other.multiplier:  # solved for the other joint
+            solved = Coupling(
+                other.leader, other.joint, 1 / other.multiplier, -other.offset / other.multiplier
+            )
+        size = min(_coupled_apart(one, reading) for reading in _readings(solved, turns))
+        if size > 0.0:
+            yield Finding(
+                "coupling", one.joint, (first, second), f"to {one.leader}", lambda robot: robot,
+                size,
+            )  # fmt: skip
+        for field, values, away in told_apart(one.more, other.more, urdf=urdf):
+            yield Finding("coupling", one.joint, values, field, lambda robot: robot, away, urdf)
+
+
+def _readings(tie: Coupling, turns: Turns) -> Iterator[Coupling]:
+    """A coupling of B in A's coordinates; also as it stands, and with the senses alone."""
+    (s, z), (t, w) = (turns.get(joint, (1.0, 0.0)) for joint in (tie.joint, tie.leader))
+    yield tie
+    yield replace(tie, multiplier=s * t * tie.multiplier, offset=s * tie.offset)
+    slope = s * t * tie.multiplier
+    yield replace(tie, multiplier=slope, offset=s * tie.offset + z - slope * w)
+
+
+def _coupled_apart(one: Coupling, other: Coupling) -> float:
+    """How far apart two couplings of the same joints are; 0 within the tolerances."""
+    slope, offset = differ(one.multiplier, other.multiplier), abs(one.offset - other.offset)
+    return max(slope, offset) if slope > SAME or offset > LIMITS else 0.0
+
+
+def _equalities(a: Neutral, b: Neutral) -> Iterator[Finding]:
+    def by_ends(robot: Neutral) -> dict[tuple[str, ...], Equality]:
+        return {(tie.kind, *map(plain_name, tie.ends)): tie for tie in robot.equalities}
+
+    ours, theirs = by_ends(a), by_ends(b)
+    for key in {**ours, **theirs}:
+        one, other = ours.get(key), theirs.get(key)
+        item = one if one is not None else other
+        assert item is not None
+        where = " and ".join(item.ends)
+        if one is None or other is None:
+            values = tuple(None if tie is None else tie.kind for tie in (one, other))
+            yield Finding(
+                "coupling", where, (values[0], values[1]), ONLY, lambda robot: robot, 1.0, True
+            )
+            continue
+        found = {"": one.data, **one.more}, {"": other.data, **other.more}
+        for field, values, size in told_apart(*found, urdf=False):
+            detail = field or f"of {item.kind}"
+            yield Finding("coupling", where, values, detail, lambda robot: robot, size)
+        if words := _points_words(one.points, other.points):
+            yield Finding("coupling", where, (None, None), words, lambda robot: robot, 1.0)
