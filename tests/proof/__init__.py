@@ -6,6 +6,7 @@ the wheel.
 - `fuzz`, `fuzzing`: damaged files, messages and command lines by the thousand;
 - `robots`, `crosschecks`: all of example-robot-data, or random robots, cross-checked;
 - `pairs`, `mjcf`: public URDFs and MJCFs of the same robots, compared;
+- `planted`: `compare` against defects planted in random robots;
 - `pictures`, `film`: the documents' pictures and clips;
 - `tables`, `documents`: the documents' tables;
 - `twins`: the identification of twins whose figures the documents show;

@@ -3,5 +3,6 @@
 `side` is one of the files, read once; `neutral` is the form, `from_urdf`, `mjcf_file`, `from_mjcf`
 and `mjcf_drives` fill it, `terms` computes its dynamics without an engine, `matching` pairs the
 joints, `geometry`, `bodies`, `parameters` and `drives` look for causes, each a `finding`,
-`displacements` for the fewest that explain all; `comparison` puts them together, `result` is what it found.
+`displacements` for the fewest that explain all; `comparison` puts them together, `result` is what
+it found.
 """

@@ -160,10 +160,17 @@ def _contradictions(a: Neutral, b: Neutral, found: dict[int, int]) -> list[int]:
 
 
 def _by_kinematics(a: Neutral, b: Neutral, found: dict[int, int]) -> list[tuple[int, int]]:
-    turns = [Transform()] if found else [Transform(turn) for turn in _turns()]
+    if not (a.parts and b.parts):
+        return []
+    # what is matched lies in one place, or else what the roots carry, whichever way it is turned
+    known = [*found.items()] or [(WORLD, WORLD)]
+    ours, theirs = (
+        np.mean([p for k in ks for p in _anchors(robot, k)], axis=0)
+        for robot, ks in zip((a, b), zip(*known, strict=True), strict=True)
+    )
     best: tuple[float, dict[int, int]] = (np.inf, {})
-    for turn in turns:
-        pairs, cost = _walk(a, b, found, turn)
+    for turn in [np.eye(3)] if found else _turns():
+        pairs, cost = _walk(a, b, found, Transform(turn, theirs - turn @ ours))
         cost -= 10 * PLAUSIBLE * len(pairs)
         if cost < best[0] - 1e-9:
             best = cost, pairs
@@ -172,6 +179,11 @@ def _by_kinematics(a: Neutral, b: Neutral, found: dict[int, int]) -> list[tuple[
     if not found and 2 * len(pairs) < min(len(a.parts), len(b.parts)):
         return []
     return list(pairs.items())
+
+
+def _anchors(robot: Neutral, k: int) -> list[np.ndarray]:
+    """The point of a joint, or of all that the root carries."""
+    return [robot.parts[m].point for m in (robot.children(k) if k == WORLD else [k])]
 
 
 def _turns() -> list[np.ndarray]:
@@ -187,7 +199,7 @@ def _turns() -> list[np.ndarray]:
 
 
 def _walk(
-    a: Neutral, b: Neutral, found: dict[int, int], turn: Transform
+    a: Neutral, b: Neutral, found: dict[int, int], place: Transform
 ) -> tuple[dict[int, int], float]:
     """Pairs of children of pairs, root to leaf, and what they cost."""
     matched = {WORLD: WORLD} | found
@@ -201,7 +213,7 @@ def _walk(
         right = [k for k in b.children(matched[i]) if k not in matched.values()]
         if not left or not right:
             continue
-        costs = np.array([[_cost(a, b, k, m, turn, size) for m in right] for k in left])
+        costs = np.array([[_cost(a, b, k, m, place, size) for m in right] for k in left])
         for row, column in zip(*linear_sum_assignment(costs), strict=True):
             if costs[row, column] < PLAUSIBLE:
                 matched[left[row]] = pairs[left[row]] = right[column]
@@ -209,7 +221,7 @@ def _walk(
     return pairs, total
 
 
-def _cost(a: Neutral, b: Neutral, i: int, j: int, turn: Transform, size: float) -> float:
+def _cost(a: Neutral, b: Neutral, i: int, j: int, place: Transform, size: float) -> float:
     """How unlike two parts are: 0 for twins, more than `PLAUSIBLE` for what is no pair."""
     one, other = a.parts[i], b.parts[j]
     if one.kind != other.kind:
@@ -221,9 +233,9 @@ def _cost(a: Neutral, b: Neutral, i: int, j: int, turn: Transform, size: float) 
         cost += abs(first[0] - second[0]) + abs(first[1] - second[1]) / size
     mass = [sum(r.parts[k].inertia.mass for k in r.subtree(m)) for r, m in ((a, i), (b, j))]
     cost += 0.2 * min(1.0, abs(np.log((mass[0] + 1e-9) / (mass[1] + 1e-9))))
-    # where it is, as far as zeros and a turned base let one tell
-    cost += 0.3 * float(np.linalg.norm(turn.rotation @ one.point - other.point)) / size
-    return float(cost + 0.1 * _angle(turn.rotation @ one.axis, other.axis))
+    # where it is, as far as zeros and a displaced base let one tell
+    cost += 0.3 * float(np.linalg.norm(place.at(one.point) - other.point)) / size
+    return float(cost + 0.1 * _angle(place.rotation @ one.axis, other.axis))
 
 
 def _relation(above: Part, part: Part) -> tuple[float, float]:
