@@ -18,7 +18,7 @@ from softdyn.identification.data import stretches
 from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
-from softdyn.identification.problem import problem_of
+from softdyn.identification.problem import measured_outputs, problem_of
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
 
