@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
-from softdyn.checks import near
+from softdyn.checks import did_you_mean
 from softdyn.dynamics.model import check_model
 
 
@@ -126,7 +126,8 @@ def from_table(
     unknown = [name for name in table if name not in names]
     if unknown:
         known = [*names, *options]
-        raise InputError("gains", f"any of {', '.join(known)}", near(str(unknown[0]), known))
+        got = did_you_mean(str(unknown[0]), known)
+        raise InputError("gains", f"any of {', '.join(known)}", got)
     published = PUBLISHED.get(model.bundled or "", {}).get(controller)
     if published is not None:
         return replace(published, **table)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
-from softdyn.checks import near
+from softdyn.checks import did_you_mean
 from softdyn.controllers.clf_qp import ClfQp
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.id_clf_qp import IdClfQp
@@ -47,7 +47,8 @@ def find_controller(name: str) -> Callable[..., Any]:
     file, colon, kind = name.rpartition(":")
     if not colon or not file.endswith(".py"):
         known = [*CONTROLLERS, *BEYOND]
-        raise InputError("controller", f"{', '.join(known)} or FILE.py:CLASS", near(name, known))
+        expected = f"{', '.join(known)} or FILE.py:CLASS"
+        raise InputError("controller", expected, did_you_mean(name, known))
     cls = getattr(_load(file), kind, None)
     if not callable(cls):
         raise InputError("controller", f"a class in {file}", repr(kind))

@@ -16,7 +16,7 @@ from softdyn.exceptions import InputError
 FLOAT = np.dtype(float)
 
 
-def near(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
     """``'name'``, with the known name that was meant, if one is like it."""
     lowered = {one.lower(): one for one in known}
     found = difflib.get_close_matches(name.lower(), lowered, 1)

@@ -1,4 +1,4 @@
-"""What softdyn adds to a URDF: springs and the ``<softdyn>`` block, format version 1."""
+"""softdyn's additions to a URDF: springs and the ``<softdyn>`` block, format version 1."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from softdyn.checks import near
+from softdyn.checks import did_you_mean
 from softdyn.description.robot import Actuator, Joint, JointTerm, Link, Robot, Site, Tendon, poses
 from softdyn.description.strict_xml import Element
 
@@ -17,8 +17,8 @@ COINCIDENT = 1e-9  # metres between two sites that count as one point
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """Content of ``<softdyn>``; all of it may be missing."""
+class AnnotationBlock:
+    """Content of ``<softdyn>``; every part of it may be missing."""
 
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
@@ -27,7 +27,7 @@ class Block:
 
 def read_block(
     block: Element, links: dict[str, Link], joints: dict[str, Joint], *, overlay: bool
-) -> Block:
+) -> AnnotationBlock:
     """Read the block, and write armatures into `joints`.
 
     An `overlay` is a block in a file of its own, where a joint may be given a spring and a damper
@@ -40,7 +40,7 @@ def read_block(
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
     actuators = block.unique("actuator", lambda element: _actuator(element, tendons))
-    return Block(tuple(tendons.values()), tuple(actuators.values()), _task(block, links))
+    return AnnotationBlock(tuple(tendons.values()), tuple(actuators.values()), _task(block, links))
 
 
 def read_springs(root: Element, joints: dict[str, Joint]) -> None:
@@ -71,7 +71,7 @@ def _spring_statements(
             for child in element.children(tag):
                 name = element.text("reference")
                 if name not in joints:
-                    raise element.error("reference to a joint", near(name, joints))
+                    raise element.error("reference to a joint", did_you_mean(name, joints))
                 value = child.to_number(str(child.node.xpath("string()")).strip(), tag)
                 if field == "stiffness" and value < 0:
                     raise child.error("springStiffness >= 0", value)
@@ -89,7 +89,7 @@ def _check_springy(element: Element, joint: Joint) -> None:
 def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
     name = element.text("name")
     if name not in joints:
-        raise element.error("the name of a joint", near(name, joints))
+        raise element.error("the name of a joint", did_you_mean(name, joints))
     if not joints[name].moves:
         raise element.error("a joint that moves", f"fixed joint {name!r}")
     return joints[name]
@@ -98,7 +98,7 @@ def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
 def _link_name(element: Element, attribute: str, links: dict[str, Link]) -> str:
     name = element.text(attribute)
     if name not in links:
-        raise element.error("the name of a link", near(name, links))
+        raise element.error("the name of a link", did_you_mean(name, links))
     return name
 
 
@@ -163,7 +163,7 @@ def _actuator(element: Element, tendons: dict[str, Tendon]) -> Actuator:
     element.allow("name", "tendon", "gear", "lower", "upper")
     tendon = element.text("tendon")
     if tendon not in tendons:
-        raise element.error("the name of a tendon", near(tendon, tendons))
+        raise element.error("the name of a tendon", did_you_mean(tendon, tendons))
     gear, lower, upper = (
         element.number("gear", 1.0),
         element.number("lower"),

@@ -1,4 +1,4 @@
-"""What an annotated URDF says, as frozen data, and the tree that its joints span.
+"""An annotated URDF as frozen data, and the tree that its joints span.
 
 Everything here is at q = 0 and free of any engine; `softdyn.description.urdf` fills it from a file.
 """

@@ -15,7 +15,13 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from softdyn.description.annotations import BLOCK, Block, check_paths, read_block, read_springs
+from softdyn.description.annotations import (
+    BLOCK,
+    AnnotationBlock,
+    check_paths,
+    read_block,
+    read_springs,
+)
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.robot import (
     MOVING,
@@ -139,7 +145,7 @@ def _robot(
         block_text = etree.tostring(element.node, encoding="unicode")
         if element.tag != BLOCK:
             raise element.error(f"the root element <{BLOCK}>", f"<{element.tag}>")
-    block = Block()
+    block = AnnotationBlock()
     if element is not None:
         block = read_block(element, links, joints, overlay=overlay is not None)
     robot = replace(

@@ -19,10 +19,10 @@ def write(robot: Robot) -> str:
     """Return URDF text that `softdyn.parse` reads back as an equal robot.
 
     Every number is written with all its digits. Springs and tendons are written into the same file,
-    wherever they were read from. Looks and other tools' elements are written as they were spelled,
-    so meshes must be where they were. Comments inside the robot, and elements of other tools inside
-    links and joints, are lost. No URDF can say that a base floats: such a robot is to be parsed
-    with ``floating=True``.
+    wherever they were read from. Looks and other tools' elements are written as they were spelled:
+    the paths of meshes in them stay relative to the file. Comments inside the robot are lost, as are
+    other tools' elements inside links and joints. A URDF cannot say that its base floats: parse such
+    a robot with ``floating=True``.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _joint(joint: Joint) -> list[str]:
 
 
 def _block(robot: Robot) -> list[str]:
-    """What softdyn adds."""
+    """The ``<softdyn>`` block: armatures, tendons, actuators, the task frame."""
     lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
     for tendon in robot.tendons:
         path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]

@@ -1,4 +1,4 @@
-"""What a robot looks like: the shapes that its URDF hangs on its links.
+"""A robot's looks: the shapes that its URDF hangs on its links.
 
 ``<visual>`` shapes; of a link without any, its ``<collision>`` shapes; of a robot without either,
 nothing (`softdyn.view.scene` then draws its joints and links as sticks).
@@ -22,14 +22,14 @@ MAX_SIZE = 1e4  # m; a page holds float32, and what is larger cannot be shown be
 
 
 @dataclass(frozen=True)
-class Box:
+class BoxShape:
     """A box with edges `size` (m), centred."""
 
     size: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class CylinderShape:
     """A cylinder along z, centred (m)."""
 
     radius: float
@@ -37,13 +37,13 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class SphereShape:
     """A sphere (m), centred."""
 
     radius: float
 
 
-Shape = Box | Cylinder | Sphere | Mesh
+Shape = BoxShape | CylinderShape | SphereShape | Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +89,9 @@ def triangles(visual: Visual) -> np.ndarray:
     shape = visual.shape
     if isinstance(shape, Mesh):
         found = np.asarray(shape.vertices, float)[shape.faces]
-    elif isinstance(shape, Box):
+    elif isinstance(shape, BoxShape):
         found = trimesh.creation.box(shape.size).triangles
-    elif isinstance(shape, Cylinder):
+    elif isinstance(shape, CylinderShape):
         found = trimesh.creation.cylinder(shape.radius, shape.length, sections=24).triangles
     else:
         found = trimesh.creation.icosphere(2, shape.radius).triangles
@@ -103,9 +103,9 @@ def _reach(visual: Visual) -> float:
     shape = visual.shape
     if isinstance(shape, Mesh):
         radius = float(np.linalg.norm(np.abs(shape.vertices).max(axis=0)))
-    elif isinstance(shape, Box):
+    elif isinstance(shape, BoxShape):
         radius = float(np.linalg.norm(shape.size))
-    elif isinstance(shape, Cylinder):
+    elif isinstance(shape, CylinderShape):
         radius = shape.radius + shape.length
     else:
         radius = shape.radius
@@ -138,13 +138,13 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
     shape: Shape
     if (box := geometry.child("box")) is not None:
         x, y, z = box.vector("size")
-        shape = Box((x, y, z))
+        shape = BoxShape((x, y, z))
     elif (cylinder := geometry.child("cylinder")) is not None:
-        shape = Cylinder(
+        shape = CylinderShape(
             cylinder.non_negative("radius", None), cylinder.non_negative("length", None)
         )
     elif (sphere := geometry.child("sphere")) is not None:
-        shape = Sphere(sphere.non_negative("radius", None))
+        shape = SphereShape(sphere.non_negative("radius", None))
     else:
         raise MeshError("expected a <box>, <cylinder>, <sphere> or <mesh>, got another shape")
     return [Visual(link, pose, shape, rgba or GREY)]

@@ -10,7 +10,7 @@
 - `rods`: material, sections, cables, plates, mount, as frozen data;
 - `quadrature`: where in a section the joints are;
 - `layout`: bodies and springs of the straight arm, its mass matrix and frequencies;
-- `plausible`: what no soft arm has;
+- `plausible`: refuses numbers that no soft arm has;
 - `arm_file`: the annotated URDF of an arm, its looks included;
 - `strains`: piecewise constant or polynomial strains, for `softdyn.reduce`;
 - `log_spiral`, `finger`: presets;

@@ -27,7 +27,7 @@ from softdyn.design.plausible import check
 from softdyn.design.rods import Arm, Cable, Section, along
 
 SHADES = ((0.16, 0.46, 0.52), (0.80, 0.50, 0.26), (0.50, 0.44, 0.66), (0.42, 0.58, 0.34))
-"""Of the sections in turn; every second link is a little lighter."""
+"""Colours of the sections in turn; every second link is a little lighter."""
 DARK = (0.2, 0.22, 0.26)
 GEAR = -1.0
 """A positive input is a tension."""
@@ -38,14 +38,14 @@ SMALL = 1e-9
 def urdf(arm: Arm) -> str:
     """The annotated URDF of an arm.
 
-    A cable that is led along its whole way, as in a channel, is a fixed tendon: for bends and at a
-    constant offset its length is linear in q. One that runs straight from disc to disc is a path
-    over sites.
+    A cable that is led along its whole way, as in a channel, is a fixed tendon: its length is
+    linear in q for bends and at a constant offset. A cable that runs straight from disc to disc is
+    a spatial tendon over sites.
 
     Raises
     ------
     InputError
-        For what no soft arm is, unless `arm.unusual`: see `softdyn.design.plausible`.
+        For numbers that no soft arm has, unless `arm.unusual`: see `softdyn.design.plausible`.
     """
     layout = lay_out(arm)
     check(layout)
@@ -68,7 +68,7 @@ def urdf(arm: Arm) -> str:
 
 
 def comment(layout: Layout) -> str:
-    """What the arm amounts to, as the file's first words."""
+    """A summary of the arm, the first words of its file."""
     arm = layout.arm
     mass = sum(body.mass for body in layout.bodies)
     lines = [
@@ -140,7 +140,7 @@ def _colors(arm: Arm) -> dict[str, tuple[float, ...]]:
 
 
 def _looks(layout: Layout, k: int) -> list[str]:
-    """What body k looks like: round pieces, a ball at its joint, discs, plates."""
+    """The looks of body k: round pieces, a ball at its joint, discs, plates."""
     arm, begin, end = layout.arm, layout.stations[k], layout.ends[k]
     parts = []
     for i, (start, section) in enumerate(zip(arm.starts, arm.sections, strict=False)):

@@ -41,13 +41,13 @@ class Chain:
     Parameters
     ----------
     name : str
-        Of the robot.
+        The robot's name.
     comment : str
         The first words of its file.
     colors : mapping of str to sequence of float
-        Red, green, blue and, where it is given, opacity of each material.
+        By material: red, green, blue and, optionally, opacity.
     looks : sequence of str
-        Of the link ``base``, which is welded to the root link ``world``.
+        Looks of the link ``base``, which is welded to the root link ``world``.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Chain:
     ) -> None:  # fmt: skip
         """Add a link at a pose in the last one, on one-DOF joints in series, or welded to it.
 
-        Between joints there are massless links. A body has the axes of its link.
+        The links between the joints are massless. `body` is given in the axes of its link.
         """
         link = Link(name, looks=tuple(looks))
         if body is not None:

@@ -35,9 +35,9 @@ class FingerTendon:
     joints : tuple of int
         Numbers of the hinges, 1 at the base.
     moment_arms : tuple of float
-        m, one a hinge.
+        Moment arm at each hinge (m).
     max_tension : float
-        N.
+        Largest tension (N).
     pair : bool
         Whether an antagonist pulls back, so that the input has both signs.
     name : str
@@ -57,13 +57,13 @@ class Finger:
     Attributes
     ----------
     lengths : tuple of float
-        Of the bones (m), from base to tip.
+        Lengths of the bones (m), from base to tip.
     radius : Profile
-        From base to tip (m).
+        Radius from base to tip (m).
     density : float
-        Of solid round bones (kg/m³).
+        Density of the solid round bones (kg/m³).
     stiffness, damping : float or tuple of float
-        Of the hinges (N m/rad, N m s/rad).
+        Stiffness and damping of the hinges (N m/rad, N m s/rad).
     tendons : tuple of FingerTendon
     limit : float
         Largest angle of a hinge to either side (rad).

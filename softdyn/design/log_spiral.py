@@ -41,7 +41,7 @@ class LogSpiral:
     Attributes
     ----------
     length, mass : float
-        Of the whole arm (m, kg).
+        Length and mass of the whole arm (m, kg).
     segments : int
         One more than joints.
     ratio : float
@@ -50,13 +50,14 @@ class LogSpiral:
         Distance of the cables from the backbone at the base (m); segments weigh like cylinders of
         their own such radius.
     stiffness, damping, armature : float
-        Of every degree of freedom (N m/rad, N m s/rad, kg m²).
+        The same for every degree of freedom (N m/rad, N m s/rad, kg m²).
     freedoms : tuple of str
-        Of each joint, in the order of the file: rotations of `softdyn.design.layout.FREEDOMS`.
+        Degrees of freedom of each joint, in the order of the file: rotations of
+        `softdyn.design.layout.FREEDOMS`.
     cable_angles : tuple of float
-        deg, from +z towards -y.
+        Directions of the cables from the backbone: degrees from +z towards -y.
     site_fractions : tuple of float
-        Where along each segment the cables are led.
+        Positions of the cables' sites along each segment, as shares of its length.
     cable : Input
         Gear and bounds of every cable.
     mount : Mount

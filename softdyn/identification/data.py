@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from softdyn.checks import array, in_degrees, near
+from softdyn.checks import array, did_you_mean, in_degrees
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
 from softdyn.files import read_bytes
@@ -174,7 +174,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     for name in header:
         if name not in known:
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z or length.TENDON, of this robot"
-            raise InputError(f"{path}: header", expected, near(name, known))
+            raise InputError(f"{path}: header", expected, did_you_mean(name, known))
     for name in ("t", *inputs):
         if header.count(name) != 1:
             raise InputError(str(path), f"one column {name}", f"{header.count(name)} of them")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softdyn.checks import near
+from softdyn.checks import did_you_mean
 from softdyn.description.robot import Robot
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.mimic import build
@@ -201,7 +201,7 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
         An unknown kind, or one of which the file gives no value.
     """
     if kind not in KINDS:
-        raise InputError("kind", f"one of {', '.join(KINDS)}", near(kind, KINDS))
+        raise InputError("kind", f"one of {', '.join(KINDS)}", did_you_mean(kind, KINDS))
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
     about_zero = known in (KINDS["rest"], KINDS["offset"])

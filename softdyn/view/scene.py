@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.description.robot import Joint, Robot, levels, poses
-from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, Visual, visuals
+from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.tendon_paths import Path, fixed_path
 
@@ -31,7 +31,7 @@ STICK = (0.45, 0.52, 0.6, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Cable:
+class DrawnCable:
     """A polyline over `sites`, each a link and a point (3,) in its frame.
 
     Its tension is ``weights · u``, positive where it pulls, at most `limit`. `side` is +1 or -1
@@ -61,7 +61,7 @@ class Figure:
 
     model: SoftModel
     shapes: tuple[Visual, ...]
-    cables: tuple[Cable, ...]
+    cables: tuple[DrawnCable, ...]
     problems: tuple[str, ...]
     scenery: tuple[Visual, ...] = ()
 
@@ -196,11 +196,11 @@ def columns(matrix: np.ndarray) -> list[float]:
 
 def _size(shape: Visual, number: dict[int, int]) -> dict[str, Any]:
     form = shape.shape
-    if isinstance(form, Box):
+    if isinstance(form, BoxShape):
         return {"box": list(form.size)}
-    if isinstance(form, Cylinder):
+    if isinstance(form, CylinderShape):
         return {"cylinder": [form.radius, form.length]}
-    if isinstance(form, Sphere):
+    if isinstance(form, SphereShape):
         return {"sphere": form.radius}
     return {"mesh": number[id(form)]}
 
@@ -220,7 +220,7 @@ def _packed(mesh: Mesh) -> dict[str, Any]:
     }
 
 
-def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
+def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
     robot = model.robot
     for tendon in robot.tendons:
         spatial = bool(tendon.sites)
@@ -233,13 +233,13 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[Cable]:
         limit = max(-low, high)
         if spatial:
             path = [(site.link, np.array(site.xyz)) for site in tendon.sites]
-            yield Cable(tendon.name, path, weights, limit, 0)
+            yield DrawnCable(tendon.name, path, weights, limit, 0)
             continue
         for side in (1, -1):
             if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
                 continue  # nothing ever pulls on that side
             for path in fixed_path(robot, tendon, shapes, side):
-                yield Cable(tendon.name, path, weights, limit, side if low < 0 < high else 0)
+                yield DrawnCable(tendon.name, path, weights, limit, side if low < 0 < high else 0)
 
 
 def _sticks(robot: Robot) -> Iterator[Visual]:
@@ -251,6 +251,6 @@ def _sticks(robot: Robot) -> Iterator[Visual]:
         if length > 0:
             along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end)
             pose = _pose(along.matrix(), end / 2)
-            yield Visual(joint.parent, pose, Cylinder(0.018 * size, length), STICK)
+            yield Visual(joint.parent, pose, CylinderShape(0.018 * size, length), STICK)
         if joint.moves or joint.child == robot.task:
-            yield Visual(joint.child, np.eye(4), Sphere(0.03 * size), STICK)
+            yield Visual(joint.child, np.eye(4), SphereShape(0.03 * size), STICK)

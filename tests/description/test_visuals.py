@@ -12,7 +12,14 @@ import trimesh
 import softdyn
 from softdyn.description.library import find
 from softdyn.description.meshes import MAX_FACES, MeshError, locate
-from softdyn.description.visuals import Box, Cylinder, Mesh, Sphere, triangles, visuals
+from softdyn.description.visuals import (
+    BoxShape,
+    CylinderShape,
+    Mesh,
+    SphereShape,
+    triangles,
+    visuals,
+)
 
 INERTIAL = (
     '<inertial><mass value="1"/>'
@@ -44,7 +51,7 @@ def test_primitives_poses_and_colours(tmp_path):
     assert problems == ()
     box, cylinder, sphere = found
     assert (box.shape, cylinder.shape, sphere.shape) == (
-        Box((1.0, 2.0, 3.0)), Cylinder(0.1, 0.4), Sphere(0.2),
+        BoxShape((1.0, 2.0, 3.0)), CylinderShape(0.1, 0.4), SphereShape(0.2),
     )  # fmt: skip
     assert (box.rgba, cylinder.rgba) == ((1, 0, 0, 1), (0, 1, 0, 0.5))
     np.testing.assert_allclose(box.pose[:3, 0], [0, 1, 0], atol=1e-12)
@@ -57,7 +64,7 @@ def test_collision_shapes_stand_in_for_missing_visuals(tmp_path):
     found, _ = visuals(
         robot(tmp_path, '<collision><geometry><sphere radius="0.3"/></geometry></collision>')
     )
-    assert [shape.shape for shape in found] == [Sphere(0.3)]
+    assert [shape.shape for shape in found] == [SphereShape(0.3)]
 
 
 @pytest.mark.parametrize("reference", [

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import softdyn
 from softdyn import design
 from softdyn.description.robot import poses
-from softdyn.description.visuals import Box, Cylinder, Visual
+from softdyn.description.visuals import BoxShape, CylinderShape, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
 from softdyn.view.tendon_paths import CLEARANCE, _distance
@@ -93,7 +93,7 @@ def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
     (tmp_path / "r.urdf").write_text(body)
     model = softdyn.load(tmp_path / "r.urdf", floating=floating)
     figure = Figure.of(model)
-    rods = [shape for shape in figure.shapes if isinstance(shape.shape, Cylinder)]
+    rods = [shape for shape in figure.shapes if isinstance(shape.shape, CylinderShape)]
     for rod, joint in zip(rods, model.robot.joints[-2:], strict=True):  # the first turns in place
         half = rod.shape.length / 2 * rod.pose[:3, 2]
         ends = rod.pose[:3, 3] - half, rod.pose[:3, 3] + half
@@ -147,7 +147,7 @@ def test_a_cable_clears_the_first_link_below_that_has_a_shape(tmp_path):
     (tmp_path / "r.urdf").write_text(STICKS.format(i=INERTIAL, mimic=""))
     robot = softdyn.parse(tmp_path / "r.urdf")
     boxes = [
-        Visual(link, np.eye(4), Box((0.1, 0.1, 2 * half)), (1, 1, 1, 1))
+        Visual(link, np.eye(4), BoxShape((0.1, 0.1, 2 * half)), (1, 1, 1, 1))
         for link, half in (("base", 0.7), ("a", 0.05), ("b", 0.2))
     ]
     joint, up = robot.joints[0], np.array([0.0, 0.0, 1.0])

@@ -19,7 +19,7 @@ from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
-from softdyn.validation.twin.bodies import Freedom
+from softdyn.validation.twin.bodies import TwinJoint
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import check_warnings
 
@@ -97,7 +97,7 @@ class Scene:
         self.joint_names = tuple(part.name for part in theirs.parts)
         number = {name: k for k, name in enumerate(self.joint_names)}
         self.followers = {
-            joint.name: Freedom(
+            joint.name: TwinJoint(
                 joint.name, "", joint.axis, joint.mimic.leader, joint.mimic.multiplier,
                 joint.mimic.offset,
             )

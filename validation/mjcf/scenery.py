@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from softdyn.description.meshes import Mesh, shown
-from softdyn.description.visuals import Box, Cylinder, Shape, Sphere, Visual
+from softdyn.description.visuals import BoxShape, CylinderShape, Shape, SphereShape, Visual
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.view.scene import WORLD
 
@@ -68,7 +68,7 @@ def _slabs(model: mujoco.MjModel, data: mujoco.MjData, wide: float) -> Iterator[
             x, y = (min(size, wide) if size > 0 else wide for size in model.geom_size[geom][:2])
             below = np.eye(4)
             below[2, 3] = -(thick := 0.005 * wide) / 2
-            yield _placed(model, data, geom, Box((2 * x, 2 * y, thick)), below)
+            yield _placed(model, data, geom, BoxShape((2 * x, 2 * y, thick)), below)
 
 
 def _shapes(
@@ -80,16 +80,16 @@ def _shapes(
     if kind == MESH:
         yield meshes[int(model.geom_dataid[geom])], here
     elif kind == kinds.mjGEOM_BOX:
-        yield Box((2 * size[0], 2 * size[1], 2 * size[2])), here
+        yield BoxShape((2 * size[0], 2 * size[1], 2 * size[2])), here
     elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
         axes = size if kind == kinds.mjGEOM_ELLIPSOID else size[:1] * 3
-        yield Sphere(1.0), np.diag([*axes, 1.0])
+        yield SphereShape(1.0), np.diag([*axes, 1.0])
     elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-        yield Cylinder(size[0], 2 * size[1]), here
+        yield CylinderShape(size[0], 2 * size[1]), here
         for end in (-1, 1) if kind == kinds.mjGEOM_CAPSULE else ():
             moved = here.copy()
             moved[2, 3] = end * size[1]
-            yield Sphere(size[0]), moved
+            yield SphereShape(size[0]), moved
 
 
 def _mesh(model: mujoco.MjModel, k: int) -> Mesh:

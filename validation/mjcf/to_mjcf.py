@@ -13,7 +13,14 @@ import numpy as np
 from lxml import etree
 
 from softdyn.description.robot import Robot
-from softdyn.description.visuals import Box, Cylinder, Sphere, Visual, triangles, visuals
+from softdyn.description.visuals import (
+    BoxShape,
+    CylinderShape,
+    SphereShape,
+    Visual,
+    triangles,
+    visuals,
+)
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
 from softdyn.validation.mjcf.xml_text import Names, add, text
@@ -207,11 +214,11 @@ class _Writer:
         common = {"rgba": visual.rgba, "contype": "0", "conaffinity": "0", "group": "2", "mass": 0}
         kind: dict[str, object]
         match visual.shape:
-            case Box(size):
+            case BoxShape(size):
                 kind = {"type": "box", "size": np.array(size) / 2}
-            case Cylinder(radius, length):
+            case CylinderShape(radius, length):
                 kind = {"type": "cylinder", "size": (radius, length / 2)}
-            case Sphere(radius):
+            case SphereShape(radius):
                 kind = {"type": "sphere", "size": radius}
             case _:
                 if (name := self._mesh(visual)) is None:

@@ -46,14 +46,14 @@ def to_urdf(source: Neutral, name: str) -> Converted:
     Parameters
     ----------
     source : Neutral
-        What `softdyn.validation.mjcf.comparison.comparison.neutral` reads.
+        As `softdyn.validation.mjcf.comparison.side.neutral` reads it.
     name : str
-        Of the robot.
+        The robot's name.
 
     Returns
     -------
     Converted
-        With a floating base its URDF is to be loaded with ``floating=True``, which no URDF can say.
+        A URDF cannot say that its base floats: such a robot is loaded with ``floating=True``.
     """
     lost = [f"not written: {note}" for note in source.notes]
     names = Names()

@@ -1,4 +1,4 @@
-"""XML of numbers: what both writers share."""
+"""XML of numbers, and unique names."""
 
 from __future__ import annotations
 

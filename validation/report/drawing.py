@@ -11,7 +11,7 @@ import numpy as np
 
 from softdyn.description.inertia import rotation_rpy
 from softdyn.description.robot import Robot, moving_link_of, poses
-from softdyn.description.visuals import Cylinder, Rgba, Sphere, Visual, visuals
+from softdyn.description.visuals import CylinderShape, Rgba, SphereShape, Visual, visuals
 from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
@@ -180,7 +180,7 @@ def _sticks(robot: Neutral) -> Iterator[tuple[int, Visual]]:
     for k, part in enumerate(robot.parts):
         pose = np.eye(4)
         pose[:3, 3] = start = part.point if part.kind != "free" else part.pose.translation
-        yield k, Visual("", pose, Sphere(0.02 * size), grey)
+        yield k, Visual("", pose, SphereShape(0.02 * size), grey)
         below = [robot.parts[child].point for child in robot.children(k)]
         for end in below or [part.inertia.com if part.inertia.mass else start]:
             along = end - start
@@ -192,4 +192,4 @@ def _sticks(robot: Neutral) -> Iterator[tuple[int, Visual]]:
                     np.array([0.0, pitch, np.arctan2(along[1], along[0])])
                 )
                 turned[:3, 3] = start + along / 2
-                yield k, Visual("", turned, Cylinder(0.012 * size, length), grey)
+                yield k, Visual("", turned, CylinderShape(0.012 * size, length), grey)

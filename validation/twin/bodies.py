@@ -21,7 +21,7 @@ KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
 
 @dataclass(frozen=True, eq=False)
-class Freedom:
+class TwinJoint:
     """A joint at a body's origin: hinge, slide or free; `axis` is a unit vector in its frame.
 
     A follower stands at multiplier · (its leader's coordinate) + offset.
@@ -57,7 +57,7 @@ class Body:
         Index of the parent body, None of the static body.
     pose : np.ndarray, (4, 4)
         In the parent body's frame at q = 0.
-    joint : Freedom or None
+    joint : TwinJoint or None
         What moves it, None of the static body.
     mass, moment, second : float, np.ndarray, (3,), (3, 3)
         Mass (kg), Σ m c (kg·m) and Σ of the inertia about the frame's origin (kg·m²), both in the
@@ -69,7 +69,7 @@ class Body:
     link: str
     parent: int | None
     pose: np.ndarray
-    joint: Freedom | None = None
+    joint: TwinJoint | None = None
     mass: float = 0.0
     moment: np.ndarray = field(default_factory=lambda: np.zeros(3))
     second: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
@@ -149,7 +149,7 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
     bodies = [Body(root, None, np.eye(4))]
     if floating:
         bodies = [Body("", None, np.eye(4))]
-        bodies.append(Body(root, STATIC, np.eye(4), Freedom(FREE, "free", np.zeros(3))))
+        bodies.append(Body(root, STATIC, np.eye(4), TwinJoint(FREE, "free", np.zeros(3))))
     place = {root: (len(bodies) - 1, np.eye(4))}
     skipped: list[str] = []
     front = [root]
@@ -170,11 +170,11 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
 
 def _moving(joint: yourdfpy.Joint, parent: int, pose: np.ndarray) -> Body:
     axis = np.asarray(joint.axis, float)
-    freedom = Freedom(joint.name, KINDS[joint.type], axis / np.linalg.norm(axis))
+    moved_by = TwinJoint(joint.name, KINDS[joint.type], axis / np.linalg.norm(axis))
     if joint.mimic is not None:
         multiplier, offset = float(joint.mimic.multiplier), float(joint.mimic.offset)
-        freedom = replace(freedom, leader=joint.mimic.joint, multiplier=multiplier, offset=offset)
-    return Body(joint.child, parent, pose, freedom)
+        moved_by = replace(moved_by, leader=joint.mimic.joint, multiplier=multiplier, offset=offset)
+    return Body(joint.child, parent, pose, moved_by)
 
 
 def _attach(body: Body, link: yourdfpy.Link, pose: np.ndarray, skipped: list[str]) -> None:

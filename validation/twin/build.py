@@ -14,7 +14,7 @@ import numpy as np
 
 from softdyn.description.robot import ZERO, Joint, Robot, Vector
 from softdyn.exceptions import UrdfError
-from softdyn.validation.twin.bodies import STATIC, Body, Freedom, Shape, Tree
+from softdyn.validation.twin.bodies import STATIC, Body, Shape, Tree, TwinJoint
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
 
 TASK_SITE = "task"
@@ -103,30 +103,30 @@ def _add_body(parent: mujoco.MjsBody, body: Body, name: str) -> mujoco.MjsBody:
     return added
 
 
-def _add_joint(body: mujoco.MjsBody, freedom: Freedom, joint: Joint) -> None:
-    slides = freedom.kind == "slide"
+def _add_joint(body: mujoco.MjsBody, twin_joint: TwinJoint, joint: Joint) -> None:
+    slides = twin_joint.kind == "slide"
     added = body.add_joint()
-    added.name = freedom.name
+    added.name = twin_joint.name
     added.type = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
-    added.pos, added.axis = (0.0, 0.0, 0.0), freedom.axis
+    added.pos, added.axis = (0.0, 0.0, 0.0), twin_joint.axis
     added.stiffness = [joint.stiffness, 0.0, 0.0]  # linear; then the coefficients of q² and q³
     added.damping = [joint.damping, 0.0, 0.0]
     added.springref, added.ref = joint.rest, 0.0
     added.armature, added.frictionloss = joint.armature, joint.friction
-    added.limited = int(np.isfinite(joint.lower) and freedom.leader is None)
+    added.limited = int(np.isfinite(joint.lower) and twin_joint.leader is None)
     added.range = (-1.0, 1.0)  # the file's may be a single point: see _finish
     added.margin = 0.0
     added.solref_limit, added.solimp_limit = STIFF_SOLREF, STIFF_SOLIMP
     added.solref_friction, added.solimp_friction = STIFF_SOLREF, STIFF_SOLIMP
 
 
-def _tie(spec: mujoco.MjSpec, freedom: Freedom) -> None:
+def _tie(spec: mujoco.MjSpec, twin_joint: TwinJoint) -> None:
     """Hold a follower at multiplier · leader + offset, as stiffly as the stops."""
     tie = spec.add_equality()
     tie.type, tie.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
-    tie.name1, tie.name2 = freedom.name, freedom.leader
+    tie.name1, tie.name2 = twin_joint.name, twin_joint.leader
     tie.data[:] = 0.0
-    tie.data[:2] = freedom.offset, freedom.multiplier
+    tie.data[:2] = twin_joint.offset, twin_joint.multiplier
     tie.solref, tie.solimp = STIFF_SOLREF, STIFF_SOLIMP
 
 

@@ -13,7 +13,7 @@ from softdyn.checks import array
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
-from softdyn.validation.twin.bodies import FREE, Freedom
+from softdyn.validation.twin.bodies import FREE, TwinJoint
 
 WXYZ = [3, 0, 1, 2]  # MuJoCo's quaternion from Pinocchio's (x, y, z, w)
 XYZW = [1, 2, 3, 0]
@@ -35,7 +35,7 @@ class Plant(Protocol):
         """In MuJoCo's order."""
 
     @property
-    def followers(self) -> dict[str, Freedom]:
+    def followers(self) -> dict[str, TwinJoint]:
         """By our names, joints that follow others."""
 
     @property

@@ -75,7 +75,7 @@ class Twin:
         The state may be read and written there.
     robot : Robot
         The parsed description.
-    followers : dict[str, Freedom]
+    followers : dict[str, TwinJoint]
         By name, the mimic joints, which MuJoCo holds as joints of their own: stiff equality
         constraints tie them to their leaders.
     floating : bool
