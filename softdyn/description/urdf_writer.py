@@ -20,9 +20,9 @@ def write(robot: Robot) -> str:
 
     Every number is written with all its digits. Springs and tendons are written into the same file,
     wherever they were read from. Looks and other tools' elements are written as they were spelled:
-    the paths of meshes in them stay relative to the file. Comments inside the robot are lost, as are
-    other tools' elements inside links and joints. A URDF cannot say that its base floats: parse such
-    a robot with ``floating=True``.
+    the paths of meshes in them stay relative to the file. Comments inside the robot are lost, as
+    are other tools' elements inside links and joints. A URDF cannot say that its base floats: parse
+    such a robot with ``floating=True``.
 
     Parameters
     ----------

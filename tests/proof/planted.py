@@ -12,7 +12,6 @@ from typing import Any
 import mujoco
 import numpy as np
 from lxml import etree
-from softdyn.validation.crosschecks.random_robots import random_urdf
 
 import softdyn
 from softdyn.commands import cli
@@ -21,6 +20,7 @@ from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.to_mjcf import to_mjcf
+from tests.proof.crosschecks.random_robots import random_urdf
 from tests.support import defects
 from tests.support.other_hand import other_hand
 
@@ -160,7 +160,7 @@ def _called(
 ) -> str:
     if not causes:
         return "missed" if change > NOTICED else "named"
-    parts = {}
+    parts: dict[str, str] = {}
     for part in neutral(files[0]).parts:
         parts |= dict.fromkeys(
             [part.name, part.link, *(name for name, _ in part.pieces)], part.name

@@ -1,5 +1,7 @@
 """MJCF files beside our own URDF: compared, written, and used as the plant.
 
+- `transform`: rigid displacements;
+- `mjcf_file`: an MJCF with all that it includes, as XML;
 - `comparison`: two files of one robot, URDF or MJCF, and the causes of what differs;
 - `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
 - `export`: a robot written in the other format and read back (`to_mjcf`, `to_urdf`, `xml_text`);

@@ -12,10 +12,11 @@ from softdyn.description.inertia import Inertia
 from softdyn.dynamics.mjcf_reader import read_mjcf_by_pinocchio
 from softdyn.exceptions import SoftdynError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
-from softdyn.validation.mjcf.comparison.mjcf_file import judge_paths
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.mjcf.comparison.side import Side
+from softdyn.validation.mjcf.mjcf_file import judge_paths
+from softdyn.validation.mjcf.transform import Transform
 
 EXACT = 1e-9
 READ = {"base", "pose", "zero", "axis", "mass", "centre", "inertia", "armature", "gravity"}

@@ -16,9 +16,10 @@ from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.comparison import compare_neutral
 from softdyn.validation.mjcf.comparison.from_mjcf import from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
+from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.twin.bodies import TwinJoint
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import check_warnings

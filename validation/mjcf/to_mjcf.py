@@ -22,7 +22,8 @@ from softdyn.description.visuals import (
     visuals,
 )
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Transform
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
+from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.mjcf.xml_text import Names, add, text
 from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from softdyn.validation.mjcf.comparison.matching import plain_name
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.comparison.terms import cross, skew
+from softdyn.validation.mjcf.transform import Transform
 
 GRAIN = 1e-9  # m, rad, relative: what is less is rounding
 BEAM = 12

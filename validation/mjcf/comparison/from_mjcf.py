@@ -22,7 +22,6 @@ from softdyn.validation.mjcf.comparison.mjcf_drives import (
     shares_of,
     tendons_of,
 )
-from softdyn.validation.mjcf.comparison.mjcf_file import Mjcf
 from softdyn.validation.mjcf.comparison.neutral import (
     FREEDOMS,
     WORLD,
@@ -30,9 +29,10 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Neutral,
     Numbers,
     Part,
-    Transform,
 )
 from softdyn.validation.mjcf.compiled_fields import told
+from softdyn.validation.mjcf.mjcf_file import Mjcf
+from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.twin.settings import silence
 
 MAX_BODIES = 1024

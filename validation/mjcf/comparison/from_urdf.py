@@ -18,8 +18,8 @@ from softdyn.validation.mjcf.comparison.neutral import (
     NeutralTendon,
     Part,
     Point,
-    Transform,
 )
+from softdyn.validation.mjcf.transform import Transform
 
 FREE = "floating base"
 

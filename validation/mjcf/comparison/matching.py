@@ -17,7 +17,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from softdyn.exceptions import InputError
-from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part, Transform
+from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
+from softdyn.validation.mjcf.transform import Transform
 
 PLAUSIBLE = 0.6  # the largest cost of a pair that is one
 NOISE_WORDS = ("joint", "jnt", "link", "dof")

@@ -19,9 +19,9 @@ from softdyn.validation.mjcf.comparison.neutral import (
     NeutralTendon,
     Numbers,
     Point,
-    Transform,
 )
 from softdyn.validation.mjcf.compiled_fields import value_of
+from softdyn.validation.mjcf.transform import Transform
 
 AXIS = 0.1  # m along a cylinder's axis to the second point that tells how it lies
 ROUNDING = 1e-9  # m, and in numbers that rotations have gone through

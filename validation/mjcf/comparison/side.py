@@ -16,8 +16,8 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
-from softdyn.validation.mjcf.comparison.mjcf_file import Contents, Mjcf, is_mjcf, read_mjcf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
+from softdyn.validation.mjcf.mjcf_file import Contents, Mjcf, is_mjcf, read_mjcf
 
 
 @dataclass(frozen=True, eq=False)

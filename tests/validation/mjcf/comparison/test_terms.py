@@ -9,9 +9,9 @@ import pytest
 import softdyn
 from softdyn.validation.crosschecks.engines import engine_errors
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
-from softdyn.validation.mjcf.comparison.mjcf_file import read_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.comparison.terms import evaluate, lengths, random_states
+from softdyn.validation.mjcf.mjcf_file import read_mjcf
 from tests.support import micro
 
 WALKER = """
