@@ -14,26 +14,10 @@ Where what is; numbers in brackets are the paper's equations, in their order of 
 - `staged`: the same law with the tuned gains of a `schedule`, "best"; `mpc`: predictive control;
 - `allocation`: joint torques into bounded inputs, for a law of one's own;
 - `registry`: any of them by name, and a user's own class from a file.
+
+The public names are imported when they are used, as `__init__.pyi` lists them.
 """
 
-from softdyn.controllers.allocation import allocate as allocate
-from softdyn.controllers.clf_qp import ClfQp as ClfQp
-from softdyn.controllers.controller import Command as Command
-from softdyn.controllers.controller import Controller as Controller
-from softdyn.controllers.controller import InputGuard as InputGuard
-from softdyn.controllers.controller import Status as Status
-from softdyn.controllers.gains import Gains as Gains
-from softdyn.controllers.id_clf_qp import IdClfQp as IdClfQp
-from softdyn.controllers.impedance import Impedance as Impedance
-from softdyn.controllers.impedance import UnderactuatedImpedance as UnderactuatedImpedance
-from softdyn.controllers.impedance_qp import ImpedanceQp as ImpedanceQp
-from softdyn.controllers.mpc import Mpc as Mpc
-from softdyn.controllers.mpc import MpcParameters as MpcParameters
-from softdyn.controllers.qps.certificate import Certified as Certified
-from softdyn.controllers.registry import BEYOND as BEYOND
-from softdyn.controllers.registry import CONTROLLERS as CONTROLLERS
-from softdyn.controllers.registry import find_controller as find_controller
-from softdyn.controllers.schedule import Schedule as Schedule
-from softdyn.controllers.schedule import Stage as Stage
-from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp as SoftIdClfQp
-from softdyn.controllers.staged import Staged as Staged
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
@@ -41,6 +40,8 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     InputError
         What is no State of this robot, a `tau` of another shape, a bound that is not finite.
     """
+    from scipy.optimize import lsq_linear  # slow to import: not where a law is one of ours
+
     if not isinstance(state, State) or (
         state.model is not model and state.model.robot.digest != model.robot.digest
     ):

@@ -10,7 +10,10 @@ import pytest
 
 import softdyn
 
-HEAVY = ("mujoco", "matplotlib", "meshcat", "tornado", "proxsuite", "trimesh", "yourdfpy")
+HEAVY = (
+    "mujoco", "matplotlib", "meshcat", "tornado", "proxsuite", "trimesh", "yourdfpy",
+    "scipy.optimize",
+)  # fmt: skip
 
 
 def loaded(statements: str) -> set[str]:
@@ -46,3 +49,15 @@ def test_a_closed_loop_needs_no_mjcf_reader_and_no_figures():
     modules = loaded("import softdyn.validation.loop.closed_loop")
     rooms = {name.split(".")[2] for name in modules if name.startswith("softdyn.validation.")}
     assert rooms.isdisjoint({"mjcf", "report", "studies", "live"})
+
+
+@pytest.mark.parametrize("statements", [
+    "from softdyn.controllers import SoftIdClfQp\nlaw = SoftIdClfQp(model)\n"
+    "law(model.state(model.q0, [0] * 4), softdyn.SetPoint([0.1, 0, -0.1]))",
+    "from softdyn.controllers.registry import make_controller\nmake_controller('best', model)",
+    "softdyn.statics.rest(model)",
+])  # fmt: skip
+def test_a_control_step_needs_no_optimiser_of_scipy(statements):
+    """Its import takes longer than all else that a process of a controller does at its start."""
+    modules = loaded(f"import softdyn\nmodel = softdyn.load('finger')\n{statements}")
+    assert modules.isdisjoint(("mujoco", "scipy.optimize", "scipy.stats"))

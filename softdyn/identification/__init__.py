@@ -16,7 +16,7 @@ left over gives the intervals.
 - `trajectory`: the model's motion under the measured input, with its sensitivities;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
 - `problem`: the stretches without a stop, simulated; `blocks`: least squares with unknowns of each;
-- `fit`: the fit of the simulated outputs, intervals, and what cannot be identified;
+- `output_error`: the fit of the simulated outputs, intervals, and what cannot be identified;
 - `result`: what was found; `whiteness`: whether the residuals are white;
 - `rewrite`: the robot's file with the new numbers.
 """
@@ -24,11 +24,11 @@ left over gives the intervals.
 from softdyn.identification.data import MAX_ROWS as MAX_ROWS
 from softdyn.identification.data import Measurements as Measurements
 from softdyn.identification.data import read_csv as read_csv
-from softdyn.identification.fit import Fit as Fit
-from softdyn.identification.fit import fit as fit
-from softdyn.identification.fit import fit_length as fit_length
-from softdyn.identification.fit import identify as identify
-from softdyn.identification.fit import least_deviations as least_deviations
+from softdyn.identification.output_error import Fit as Fit
+from softdyn.identification.output_error import fit as fit
+from softdyn.identification.output_error import fit_length as fit_length
+from softdyn.identification.output_error import identify as identify
+from softdyn.identification.output_error import least_deviations as least_deviations
 from softdyn.identification.parameters import KINDS as KINDS
 from softdyn.identification.parameters import Parameter as Parameter
 from softdyn.identification.parameters import member_values as member_values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from softdyn.checks import array
 from softdyn.dynamics.model import SoftModel
@@ -41,6 +40,8 @@ def approach(
     stay_stable : bool
         End before the branch loses its stability.
     """
+    from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
+
     model, here = start.model, start
     target = array("target", target, (3,))
     scale = input_scale(model, start)

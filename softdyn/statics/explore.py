@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from softdyn.checks import array
 from softdyn.dynamics.derivatives import stiffness
@@ -44,6 +43,8 @@ def explore(
     StaticsError
         The least squares ended at no equilibrium.
     """
+    from scipy.optimize import least_squares  # slow to import, and not every process comes here
+
     target = array("target", target, (3,))
     problem = _TipProblem.build(model, target)
     x = np.concatenate((model.coordinates(q), u)) / problem.scale

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.statics.branch import approach
@@ -85,6 +84,8 @@ def random_shapes(
     model: SoftModel, count: int, seed: int = 0
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Random (q, u): joints within 0.7 rad and their limits, the input that balances them best."""
+    from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
+
     rng = np.random.default_rng(seed)
     for _ in range(count):
         wild = model.coordinates(model.q0) + rng.uniform(-0.7, 0.7, model.nv)

@@ -13,10 +13,10 @@ import softdyn
 from softdyn import InputError, identification
 from softdyn.dynamics.derivatives import mass_columns, residual_derivatives
 from softdyn.dynamics.tree import tree_of
-from softdyn.identification import Measurements, blocks, fit, problem
+from softdyn.identification import Measurements, blocks, output_error, problem
 from softdyn.identification.data import stretches
-from softdyn.identification.fit import _joined, _solve
 from softdyn.identification.linear import first_guess
+from softdyn.identification.output_error import _joined, _solve
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured_outputs, problem_of
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
@@ -188,7 +188,7 @@ def test_far_from_the_file_s_values(tmp_path):
 
 def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
     """From a spring twice as stiff: the whole goes elsewhere, pieces lead it to the truth."""
-    monkeypatch.setattr(fit, "PIECE", 25)
+    monkeypatch.setattr(output_error, "PIECE", 25)
     monkeypatch.setattr(blocks, "EVALUATIONS", 5)
     model, data = swings(tmp_path, 4, 0.02, "q.x", 0.001)
     problem = problem_of(model, data, unknowns(model, "stiffness"), np.inf)

@@ -1,0 +1,37 @@
+from .allocation import allocate
+from .clf_qp import ClfQp
+from .controller import Command, Controller, InputGuard, Status
+from .gains import Gains
+from .id_clf_qp import IdClfQp
+from .impedance import Impedance, UnderactuatedImpedance
+from .impedance_qp import ImpedanceQp
+from .mpc import Mpc, MpcParameters
+from .qps.certificate import Certified
+from .registry import BEYOND, CONTROLLERS, find_controller
+from .schedule import Schedule, Stage
+from .soft_id_clf_qp import SoftIdClfQp
+from .staged import Staged
+
+__all__ = [
+    "BEYOND",
+    "CONTROLLERS",
+    "Certified",
+    "ClfQp",
+    "Command",
+    "Controller",
+    "Gains",
+    "IdClfQp",
+    "Impedance",
+    "ImpedanceQp",
+    "InputGuard",
+    "Mpc",
+    "MpcParameters",
+    "Schedule",
+    "SoftIdClfQp",
+    "Stage",
+    "Staged",
+    "Status",
+    "UnderactuatedImpedance",
+    "allocate",
+    "find_controller",
+]
