@@ -162,11 +162,11 @@ def distributions(
 
     store, keep = store or Store(Path(arguments.out), runs="ensemble"), Path(arguments.keep or "")
     execute = execute or executors.strict(arguments.jobs or -1)
-    before = distribution.read(keep) if arguments.keep and keep.exists() else {}
+    before = distribution.read_distributions(keep) if arguments.keep and keep.exists() else {}
     found = ensemble.run(cells, store, execute, arguments.ensemble, arguments.seed, before, folder)
     both = distribution.join(before, found)
     if arguments.keep:
-        distribution.write(keep, both)
+        distribution.write_distributions(keep, both)
     return {label: both[label] for label in cells}
 
 

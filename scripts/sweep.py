@@ -62,7 +62,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn import InputError
     from softdyn.validation.studies import sweep, sweep_report
     from softdyn.validation.studies.engine import cluster, executors
-    from softdyn.validation.studies.sweep_file import read, shipped
+    from softdyn.validation.studies.sweep_file import read_sweep, shipped
 
     began = perf_counter()
     if arguments.list:
@@ -73,7 +73,7 @@ def command(arguments: cli.Arguments) -> int:
     said = {key: getattr(arguments, key) for key in ("robots", "controllers", "period")}
     said |= {"annotations": arguments.annotations}
     said |= {"gains": cli.read_toml(arguments.gains) if arguments.gains else None}
-    wanted = read(arguments.file, said)
+    wanted = read_sweep(arguments.file, said)
     if not wanted.rows and (arguments.ensemble or arguments.keep):
         raise InputError("--ensemble, --keep", f"rows in {wanted.path}", "none")
     out = Path(arguments.out or Path("results") / wanted.path.stem)
@@ -90,13 +90,13 @@ def command(arguments: cli.Arguments) -> int:
         return cluster.cluster(arguments.scheduler)(order)
 
     ran = executors.follow(store.run(jobs, execute), jobs)
-    rows, table = sweep_report.rows(jobs, store), ""
+    rows, table = sweep_report.sweep_rows(jobs, store), ""
     report = sweep_report.report(wanted, rows, ran)
     if wanted.rows:
         cells = cli.distributions(arguments, wanted.cells, store, execute, wanted.folder)
-        table = sweep_report.table(wanted, cells)
+        table = sweep_report.cell_tables(wanted, cells)
         report |= cli.summaries(cells)
-    report["files"] = sweep_report.write(wanted, rows, out, table)
+    report["files"] = sweep_report.write_sweep(wanted, rows, out, table)
     report["wall_s"] = perf_counter() - began
     text = f"{table}\n" if table else sweep_report.summary(report)
     cli.write_report(report, arguments.json, f"{text}\nTables and cases: {out}/")

@@ -24,7 +24,12 @@ from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case, number_text
-from softdyn.validation.studies.engine.distribution import Distribution, mean_and_std, read, value
+from softdyn.validation.studies.engine.distribution import (
+    Distribution,
+    mean_and_std,
+    read_distributions,
+    value,
+)
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
@@ -110,7 +115,7 @@ def labelled(cases: Iterable[Case]) -> dict[str, Case]:
 @cache
 def committed() -> dict[str, Distribution]:
     """The ensembles of the paper's grid that stand beside the code."""
-    return read(ENSEMBLES)
+    return read_distributions(ENSEMBLES)
 
 
 def benchmark_report(

@@ -33,7 +33,7 @@ def shipped() -> dict[str, Path]:
     return {path.stem: path for path in found}
 
 
-def read(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sweep:
+def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sweep:
     """Read and check a sweep file; its robots are loaded, its controllers found.
 
     Parameters

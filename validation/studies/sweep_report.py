@@ -63,7 +63,7 @@ class Setting:
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
-def rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
+def sweep_rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
     """Cases with their results, in the sweep's order; what never ran has none and is left out."""
     found = (
         (j.case, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs
@@ -114,7 +114,7 @@ def plan_text(plan: Mapping[str, Any]) -> str:
     return f"{plan['cases']} cases, {run}"
 
 
-def write(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
+def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
     """Every case as CSV; `table` or the best ones as Markdown; returns their files."""
     texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found, table)}
     for name, text in texts.items():
@@ -196,7 +196,7 @@ def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
     return document(*blocks, *_reasons(sweep, found))
 
 
-def table(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
+def cell_tables(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
     """All cells; with means one table of final errors and one of trajectories."""
     titles, asked = [TITLES.get(name) or label(name) for name in sweep.rows], sweep.cells
     kinds = [("", {"set_point", "point", "tracking"})]

@@ -30,7 +30,7 @@ from softdyn.validation.studies.engine.distribution import (
     mean_and_std,
     number,
     pivot,
-    read,
+    read_distributions,
 )  # fmt: skip
 from softdyn.validation.tables import Table
 
@@ -99,7 +99,7 @@ def write(paths: Iterable[Path], check: bool = False) -> list[Path]:
 
 @cache
 def _cells(name: str) -> dict[str, Distribution]:
-    return read(MEASURED / f"{name}.json")
+    return read_distributions(MEASURED / f"{name}.json")
 
 
 @cache

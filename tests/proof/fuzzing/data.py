@@ -231,7 +231,7 @@ def read_summary(data: bytes, path: Path) -> str:
 def read_sweep(data: bytes, path: Path) -> str:
     """A sweep has every robot, controller, target and parameter of its file."""
     path.write_bytes(data)
-    sweep = sweep_file.read(path)
+    sweep = sweep_file.read_sweep(path)
     table = tomllib.loads(data.decode())
     groups = {group: table.get(group, {}) for group in ("gains", "plant", "signals")}
     said = {f"{group}.{name}" for group, values in groups.items() for name in values}

@@ -78,8 +78,8 @@ def test_what_moved_with_another_seed_is_run_as_often(tmp_path: Path) -> None:
 def test_a_file_of_distributions(tmp_path: Path) -> None:
     found, _ = run(tmp_path)
     path = tmp_path / "kept.json"
-    distribution.write(path, found)
-    assert distribution.read(path) == found
+    distribution.write_distributions(path, found)
+    assert distribution.read_distributions(path) == found
     again = distribution.join(found, run(tmp_path, seed=2)[0])
     assert set(again["chaotic"].seeds) == {"1", "2"}
     assert again["chaotic"].overlap()
@@ -96,7 +96,7 @@ def test_a_file_of_distributions(tmp_path: Path) -> None:
                  '{"cells": {"a": {"nominal": 1, "1": ["x"]}}}'):  # fmt: skip
         path.write_text(text)
         with pytest.raises(InputError, match="distributions"):
-            distribution.read(path)
+            distribution.read_distributions(path)
 
 
 def test_labels_make_a_table() -> None:

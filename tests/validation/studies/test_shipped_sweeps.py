@@ -21,7 +21,7 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution
 from softdyn.validation.studies.engine.executors import run_all
 from softdyn.validation.studies.sweep import Sweep
-from softdyn.validation.studies.sweep_file import read, shipped
+from softdyn.validation.studies.sweep_file import read_sweep, shipped
 from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.support.command import Done, command
 from tests.validation.studies.test_sweep import OWN, PENDULUM
@@ -33,7 +33,7 @@ ONE = "robots = 'finger'\ncontrollers = 'ic'\ntargets.theta = 0.5\nplant.duratio
 def written(tmp_path: Path) -> Callable[..., Sweep]:
     def write(text: str, instead: dict[str, Any] | None = None) -> Sweep:
         (tmp_path / "sweep.toml").write_text(text)
-        return read(tmp_path / "sweep.toml", instead)
+        return read_sweep(tmp_path / "sweep.toml", instead)
 
     return write
 
@@ -76,7 +76,7 @@ ORDER = [
 
 
 def test_robustness_is_one_change_at_a_time() -> None:
-    sweep = read("robustness", {"robots": ["finger"]})
+    sweep = read_sweep("robustness", {"robots": ["finger"]})
     expected = {
         f"finger/best/{change}/{title}": Case(
             "finger", "best", kind, value, period=0.005, duration=duration,
@@ -92,7 +92,7 @@ def test_robustness_is_one_change_at_a_time() -> None:
     }  # fmt: skip
     assert sweep.cells == expected
     assert [*sweep.cells] == [*expected]
-    every = read("robustness").cells
+    every = read_sweep("robustness").cells
     assert len(every) == 3 * len(expected)
     dry = {
         case.robot: case.plant.dry_friction
@@ -100,14 +100,14 @@ def test_robustness_is_one_change_at_a_time() -> None:
         if "/dry friction/" in label
     }
     assert dry == {"finger": 0.001, "helix": 0.01, "spirob": 0.1}
-    assert {label.split("/")[2] for label in distribution.read(
+    assert {label.split("/")[2] for label in distribution.read_distributions(
         Path(str(shipped()["robustness"].parents[1] / "measured" / "robustness.json"))
     )} == set(ORDER)  # fmt: skip
 
 
 def test_horizons_are_shares_of_eps() -> None:
     eps = PUBLISHED["finger"]["soft-id-clf-qp"].eps
-    cells = read("horizon", {"robots": ["finger"]}).cells
+    cells = read_sweep("horizon", {"robots": ["finger"]}).cells
     shares = {"0/0": 0.0, "0.5/15": 0.5, "0.8/24": 0.8, "1/30": 1.0, "1.2/36": 1.2, "2/60": 2.0}
     titles = ("θ = 0π", "θ = 0.5π", "θ = 1π", "θ = 1.5π", "ω = 0.5π")
     assert [*cells] == [f"finger/{two} ms/{title}" for two in shares for title in titles]
@@ -115,13 +115,13 @@ def test_horizons_are_shares_of_eps() -> None:
         share, _, _ = label.removeprefix("finger/").partition(" ms")
         assert case.parameters["horizon"] == shares[share] * eps
         assert case.parameters["eps"] == eps
-    other = read("horizon", {"robots": ["finger"], "gains": {"eps": 0.05, "w3": 1.0}}).cells
+    other = read_sweep("horizon", {"robots": ["finger"], "gains": {"eps": 0.05, "w3": 1.0}}).cells
     assert other["finger/0.8/40 ms/θ = 0π"].parameters["horizon"] == 0.8 * 0.05
     assert other["finger/0.8/40 ms/θ = 0π"].parameters["w3"] == 1.0
 
 
 def test_periods_are_those_up_to_the_published_one() -> None:
-    cells = read("periods", {"robots": ["finger", "spirob"]}).cells
+    cells = read_sweep("periods", {"robots": ["finger", "spirob"]}).cells
     expected = []
     for robot, periods in (("finger", (1, 2, 5)), ("spirob", (1, 2))):
         for period in periods:
@@ -131,14 +131,16 @@ def test_periods_are_those_up_to_the_published_one() -> None:
     assert [*cells] == expected
     for label, case in cells.items():
         assert f"/{1e3 * case.period:g} ms/" in label
-    assert [*read("periods", {"robots": ["finger"], "period": 0.0015}).cells][4].startswith(
+    assert [*read_sweep("periods", {"robots": ["finger"], "period": 0.0015}).cells][4].startswith(
         "finger/best/1.5 ms/"
     )
 
 
 def test_an_own_robot_goes_to_its_equilibria(folder: Path) -> None:
     goals = study_targets.points(softdyn.load("pendulum.urdf"), 3)
-    sweep = read("robustness", {"robots": ["pendulum.urdf"], "controllers": ["own.py:Spring"]})
+    sweep = read_sweep(
+        "robustness", {"robots": ["pendulum.urdf"], "controllers": ["own.py:Spring"]}
+    )
     assert len(sweep.cells) == len(goals) * (len(ORDER) - 1)  # they are on no ellipse
     cells = [case for label, case in sweep.cells.items() if "/none/" in label]
     assert [(c.kind, c.value, c.period) for c in cells] == [("point", y, 0.002) for y in goals]
@@ -164,25 +166,25 @@ def test_options_stand_in_the_place_of_a_file_s(folder: Path) -> None:
         "gains": {"Kp": 9.0, "stiffness": 2.0},
     }  # fmt: skip
     with pytest.raises(InputError, match=r"gains: expected any of Kp, .* got 'stiffness'"):
-        read("elsewhere/sweep.toml", said)
-    cases = read("elsewhere/sweep.toml", said | {"controllers": ["own.py:Spring"]}).cases
+        read_sweep("elsewhere/sweep.toml", said)
+    cases = read_sweep("elsewhere/sweep.toml", said | {"controllers": ["own.py:Spring"]}).cases
     assert [(c.robot, c.controller, c.period, c.parameters) for c in cases] == [
         ("../pendulum.urdf", "../own.py:Spring", 0.004, said["gains"])
     ]
     assert cases[0].plant.contacts
-    assert read("elsewhere/sweep.toml", {"robots": ["helix"]}).cases[0].period == 0.0075
+    assert read_sweep("elsewhere/sweep.toml", {"robots": ["helix"]}).cases[0].period == 0.0075
     with pytest.raises(InputError, match="expected one robot for annotations or gains, got 3"):
-        read("robustness", {"gains": {"Kp": 1.0}})
+        read_sweep("robustness", {"gains": {"Kp": 1.0}})
     with pytest.raises(InputError, match=r"robots: expected a URDF file or a name"):
-        read("robustness", {"robots": ["fingr"]})
+        read_sweep("robustness", {"robots": ["fingr"]})
 
 
 def test_a_file_comes_before_a_name(folder: Path) -> None:
-    assert len(read("periods").robots) == 3
+    assert len(read_sweep("periods").robots) == 3
     with pytest.raises(InputError, match="or one of horizon, periods, robustness, got neither"):
-        read("perods")
+        read_sweep("perods")
     Path("periods").write_text(ONE)
-    assert read("periods").robots == ("finger",)
+    assert read_sweep("periods").robots == ("finger",)
     done = command("sweep", "--list")
     assert (done.code, len(done.out.splitlines())) == (0, 3)
     assert str(shipped()["horizon"]) in done.out
@@ -196,15 +198,15 @@ def test_a_file_comes_before_a_name(folder: Path) -> None:
 
 def test_the_table_of_all_cases() -> None:
     robots = {"robots": ["finger", "spirob"]}
-    sweep = read("periods", robots)
+    sweep = read_sweep("periods", robots)
     made = {label: Distribution(case.value) for label, case in sweep.cells.items()}
-    first, second = sweep_report.table(sweep, made).split("\n\n")
+    first, second = sweep_report.cell_tables(sweep, made).split("\n\n")
     assert "| robot | controller | period | θ = 0π |" in first
     assert "| spirob | best | 1 ms | 0.00 | 0.50 | 1.00 | 1.50 | 0.75 ± 0.56 |" in first
     assert "| finger | best | 5 ms | 0.10 | 0.20 | 0.30 | 0.40 | 0.50 | 0.30 ± 0.14 |" in second
-    sweep = read("robustness", robots)
+    sweep = read_sweep("robustness", robots)
     lost = {label: Distribution(1.0, {"1": (1.0, 3.0)}) for label in sweep.cells}
-    table = sweep_report.table(sweep, lost)
+    table = sweep_report.cell_tables(sweep, lost)
     assert "| spirob | best | one plant step a period | ~1.00 [1.00, 3.00] |" in table
     assert table.endswith(distribution.NOTE)
     assert sweep.failures({case.name for case in sweep.cases}) == 2 * 3 * (1 + 3 * 2)
@@ -256,7 +258,7 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
         "none", "stiffness 1", "stiffness -2", "late",
     ]  # fmt: skip
     assert len(list(Path("out/cases").rglob("*.json"))) == 4 * 3
-    kept = distribution.read(Path("kept.json"))
+    kept = distribution.read_distributions(Path("kept.json"))
     assert {label: cell.nominal for label, cell in kept.items()} == {
         label: pytest.approx(cell["median"], rel=1e-3) for label, cell in report["cells"].items()
     }

@@ -24,7 +24,7 @@ from softdyn.validation import Log, paper, simulate
 from softdyn.validation.studies import sweep, sweep_report
 from softdyn.validation.studies.engine import cluster as dask
 from softdyn.validation.studies.engine import executors, fingerprint, sources, worker
-from softdyn.validation.studies.sweep_file import read
+from softdyn.validation.studies.sweep_file import read_sweep
 from softdyn.validation.studies.sweep_values import MAX_CASES, draw
 from tests.support import ROOT
 
@@ -105,7 +105,7 @@ def written(folder):
 
     def write(text, name="sweep.toml"):
         (folder / name).write_text(text)
-        return read(folder / name)
+        return read_sweep(folder / name)
 
     return write
 
@@ -369,12 +369,12 @@ def test_the_documents_sweeps_are_sweeps(folder):
     examples = sorted((ROOT / "docs" / "examples").glob("sweep_*.toml"))
     assert examples
     for path in examples:
-        assert read(path).cases
+        assert read_sweep(path).cases
     blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
     assert blocks
     for block in blocks:
         (folder / "block.toml").write_text(block.split("```")[0])
-        assert read(folder / "block.toml").cases
+        assert read_sweep(folder / "block.toml").cases
 
 
 # -- what it leaves behind -------------------------------------------------------------------------
@@ -731,7 +731,7 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
 
     # the scheduler goes away
     path.write_text(CLUSTER)
-    jobs, store = read(path).jobs(), sweep.store(folder / "cut")
+    jobs, store = read_sweep(path).jobs(), sweep.store(folder / "cut")
     running = store.run(jobs, dask.cluster(address))
     with respawning(address, folder):
         next(running)

@@ -184,8 +184,8 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
     return Table([*titles, *columns, *([mean] if mean else [])], lines).markdown()
 
 
-def read(path: Path) -> dict[str, Distribution]:
-    """The cells that `write` wrote.
+def read_distributions(path: Path) -> dict[str, Distribution]:
+    """The cells that `write_distributions` wrote.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def read(path: Path) -> dict[str, Distribution]:
         raise InputError(str(path), expected, repr(error)) from None
 
 
-def write(path: Path, cells: Mapping[str, Distribution]) -> None:
+def write_distributions(path: Path, cells: Mapping[str, Distribution]) -> None:
     """A cell a line, so that a change shows which."""
     lines = [
         f"{json.dumps(label, ensure_ascii=False)}: {json.dumps(_written(cell))}"
