@@ -103,7 +103,7 @@ def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
 
 @contextmanager
 def share_bar(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal for work of a known time: told what is done, and how much of it."""
+    """A bar on a terminal for work of a known time: what is done, and the share that is over."""
     from tqdm import tqdm
 
     layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}]"

@@ -237,7 +237,7 @@ def tune_schedule(
     jobs : int
         Processes, -1 for one per core.
     tell : Callable[[str, float], None]
-        Told what is being done, and the share of the time that has passed.
+        Called with what is being done, and the share of the time that has passed.
 
     Returns
     -------
