@@ -333,7 +333,9 @@ def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> No
 
     values = [value for name, value in given.items() if name not in parser.outputs]
     each = (x for value in values for x in (value if isinstance(value, list | tuple) else [value]))
-    check(*written, read=files_read(each))
+    # inputs are searched for the files that they name only where an output would replace a file
+    replaces = any(path and os.path.isfile(path) for path in written)
+    check(*written, read=files_read(each) if replaces else frozenset())
 
 
 def make_folder(path: Path) -> None:
