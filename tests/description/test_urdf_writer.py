@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from lxml import etree
-from softdyn.validation.timing.chains import chain_urdf
 
 import softdyn
 from softdyn import design
@@ -26,6 +25,7 @@ from softdyn.description.visuals import visuals
 from softdyn.design import finger, log_spiral
 from softdyn.validation import crosscheck
 from tests.proof.crosschecks.random_robots import random_urdf
+from tests.proof.timing.chains import chain_urdf
 from tests.support import ROOT, micro
 from tests.support.arms import EVERYTHING, THREE_SECTIONS
 from tests.support.misuses import ARM
