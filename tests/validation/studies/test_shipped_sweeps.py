@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     Path("pendulum.urdf").write_text(PENDULUM)
     Path("own.py").write_text(OWN)
     Path("neighbour.py").write_text("DAMPING = 0.1\n")
+    for name in ("own", "neighbour"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
     return tmp_path
 
 
