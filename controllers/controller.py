@@ -186,7 +186,8 @@ class InputGuard:
         """
         if u is self.held:
             return self.held
-        inside, violation = _clip(array("u", u, self.u_min.shape), self.u_min, self.u_max)
+        u = array("u", u, self.u_min.shape).copy()  # writeable, as the kernel is compiled for
+        inside, violation = _clip(u, self.u_min, self.u_max)
         self.max_bound_violation = max(self.max_bound_violation, violation)
         return inside
 
@@ -195,6 +196,14 @@ class InputGuard:
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
         return Command(self.held, V, delta, status)
+
+
+def guard_of(controller: object, model: SoftModel) -> InputGuard:
+    """The controller's own guard, or a new one where it has none with this robot's bounds."""
+    own, bounds = getattr(controller, "guard", None), (model.u_min, model.u_max)
+    if isinstance(own, InputGuard) and np.array_equal((own.u_min, own.u_max), bounds):
+        return own
+    return InputGuard(*bounds, model.robot)
 
 
 def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:

@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, statics
-from softdyn.checks import array
 from softdyn.controllers import registry
+from softdyn.controllers.controller import guard_of
 from softdyn.exceptions import one_line
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
@@ -237,9 +237,7 @@ class Session:
                 self._u = self._by_hand
             else:
                 answer = self._law(self._state, self._reference)
-                u = array("u", getattr(answer, "u", answer),
-                          (self.model.nu,))  # fmt: skip
-                self._u = np.clip(u, self.model.u_min, self.model.u_max)
+                self._u = self._guard.admit(getattr(answer, "u", answer))
                 self._V = getattr(answer, "V", np.nan)
         except Exception as error:  # a user's controller may raise anything
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
@@ -313,7 +311,7 @@ class Session:
         if name == OPEN_LOOP:
             self._by_hand = self._u
             self.shown.inputs = self._u.tolist()
-        self._inner, self._law = inner, law
+        self._inner, self._law, self._guard = inner, law, guard_of(inner, self.model)
         self._V = np.nan
         self.shown.law, self.shown.notice = name, ""
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter_ns
-from typing import Any
-
-import numpy as np
 
 from softdyn.description.visuals import Visual
 from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -110,11 +107,10 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
             break
         if clock.frame(RATE):
             state, output = step.state, step.output
-            u: Any = getattr(output, "u", output)
             channel.frame(
                 columns.frame(
                     t=step.t, q=model.coordinates(state.q), y=state.y,
-                    u=np.clip(u, model.u_min, model.u_max), y_ref=loop.reference(step.t).y,
+                    u=step.u, y_ref=loop.reference(step.t).y,
                     V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
                     step_us=clock.worst_step, wake_us=clock.worst_wake,
                 )

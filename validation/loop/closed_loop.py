@@ -15,6 +15,7 @@ from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
+from softdyn.controllers.controller import guard_of
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
 from softdyn.validation.loop import verdict
@@ -53,11 +54,14 @@ class ControlStep:
         The state that the controller saw.
     output : ControllerOutput
         The controller's answer to it.
+    u : ndarray, (nu,)
+        The input that acts: the answer's, within the robot's bounds.
     """
 
     t: float
     state: State
     output: ControllerOutput
+    u: np.ndarray
 
 
 class ClosedLoop:
@@ -191,7 +195,8 @@ class ClosedLoop:
         except SimulationError as error:
             raise InputError("q0, v0", "a state that MuJoCo can start from", error.reason) from None
         self.name, self._contacts = name or name_of(controller), contacts
-        self._record = Recorder(model, self.grid.times())
+        self._guard = guard_of(controller, model)
+        self._record = Recorder(model, self.grid.times(), self._guard)
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
         self._counts = Counts(controller)
@@ -234,7 +239,7 @@ class ClosedLoop:
         if fault is not None:
             self._end(verdict.no_input(t, fault))
             return None
-        return ControlStep(t, state, output)
+        return ControlStep(t, state, output, record.u[k])
 
     def advance(self) -> None:
         """Integrate the plant over a control period under the input of the last `control`."""
@@ -303,7 +308,7 @@ class ClosedLoop:
             reason=reason,
             not_solved=not_solved,
             fallbacks=fallbacks,
-            max_bound_violation=max(self._record.violation(steps), violation),
+            max_bound_violation=max(self._guard.max_bound_violation, violation),
             gains=to_plain_data(
                 getattr(controller, "gains", getattr(controller, "parameters", None))
             ),

@@ -12,7 +12,8 @@ import numpy as np
 
 import softdyn
 from softdyn import InputError, SoftModel
-from softdyn.checks import array, number
+from softdyn.checks import number
+from softdyn.controllers.controller import InputGuard
 from softdyn.validation.loop.log_checks import EXTRA, SHAPES
 
 LONGEST = 200  # characters of a status
@@ -37,6 +38,8 @@ class Recorder:
         The robot.
     t : np.ndarray, (N + 1,)
         The sampling times of N control steps (s).
+    guard : InputGuard
+        Checks and clips the inputs; the controller's own has done so already.
 
     Attributes
     ----------
@@ -44,7 +47,7 @@ class Recorder:
         As in `Log`; NaN where nothing was recorded.
     """
 
-    def __init__(self, model: SoftModel, t: np.ndarray) -> None:
+    def __init__(self, model: SoftModel, t: np.ndarray, guard: InputGuard) -> None:
         size = {"samples": len(t), "steps": len(t) - 1, "space": 3}
         size |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
         made = {
@@ -54,7 +57,7 @@ class Recorder:
         self.q, self.v, self.u = made["q"], made["v"], made["u"]
         self.y, self.y_ref, self.error = made["y"], made["y_ref"], made["error"]
         self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
-        self._answers = np.empty_like(self.u)  # u before it is clipped
+        self._guard = guard
         self._statuses: list[str] = []
         self._extra: dict[str, np.ndarray] = {}  # of answers that have it
 
@@ -70,11 +73,9 @@ class Recorder:
             u = getattr(answer, "u", answer)  # an array is an answer too
             if isinstance(u, np.ma.MaskedArray):
                 return "its u is a masked array"
-            u = array("u", u, self.u_min.shape)
+            self.u[k] = self._guard.admit(u)
         except InputError as error:
             return str(error)
-        self._answers[k] = u
-        np.minimum(np.maximum(u, self.u_min), self.u_max, out=self.u[k])
         self.V[k] = _scalar(getattr(answer, "V", None))
         self.delta[k] = _scalar(getattr(answer, "delta", None))
         if hasattr(answer, "delta_true"):
@@ -89,10 +90,6 @@ class Recorder:
             if name not in self._extra:
                 self._extra[name] = np.full(len(self.V), np.nan)
             self._extra[name][k] = _scalar(getattr(answer, name, None))
-
-    def violation(self, steps: int) -> float:
-        """Largest violation of the bounds by an answer of the first `steps`, before clipping."""
-        return float(np.abs(self._answers[:steps] - self.u[:steps]).max(initial=0.0))
 
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a log of a run that did `steps` control steps."""
