@@ -1,4 +1,4 @@
-"""Joint torques into inputs: what one's own law needs where there are fewer inputs than joints."""
+"""Joint torques into inputs, for a user's own controller: there are fewer inputs than joints."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     Raises
     ------
     InputError
-        What is no State of this robot, a `tau` of another shape, a bound that is not finite.
+        No State of this robot, a `tau` of another shape, a bound that is not finite.
     """
     from scipy.optimize import lsq_linear  # slow to import: not where a law is one of ours
 

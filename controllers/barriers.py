@@ -114,7 +114,7 @@ class HalfSpace:
     normal : ndarray, (3,)
         Into the allowed side; made a unit vector.
     offset : float
-        Of the plane along the unit normal (m).
+        The plane's, along the unit normal (m).
     rate : float
         α (1/s).
     """
@@ -197,7 +197,7 @@ class Rows(NamedTuple):
 class BarrierRows:
     """The rows of all barriers, hard where some admissible input meets them.
 
-    Where none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
+    If none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
     the input bounds stay hard, and the QP feasible.
 
     Parameters
@@ -205,7 +205,7 @@ class BarrierRows:
     model : SoftModel
         The robot.
     barriers : sequence of ControlBarrier
-        What not to run into.
+        Obstacles and limits.
     tau : float
         Horizon τ (s) that the dynamics stand for.
 

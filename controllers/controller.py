@@ -19,7 +19,7 @@ SILENT = np.errstate(all="ignore")  # as a decorator: overflow is no warning
 
 
 class Status(Enum):
-    """How a command came about."""
+    """The origin of a command."""
 
     OK = "ok"
     NOT_SOLVED = "not solved"

@@ -115,7 +115,7 @@ def from_table(
     table : mapping
         Fields of `Gains`.
     options : collection of str
-        What else the law takes, for the error.
+        Further parameters of the controller, for the error.
 
     Raises
     ------

@@ -40,7 +40,7 @@ STOP = 1e4  # stiffness of a stop, in M_jj / Δt²
 
 @dataclass(frozen=True)
 class MpcParameters:
-    """What a user may tune; the same defaults for every robot.
+    """Parameters of `Mpc`; the same defaults for every robot.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class Mpc(GuardedController):
         self._offset = np.kron(lengths[:, None], SIZE * R)
 
     def _at_stops(self, state: State) -> np.ndarray:
-        """Which joints (nv,) are held by their stops."""
+        """Whether each joint (nv,) is held by a stop."""
         q, model = self._model.coordinates(state.q), self._model
         held: np.ndarray = (q >= model.upper - self._margin) | (q <= model.lower + self._margin)
         return held

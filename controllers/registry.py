@@ -66,10 +66,10 @@ def make_controller(
         As for `find_controller`.
     model : SoftModel
     parameters : Any
-        What it is built with besides the model, nothing where it is None: for a law of the paper
-        fields of `Gains`, over the published ones, and its `options`; a table for any other.
+        Built with besides the model, if not None: for a controller of the paper fields of `Gains`,
+        over the published ones, and its `options`; a table for any other.
     cls : Callable, optional
-        What the name stands for, where that is known already.
+        The class behind the name, if it is known already.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def make_controller(
 
 @contextmanager
 def one_line_errors(name: str, expected: str) -> Iterator[None]:
-    """What the code of FILE.py:CLASS, or of FILE.py, raises inside becomes an `InputError`.
+    """Turn errors of the code of FILE.py:CLASS, or of FILE.py, into an `InputError`.
 
     It names the line of the file. Errors of softdyn, and of its own controllers, pass, and so does
     Ctrl-C: a KeyboardInterrupt without the signal is the code's own.
@@ -115,7 +115,7 @@ def one_line_errors(name: str, expected: str) -> Iterator[None]:
 def _interrupts() -> Iterator[list[int]]:
     """The interrupts (SIGINT) that arrived inside, raised as always; only the main thread gets any.
 
-    Where somebody else handles them they raise something else than KeyboardInterrupt.
+    If somebody else handles them, they raise something else than KeyboardInterrupt.
     """
     arrived: list[int] = []
     main = threading.current_thread() is threading.main_thread()

@@ -28,7 +28,7 @@ ROBOT = "robot"  # the hash of the robot that a file beside a user's robot is fo
 
 @dataclass(frozen=True)
 class Stage:
-    """What `SoftIdClfQp` takes: gains, horizon (s), the input that costs nothing."""
+    """Arguments of a `SoftIdClfQp`: gains, horizon (s), the input that costs nothing."""
 
     gains: Gains
     horizon: float = 0.0
@@ -41,7 +41,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Which stage acts when.
+    """Two stages, and when each of them acts.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ def read_schedule(file: str | Path) -> Schedule:
 
 
 def schedule_path(model: SoftModel) -> Path:
-    """Where a robot's schedule stands: beside the file that names its inputs.
+    """The file of a robot's schedule, beside the file that names its inputs.
 
-    Of ``my.urdf`` it is ``my.schedule.toml``; of a URDF with annotations in a file of their own,
+    For ``my.urdf`` it is ``my.schedule.toml``; for a URDF with annotations in a file of their own,
     ``soft_my.xml``, it is ``soft_my.schedule.toml``.
     """
     if model.bundled is not None:

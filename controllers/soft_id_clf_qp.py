@@ -31,13 +31,13 @@ class SoftIdClfQp(TaskLaw):
         The input that costs nothing: w3 ‖u - u_ref‖². Tension in all cables keeps co-contracted
         shapes from relaxing, `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
-        What not to run into, `barriers`. They want a horizon: the accelerations of damped joints at
+        Obstacles and limits, see `barriers`. They want a horizon: accelerations of damped joints at
         the start of a hold mislead.
 
     Attributes
     ----------
     barrier_rows : BarrierRows or None
-        What came of the barriers.
+        The barriers' rows and counts.
 
     Raises
     ------

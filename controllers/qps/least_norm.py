@@ -137,7 +137,7 @@ def _face(R, Qt, d, u, free, target, y):
 
 @compiled
 def _leaves(R, Qt, d, u, y, free, barred, lower, upper):
-    """Which input leaves its bound, -1 for none, and how wrong its multiplier is.
+    """The input that leaves its bound, -1 for none, and how wrong its multiplier is.
 
     Multipliers of ‖R Q u - d‖² come first, those of ‖u‖² where they are zero.
     """

@@ -1,4 +1,4 @@
-"""What the QP controllers share: an objective in few unknowns, input bounds, the decrease row."""
+"""The QP of several controllers: an objective in few unknowns, input bounds, the decrease row."""
 
 from __future__ import annotations
 
@@ -87,13 +87,13 @@ class TaskQp:
     model : SoftModel
         The robot.
     gains : Gains
-        Of which ρ is read here.
+        Only ρ is read here.
     objective : Objective
         The rest of the QP.
     decrease : bool
         Whether the decrease condition is a constraint; V is reported either way.
     horizon : Horizon, optional
-        Whose dynamics stand for the state's own.
+        Its dynamics stand for the state's own.
     barriers : Restriction, optional
         Further rows on u.
     """

@@ -1,4 +1,4 @@
-"""Where the numbers of q stand: joint coordinates and configurations."""
+"""The place of each joint coordinate in a configuration q."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def moved_bodies(model: pin.Model) -> np.ndarray:
 
 
 class Memory(NamedTuple):
-    """What Pinocchio's algorithms leave in a Data, as the kernels read it.
+    """The results of Pinocchio's algorithms in a Data, as the kernels read them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What Pinocchio's own reader makes of an MJCF, as plain numbers.
+"""An MJCF read by Pinocchio's own reader, as plain numbers.
 
 No model of ours is made from it: it is what a comparison holds against MuJoCo's reading.
 """

@@ -1,4 +1,4 @@
-"""What every model of a soft robot answers, and the State that it answers with.
+"""The interface of every model of a soft robot, and the State of its terms.
 
 `SoftModel` is implemented by `softdyn.dynamics.tree.TreeModel`, on Pinocchio, and for robots with
 mimic joints by `softdyn.dynamics.mimic.MimicModel`; `softdyn.build` chooses.
@@ -162,7 +162,7 @@ def check_model(value: Any) -> SoftModel:
     Raises
     ------
     InputError
-        What is no model.
+        A value that is no model.
     """
     if not isinstance(value, SoftModel):
         raise InputError("model", "a model, from softdyn.load(…)", repr(value))
@@ -179,7 +179,7 @@ class State:
     Attributes
     ----------
     model : SoftModel
-        Whose state it is.
+        The robot's.
     q, v : ndarray, (nq,), (n,)
         Configuration and velocity (rad, m; per second).
     M : ndarray, (n, n)
@@ -246,7 +246,7 @@ class State:
     def trusted(**terms: Any) -> State:
         """A State of its model and of read-only arrays by name, which are right as they are.
 
-        What else is given, such as `g`, need not be computed on first use.
+        Further terms, such as `g`, need not be computed on first use.
         """
         state = object.__new__(State)
         state.__dict__.update(terms)

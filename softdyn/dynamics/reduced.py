@@ -23,7 +23,7 @@ from softdyn.exceptions import InputError
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Which motions of the joints are kept.
+    """The motions of the joints that a reduced model keeps.
 
     Attributes
     ----------

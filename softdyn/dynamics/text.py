@@ -40,7 +40,7 @@ def head(model: SoftModel) -> str:
 
 
 def joint_lines(robot: Robot) -> Iterator[str]:
-    """How many joints of which kind, their springs and dampers; each one where they are few."""
+    """The number of joints of each kind, springs and dampers; each joint where they are few."""
     joints = robot.moving_joints
     kinds = [f"{n} {kind}" for kind, n in Counter(joint.kind for joint in joints).items()]
     if robot.followers:

@@ -9,15 +9,15 @@
 `identify` is these steps: `problem_of` finds the stretches that count, `fit` fits them, and what is
 left over gives the intervals.
 
-- `data`: measurements, from arrays or a CSV file, and what a stop spoils in them;
-- `parameters`: what may be unknown, its column in the equations of motion, a model with other
-  values;
-- `friction`: of dry joints, which the model has not;
+- `data`: measurements, from arrays or a CSV file, and the samples that a stop spoils;
+- `parameters`: the kinds of unknowns, their columns in the equations of motion, a model with
+  other values;
+- `friction`: dry friction of joints, which the model has not;
 - `trajectory`: the model's motion under the measured input, with its sensitivities;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
 - `problem`: the stretches without a stop, simulated; `blocks`: least squares with unknowns of each;
-- `output_error`: the fit of the simulated outputs, intervals, and what cannot be identified;
-- `result`: what was found; `whiteness`: whether the residuals are white;
+- `output_error`: the fit of the simulated outputs, intervals, parameters not identifiable;
+- `result`: values and intervals; `whiteness`: whether the residuals are white;
 - `rewrite`: the robot's file with the new numbers.
 """
 

@@ -20,14 +20,14 @@ UNIT = re.compile(r"\s*\([^()]*\)$")  # after a column's name, as a log's CSV ha
 BESIDE = ("v.", "target.")
 AXES = ("x", "y", "z")
 SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
-ENOUGH = 0.2  # of the data in stretches without a stop: no joint more needs to be held
+ENOUGH = 0.2  # share of the data in stretches without a stop from which no further joint is held
 NEAR = 0.02  # of a joint's range: what is that close to a stop may be pressed against it
 PRESSED = 4  # samples before and after that a held joint must be there too: arrivals bounce
 
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """What was measured, N samples.
+    """N samples of measured inputs and outputs.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     path : str or Path
         The file.
     model : SoftModel
-        Whose joints, tendons and inputs it names.
+        The robot whose joints, tendons and inputs it names.
 
     Raises
     ------

@@ -22,7 +22,7 @@ class Friction(NamedTuple):
     slow: np.ndarray
 
     def signs(self, v: np.ndarray) -> np.ndarray:
-        """Of the rates (n,), rounded: from -1 to 1."""
+        """Signs of the rates (n,), rounded: from -1 to 1."""
         return np.tanh(v / self.slow)
 
     def slope(self, v: np.ndarray) -> np.ndarray:
@@ -31,7 +31,7 @@ class Friction(NamedTuple):
 
 
 def friction_of(model: SoftModel) -> Friction:
-    """What the file has of it; a joint without limits has a turn, or a metre, for its range."""
+    """The file's friction; a joint without limits has a turn, or a metre, for its range."""
     sizes = {joint.name: joint.friction for joint in model.robot.moving_joints}
     turns = {joint.name: joint.kind != "prismatic" for joint in model.robot.moving_joints}
     range_ = model.upper - model.lower

@@ -155,7 +155,7 @@ def least_deviations(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the residuals of a problem are least.
+    """The unknowns of a problem that make its residuals least.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What may be unknown about a robot: each kind's column in r = M q̈ + h - B u, and its setter."""
+"""Parameters that may be unknown: each kind's column in r = M q̈ + h - B u, and its setter."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Kind:
     Attributes
     ----------
     name, unit : str
-        What it is.
+        For people.
     members : callable
         SoftModel → names of the members.
     nominal : callable
@@ -47,7 +47,7 @@ class Kind:
     lower : float
         The least value that makes sense.
     measures : str
-        Of what moves nothing: the outputs to which it is added, up to the member's name.
+        For a kind that moves nothing: the outputs to which it is added, up to the member's name.
     """
 
     name: str
@@ -170,7 +170,7 @@ class Parameter:
 
     @property
     def unit(self) -> str:
-        """Of θ."""
+        """Unit of θ."""
         return "of the file's" if np.count_nonzero(self.weights) > 1 else self.kind.unit
 
     def shift(self, model: SoftModel, outputs: Sequence[str]) -> np.ndarray:

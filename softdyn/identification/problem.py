@@ -1,4 +1,4 @@
-"""Runs of the data without a stop, simulated: what the residual of the fit depends on."""
+"""The residuals of a fit: runs of the data without a stop, simulated."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Simulated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """All that the residual of the fit depends on but the unknowns.
+    """All that the residuals of a fit depend on, besides the values of its unknowns.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class FitProblem:
         return left
 
     def counted(self) -> np.ndarray:
-        """Which outputs (outputs,) count: not those of joints that are held."""
+        """Whether each output (outputs,) counts: not where its joint is held."""
         held = {f"q.{self.base.joint_names[j]}" for j in np.flatnonzero(self.held)}
         return np.array([name not in held for name in self.data.names])
 
@@ -163,7 +163,7 @@ class FitProblem:
         return Start(q, v, by_q, by_v)
 
     def _driven(self, run: tuple[int, int]) -> Driven | None:
-        """What the held joints do: what was measured, where that is clear, else nothing.
+        """Motion of the held joints: the measured one where it is clear, else none.
 
         A stop yields to what pushes it, and without noise this is in all outputs. With noise,
         the acceleration of smoothed noise would push the others by more than that.
@@ -220,7 +220,7 @@ def measured_outputs(
 def problem_of(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
 ) -> FitProblem:
-    """What is to be fitted."""
+    """The problem of these unknowns: the stretches of the data that no stop spoils."""
     joints = data.joints(model)
     if joints is None:
         none = np.zeros((len(data.t), model.nv), bool)

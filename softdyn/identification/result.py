@@ -33,7 +33,7 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What the data say.
+    """Parameters identified from data.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Identified:
         return self.unidentifiable
 
     def values(self) -> dict[str, dict[str, float]]:
-        """What was identified of the robot, by kind and member, as `rewritten` takes it."""
+        """Identified values of the robot, by kind and member, as `rewritten` takes them."""
         known = [
             one for one in self.estimates if one.identified and not one.parameter.kind.measures
         ]

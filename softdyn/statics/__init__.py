@@ -29,7 +29,7 @@ explore
 samples
     Random inputs and shapes; where a robot can rest at all.
 reachable
-    Where an own robot can be asked to go: points, paths, rates.
+    Targets that a robot can reach: points, paths, rates.
 tip_search
     `inputs_for_tip`: all of these together.
 zero_dynamics

@@ -76,7 +76,7 @@ def approach(
 
 
 def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
-    """What each input needs to be to move a joint by about a radian, within its range."""
+    """Size of each input (nu,) that moves a joint by about a radian, within its range."""
     force = np.abs(np.diag(start.stiffness)) * np.minimum(model.upper - model.lower, 1.0)
     arms = np.abs(start.state.B).max(axis=0, initial=0.0)
     needed = force.max() / np.maximum(arms, 1e-300)

@@ -28,7 +28,7 @@ INPUT = ("name", "tendon", "gear", "lower", "upper")
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What `diagnose` found; its text explains it.
+    """The findings of `diagnose`; printed, they explain themselves.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class Diagnosis:
     poses : tuple of Pose
         All that were examined, q = 0 first.
     boundary : tuple of float and Pose, or None
-        Where gravity begins to win on the way to the weakest pose, as a share of it.
+        The pose at which gravity begins to win on the way to the weakest pose, and its share.
     equilibrium : Equilibrium or None
         Under the least input, downhill of q = 0; None where there is none.
     warnings : tuple of str
-        What the file's readers remarked.
+        Remarks of the file's readers.
     doubts : tuple of str
         Numbers that look wrong.
     """

@@ -189,7 +189,7 @@ def ramp(
 
 
 def rest(model: SoftModel) -> Equilibrium:
-    """Where the robot settles from q = 0 under the input closest to zero within its bounds."""
+    """The equilibrium downhill of q = 0 under the input closest to zero within its bounds."""
     return settle(model, np.clip(np.zeros(model.nu), model.u_min, model.u_max))
 
 
@@ -202,7 +202,7 @@ def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 class _Forces(NamedTuple):
-    """What acts at a configuration."""
+    """The forces at a configuration."""
 
     r: np.ndarray  # (nv,) K + g - B u
     scale: float  # size of the forces in it
@@ -229,7 +229,7 @@ def _forces(
 def _balanced(here: _Forces, H: np.ndarray, times: float = 1.0) -> bool:
     """Whether what is left is small beside the forces, or beside their change over a milliradian.
 
-    Of what hangs straight down all forces vanish, and what is left of them is rounding.
+    All forces of a robot that hangs straight down vanish; the rest is rounding.
     """
     scale = max(here.scale, 1e-3 * float(np.abs(H).max(initial=0.0)))
     return here.left <= times * TOLERANCE * scale

@@ -1,4 +1,4 @@
-"""Where an own robot can be asked to go: points, paths and rates from its statics alone."""
+"""Targets that a robot can reach: points, paths and rates from its statics alone."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ STATIONS = 12  # points of a path that are tried
 def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibrium, ...]:
     """Stable rests whose tips are spread over the reachable set, the outermost first.
 
-    Of sampled rests (`sample_rests`, `sample_between`) with room left to all input bounds, and no
-    joint at a limit where there are such, each is the one farthest from the rest without input and
-    from all before it.
+    Each is the sampled rest (`sample_rests`, `sample_between`) that is farthest from the rest
+    without input and from all before it. Its input has room to all bounds; no joint is at a limit,
+    unless every sample has one there.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Loop:
 
     @property
     def period(self) -> float:
-        """Of one cycle (s)."""
+        """Duration of one cycle (s)."""
         return 2 * math.pi / self.omega
 
 

@@ -46,7 +46,7 @@ class HardStops:
         return np.where(held, r, 0.0), held
 
     def stiffness(self, at: np.ndarray) -> np.ndarray:
-        """What they add to the stiffness of each joint (nv,) that they do not hold: nothing."""
+        """Stiffness (nv,) that they add to the joints that they do not hold: none."""
         return np.zeros_like(at)
 
 
@@ -83,5 +83,5 @@ class SoftStops:
         return self.weight / (at - self.lower) - self.weight / (self.upper - at), r != r
 
     def stiffness(self, at: np.ndarray) -> np.ndarray:
-        """What they add to the stiffness of each joint (nv,)."""
+        """Stiffness (nv,) that they add to each joint."""
         return self.weight / (self.upper - at) ** 2 + self.weight / (at - self.lower) ** 2

@@ -60,7 +60,7 @@ class TipSearch:
 
     @property
     def most_stable(self) -> Equilibrium | None:
-        """Of the stable ones as close as the closest, the one with the largest smallest eigenvalue.
+        """The stable one with the largest smallest eigenvalue, among those as close as the closest.
 
         None when no stable one was found.
         """

@@ -1,4 +1,4 @@
-"""What no input moves: rank of B, stiffness against gravity there, poles of the zero dynamics.
+"""The motions that no input drives: rank of B, stiffness there, poles of the zero dynamics.
 
 Paper, section "ID-CLF-QP": the zero dynamics are stable if the stiffness in the unactuated
 coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here: with the rows of U an orthonormal basis of
@@ -93,7 +93,7 @@ def sample_poses(model: SoftModel, samples: int, seed: int = 0) -> Iterator[Pose
 def find_boundary(
     model: SoftModel, weak: Pose, resolution: float = 1e-3
 ) -> tuple[float, Pose] | None:
-    """Where stiffness stops to dominate gravity on the straight way from q = 0 to `weak`.
+    """The pose between q = 0 and `weak` at which stiffness stops to dominate gravity.
 
     The share of the way, by bisection to `resolution`, and the pose there, of the same name as
     `weak`. None where stiffness dominates at both ends, or at neither.

@@ -158,7 +158,7 @@ def _inverse_dynamics(
     *,
     decrease: bool = True,
 ) -> SymbolicQp:
-    """What the three share; the w4 term is squared (the text drops its exponent)."""
+    """The inverse dynamics of three QPs; the w4 term is squared (the text drops its exponent)."""
     n, m = state.B.shape
     qdd, u, *slack = variables(n, m, 1) if decrease else variables(n, m)
     mu = task.J @ qdd + (task.Jdot @ state.v - task.yddot)

@@ -193,7 +193,7 @@ class Quadprog:
 
 
 class LeastNorm:
-    """Of all minimisers, the one of least ‖x‖, for QPs with more than one.
+    """The minimiser of least ‖x‖, for QPs with more than one.
 
     A solver finds one of them. What the cost measures is the same at all of them (Mangasarian
     1988), so a second QP moves x along what changes neither that nor the equalities, and
