@@ -235,6 +235,7 @@ def problems(root: Path = ROOT) -> list[str]:
         package: (root / file).read_text()
         for package, file in (
             ("softdyn", "softdyn/__init__.pyi"),
+            ("softdyn.controllers", "controllers/__init__.pyi"),
             ("softdyn.design", "softdyn/design/__init__.pyi"),
             ("softdyn.validation", "validation/__init__.pyi"),
         )
