@@ -322,9 +322,11 @@ def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> No
     """Refuse, before any work, outputs that cannot be written or that would replace an input.
 
     The outputs are those of `Parser.output` and `more`; every other argument may name a file that
-    the command reads.
+    the command reads. `arguments.opened` holds what was read of them on the way.
     """
-    given = vars(arguments)
+    given = dict(vars(arguments))
+    opened: dict[Path, bytes] = {}
+    arguments.opened = opened
     written = [*(given[name] for name in parser.outputs), *more]
     if not any(written):
         return
@@ -335,7 +337,7 @@ def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> No
     each = (x for value in values for x in (value if isinstance(value, list | tuple) else [value]))
     # inputs are searched for the files that they name only where an output would replace a file
     replaces = any(path and os.path.isfile(path) for path in written)
-    check(*written, read=files_read(each) if replaces else frozenset())
+    check(*written, read=files_read(each, opened) if replaces else frozenset())
 
 
 def make_folder(path: Path) -> None:

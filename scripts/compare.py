@@ -47,9 +47,11 @@ def command(arguments: cli.Arguments) -> int:
     """Compare, report."""
     from softdyn.validation import compare
     from softdyn.validation.mjcf.comparison.side import Side
+    from softdyn.validation.mjcf.mjcf_file import Contents
 
     mapping = None if arguments.map is None else read_map(arguments.map)
-    sides = Side.of(arguments.a), Side.of(arguments.b)
+    contents = Contents(arguments.opened)
+    sides = Side.of(arguments.a, contents), Side.of(arguments.b, contents)
     result = compare(
         *sides,
         mapping=mapping,

@@ -14,11 +14,12 @@ from softdyn.exceptions import InputError
 from softdyn.files import followed, is_stream, read_toml
 
 MAX_BYTES = 16_000_000  # of a file that is searched for names; a larger one names nothing
+XML = (".urdf", ".xml", ".mjcf")
 QUOTED = re.compile(rb"""=\s*(?:"([^"<>]{1,1000})"|'([^'<>]{1,1000})')""")
 FOLDERS = re.compile(rb"""\b(?:mesh|asset|texture)dir\s*=\s*["']([^"'<>]{1,1000})["']""")
 
 
-def files_read(given: Iterable[Any]) -> set[Path]:
+def files_read(given: Iterable[Any], opened: dict[Path, bytes] | None = None) -> set[Path]:
     """Every file that is read where these are: themselves, and those that they name.
 
     A URDF or MJCF names its meshes, textures and includes, a TOML file robots, controllers and
@@ -28,6 +29,8 @@ def files_read(given: Iterable[Any]) -> set[Path]:
     ----------
     given : iterable
         A command's arguments: paths, FILE.py:CLASS, or anything else, which is no file.
+    opened : dict, optional
+        Takes the content of every URDF and MJCF, so that the command need not open it again.
 
     Returns
     -------
@@ -40,7 +43,7 @@ def files_read(given: Iterable[Any]) -> set[Path]:
         path = waiting.pop()
         if path not in found:
             found.add(path)
-            waiting += _named(path)
+            waiting += _named(path, {} if opened is None else opened)
     return found
 
 
@@ -59,13 +62,16 @@ def _files(text: Any, *folders: Path) -> Iterator[Path]:
                 continue
 
 
-def _named(path: Path) -> Iterator[Path]:
+def _named(path: Path, opened: dict[Path, bytes]) -> Iterator[Path]:
     """The files that a file names."""
-    kinds = {".toml": _in_toml, ".py": _in_python}
-    kinds |= dict.fromkeys((".urdf", ".xml", ".mjcf"), _in_xml)
-    read = kinds.get(path.suffix.lower())
-    if read is not None and path.stat().st_size <= MAX_BYTES:
-        yield from read(path)
+    suffix = path.suffix.lower()
+    if suffix not in (".toml", ".py", *XML) or path.stat().st_size > MAX_BYTES:
+        return
+    if suffix in XML:
+        opened[path] = path.read_bytes()
+        yield from _in_xml(path, opened[path])
+    else:
+        yield from _in_toml(path) if suffix == ".toml" else _in_python(path)
 
 
 def _in_toml(path: Path) -> Iterator[Path]:
@@ -121,8 +127,7 @@ def _modules(node: ast.AST) -> list[str]:
     return []
 
 
-def _in_xml(path: Path) -> Iterator[Path]:
-    content = path.read_bytes()
+def _in_xml(path: Path, content: bytes) -> Iterator[Path]:
     inner = (os.fsdecode(text) for text in FOLDERS.findall(content))
     folders = [path.parent, *(path.parent / name for name in inner)]
     for double, single in set(QUOTED.findall(content)):

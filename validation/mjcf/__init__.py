@@ -3,6 +3,7 @@
 - `transform`: rigid displacements;
 - `mjcf_file`: an MJCF with all that it includes, as XML;
 - `comparison`: two files of one robot, URDF or MJCF, and the causes of what differs;
+- `mjcf_file`: an MJCF read strictly, before MuJoCo sees it;
 - `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
 - `export`: a robot written in the other format and read back (`to_mjcf`, `to_urdf`, `xml_text`);
 - `scene`: a user's own MJCF as the plant; `scene_inputs` maps our inputs to its actuators,

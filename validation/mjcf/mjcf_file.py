@@ -56,13 +56,17 @@ class Attached:
 
 
 class Contents(dict[Path, bytes]):
-    """Files by path, each opened once however often it is asked for."""
+    """Files by their path, links followed: each is opened once however often it is asked for."""
+
+    def text(self, path: Path, what: str = "URDF or MJCF") -> bytes:
+        """The bytes of an XML file; `what` it should be is for the message."""
+        if (key := path.resolve()) not in self:
+            self[key] = content(path, what)
+        return self[key]
 
     def xml(self, path: Path, what: str = "MJCF") -> Element:
         """The root element, parsed strictly; a tree of its own at every call."""
-        if path not in self:
-            self[path] = content(path, what)
-        return read_bytes(path, self[path])
+        return read_bytes(path, self.text(path, what))
 
     def mesh(self, element: Element, path: Path, most: int) -> bytes:
         """The bytes of a mesh that `element` names, of at most `most`."""

@@ -42,7 +42,7 @@ class Part:
     lower, upper, effort : float
         Limits (rad, m) and the largest force (N, N·m); infinite where the file states none.
     armature, damping : float
-        Of the joint, and of the actuators that act on it.
+        Those of actuators that act on the joint included.
     stiffness_curve, damping_curve : tuple of two
         Coefficients of the second and third power of the displacement and the speed.
     gravcomp : dict[str, float]
@@ -80,11 +80,8 @@ class Part:
     @property
     def uplift(self) -> np.ndarray:
         """The mass whose weight is compensated, and its first moment (4,)."""
-        rows = [
-            self.gravcomp.get(name, 0.0) * piece.mass * np.array([1.0, *piece.com])
-            for name, piece in self.pieces
-        ]
-        return np.sum(rows, axis=0) if rows else np.zeros(4)
+        share = ((self.gravcomp.get(name, 0.0), piece) for name, piece in self.pieces)
+        return sum((s * p.mass * np.array([1.0, *p.com]) for s, p in share), np.zeros(4))
 
     def moved(self, by: Transform, *, joint: bool = True) -> Part:
         """The same part displaced; with `joint` False its axis stays."""
@@ -160,6 +157,12 @@ class Motor:
     frames: tuple[Frame, ...] = ()
     more: dict[str, Numbers] = field(default_factory=dict)
 
+    @property
+    def end(self) -> tuple[str, str]:
+        """Sort and name of what it acts on."""
+        word, _, name = self.target.partition(":")
+        return "joint" if word.startswith(("joint", "orientation")) else word, name
+
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
@@ -178,10 +181,8 @@ class Equality:
 
     Attributes
     ----------
-    kind : str
-        ``connect``, ``weld``, ``joint``, ``tendon`` …
-    ends : tuple of str
-        Names of the bodies, sites, joints or tendons.
+    kind, ends : str, tuple of str
+        ``connect``, ``weld``, ``joint``, ``tendon`` …; names of bodies, sites, joints or tendons.
     data : Numbers
         Coefficients, or the displacement that a weld asks of the second body at zero.
     points : tuple of Point
@@ -229,9 +230,8 @@ class Neutral:
     @property
     def size(self) -> float:
         """Extent of the robot at zero (m), never zero."""
-        points = [part.point for part in self.parts] + [part.inertia.com for part in self.parts]
-        spread = np.ptp(np.array(points), axis=0) if points else np.zeros(3)
-        return float(np.linalg.norm(spread)) or 1.0
+        points = [point for part in self.parts for point in (part.point, part.inertia.com)]
+        return (float(np.linalg.norm(np.ptp(points, axis=0))) if points else 0.0) or 1.0
 
     @property
     def nv(self) -> int:
@@ -267,11 +267,11 @@ class Neutral:
             else part
             for k, part in enumerate(self.parts)
         )
-        frames = {n: replace(f, pose=place(f.part, f.pose)) for n, f in self.frames.items()}
 
         def points(path: tuple[Point, ...]) -> tuple[Point, ...]:
             return tuple(replace(p, xyz=by.at(p.xyz)) if p.part in moving else p for p in path)
 
+        frames = {n: replace(f, pose=place(f.part, f.pose)) for n, f in self.frames.items()}
         cables = tuple(replace(cable, path=points(cable.path)) for cable in self.cables)
         equalities = tuple(replace(tie, points=points(tie.points)) for tie in self.equalities)
         motors = tuple(
@@ -308,37 +308,32 @@ class Neutral:
             for k in kept
         )
         gone = set(range(len(self.parts))) - set(kept) - welded
-        frames = {
-            name: Frame(on(f.part), f.pose) for name, f in self.frames.items() if f.part not in gone
-        }
-        frames |= {
-            self.parts[k].link: Frame(on(k), self.parts[k].pose)
-            for k in welded
-            if self.parts[k].link
-        }
+        held = {n: f for n, f in self.frames.items() if f.part not in gone}
+        frames = {name: Frame(on(f.part), f.pose) for name, f in held.items()}
+        solid = [(k, self.parts[k]) for k in welded if self.parts[k].link]
+        frames |= {part.link: Frame(on(k), part.pose) for k, part in solid}
         cables = tuple(
             replace(cable, path=tuple(replace(p, part=on(p.part)) for p in cable.path))
             for cable in self.cables
             if set(cable.terms) <= names and not gone.intersection(p.part for p in cable.path)
         )
-        couplings = tuple(c for c in self.couplings if {c.joint, c.leader} <= names)
-        lost = {f"joint:{part.name}" for part in self.parts} - {f"joint:{name}" for name in names}
-        lost |= {f"tendon:{c.name}" for c in self.cables} - {f"tendon:{c.name}" for c in cables}
+        led = tuple(c for c in self.couplings if {c.joint, c.leader} <= names)
+        lost = {("joint", part.name) for part in self.parts if part.name not in names}
+        left = {cable.name for cable in cables}
+        lost |= {("tendon", cable.name) for cable in self.cables if cable.name not in left}
         motors = tuple(
             replace(m, frames=tuple(replace(f, part=on(f.part)) for f in m.frames))
             for m in self.motors
-            if m.target not in lost and not gone.intersection(f.part for f in m.frames)
+            if m.end not in lost and not gone.intersection(f.part for f in m.frames)
         )
-        equalities = tuple(
+        ties = tuple(
             replace(tie, points=tuple(replace(p, part=on(p.part)) for p in tie.points))
             for tie in self.equalities
-            if not lost.intersection(f"{tie.kind}:{end}" for end in tie.ends)
+            if not lost.intersection((tie.kind, end) for end in tie.ends)
             and not gone.intersection(p.part for p in tie.points)
         )
-        return replace(
-            self, parts=parts, frames=frames, cables=cables, couplings=couplings,
-            motors=motors, equalities=equalities,
-        )  # fmt: skip
+        robot = replace(self, parts=parts, frames=frames, cables=cables, motors=motors)
+        return replace(robot, couplings=led, equalities=ties)
 
     def renamed(self, names: dict[str, str]) -> Neutral:
         """Joints called otherwise; those not in `names` keep theirs."""
@@ -346,9 +341,9 @@ class Neutral:
         def new(name: str) -> str:
             return names.get(name, name)
 
-        def target(text: str) -> str:
-            kind, _, name = text.partition(":")
-            return f"{kind}:{new(name)}" if kind == "joint" else text
+        def target(motor: Motor) -> str:
+            word, name = motor.target.partition(":")[0], motor.end[1]
+            return f"{word}:{new(name)}" if motor.end[0] == "joint" else motor.target
 
         return replace(
             self,
@@ -356,7 +351,7 @@ class Neutral:
             cables=tuple(
                 replace(t, terms={new(j): c for j, c in t.terms.items()}) for t in self.cables
             ),
-            motors=tuple(replace(motor, target=target(motor.target)) for motor in self.motors),
+            motors=tuple(replace(motor, target=target(motor)) for motor in self.motors),
             couplings=tuple(
                 replace(c, joint=new(c.joint), leader=new(c.leader)) for c in self.couplings
             ),

@@ -42,7 +42,9 @@ class Side:
     repair_inertia: bool = False
 
     @classmethod
-    def of(cls, source: str | Path | Side, **options: bool) -> Side:
+    def of(
+        cls, source: str | Path | Side, contents: Contents | None = None, **options: bool
+    ) -> Side:
         """The file behind a path or a name; a `Side` stays what it is.
 
         Raises
@@ -50,7 +52,9 @@ class Side:
         InputError
             For a name that is no robot's.
         """
-        return source if isinstance(source, Side) else cls(find(source), **options)  # type: ignore[arg-type]
+        if isinstance(source, Side):
+            return source
+        return cls(find(source), Contents() if contents is None else contents, **options)
 
     @cached_property
     def is_mjcf(self) -> bool:
@@ -60,9 +64,8 @@ class Side:
     @cached_property
     def robot(self) -> Robot:
         """A URDF, parsed strictly."""
-        _ = self.is_mjcf  # which opens the file
         return parse(
-            self.path, content=self.contents[self.path], floating=self.floating,
+            self.path, content=self.contents.text(self.path), floating=self.floating,
             repair_inertia=self.repair_inertia,
         )  # fmt: skip
 
