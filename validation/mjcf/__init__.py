@@ -1,7 +1,6 @@
 """MJCF files beside our own URDF: compared, written, and used as the plant.
 
 - `transform`: rigid displacements;
-- `mjcf_file`: an MJCF with all that it includes, as XML;
 - `comparison`: two files of one robot, URDF or MJCF, and the causes of what differs;
 - `mjcf_file`: an MJCF read strictly, before MuJoCo sees it;
 - `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
