@@ -70,12 +70,13 @@ def read_mjcf_by_pinocchio(path: Path) -> tuple[tuple[Reading, ...], np.ndarray]
         raise UrdfError(path, "<mujoco>", "a file that Pinocchio reads", got) from None
     model = model[0] if isinstance(model, tuple) else model
     data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
+    jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
+    jacobian = np.reshape(jacobian, (6, model.nv))  # of one freedom it is a vector
     readings = []
     for joint in range(1, model.njoints):
         first, count = model.idx_vs[joint], model.nvs[joint]
         # spatial velocity at the world's origin: linear over angular in Pinocchio
-        columns = data.J[:, first : first + count]
+        columns = jacobian[:, first : first + count]
         inertia, pose = model.inertias[joint], data.oMi[joint]
         kind = model.joints[joint].shortname()
         readings.append(

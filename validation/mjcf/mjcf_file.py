@@ -12,7 +12,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from lxml import etree
@@ -106,35 +106,52 @@ def read_mjcf(path: Path, *, whole: bool = False, contents: Contents | None = No
         Malformed, too large, a number that is not finite, an include or a needed mesh that is
         missing or lies outside the file's folder, or what a comparison does not support.
     """
-    return _read(path, whole, (), [], Contents() if contents is None else contents)
+    return _read(path, _Reading(whole, Contents() if contents is None else contents))
 
 
-def _read(
-    path: Path, whole: bool, above: tuple[Path, ...], count: list[Path], contents: Contents
-) -> Mjcf:
-    """A file that those `above` attach; `count` are all that were attached so far."""
-    root = contents.xml(path)
+@dataclass(frozen=True)
+class _Reading:
+    """What goes for a file and those that it attaches.
+
+    Attributes
+    ----------
+    above : tuple of Path
+        Files that attach this one, directly or not.
+    count : list of Path
+        All that were attached so far.
+    wrapped : frozenset of str
+        Shapes that tendons of the files above wrap, by their names there.
+    """
+
+    whole: bool
+    contents: Contents
+    above: tuple[Path, ...] = ()
+    count: list[Path] = field(default_factory=list)
+    wrapped: frozenset[str] = frozenset()
+
+
+def _read(path: Path, reading: _Reading) -> Mjcf:
+    root = reading.contents.xml(path)
     if root.tag != "mujoco":
         raise root.error("the root element <mujoco>", f"<{root.tag}>")
-    _include(root.node, path, path.resolve().parent, [path.resolve()], contents)
+    _include(root.node, path, path.resolve().parent, [path.resolve()], reading.contents)
     main = Element(path, root.node, "<mujoco>")
     _judge(main)
-    attached = tuple(_attached(main, whole, (*above, path.resolve()), count, contents))
+    reading = replace(reading, wrapped=reading.wrapped | _wrapped(root.node))
+    attached = tuple(_attached(main, replace(reading, above=(*reading.above, path.resolve()))))
     folder, strip = _mesh_folder(root.node)
-    _strip(root.node, whole, moving=bool(above))
-    meshes = _meshes(main, folder, strip, contents)
+    _strip(root.node, reading)
+    meshes = _meshes(main, folder, strip, reading.contents)
     return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached)
 
 
-def _attached(
-    root: Element, whole: bool, above: tuple[Path, ...], count: list[Path], contents: Contents
-) -> Iterator[Attached]:
+def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
     """The models of a file, read; a frame stands where each belongs."""
     models: dict[str, Path] = {}
     for node in list(root.node.iter("model")):
         element = Element(root.file, node, one_line(f'<model file="{node.get("file")}">'))
         target = inside(root.file, element, root.file.resolve().parent, element.text("file"))
-        if target in above:
+        if target in reading.above:
             raise element.error("a model that does not attach itself", repr(node.get("file")))
         models[node.get("name") or target.stem] = target
         _remove(node)
@@ -144,10 +161,10 @@ def _attached(
             raise element.error("the name of a <model>", repr(model))
         if next(node.iterancestors("replicate"), None) is not None:
             raise element.error("no <replicate> around it", "one")
-        count.append(models[model])
-        if len(count) > MAX_ATTACHED:
+        reading.count.append(models[model])
+        if len(reading.count) > MAX_ATTACHED:
             raise element.error(f"at most {MAX_ATTACHED} attached models", "more")
-        child = _read(models[model], whole, above, count, contents)
+        child = _read(models[model], reading)
         yield Attached(PLACE.format(k), child, node.get("body", ""), node.get("prefix", ""))
         node.tag = "frame"
         node.attrib.clear()
@@ -266,12 +283,18 @@ def _mesh_folder(root: etree._Element) -> tuple[str, bool]:
     return folder, strip
 
 
-def _strip(root: etree._Element, whole: bool, moving: bool) -> None:
-    """Leave out what no dynamics depend on; of what is `whole`, pictures and sensors alone.
+def _wrapped(root: etree._Element) -> set[str]:
+    """Shapes that tendons wrap, by name."""
+    spatial = (node for tendon in root.iter("spatial") for node in tendon.iter("geom"))
+    return {str(node.get("geom")) for node in spatial}
 
-    With `moving` its world is attached to something that moves.
-    """
-    needless = NO_PLANT if whole else NO_DYNAMICS
+
+def _strip(root: etree._Element, reading: _Reading) -> None:
+    """Leave out what no dynamics depend on; of what is whole, pictures and sensors alone."""
+    whole = reading.whole
+    # the total is that of all bodies that MuJoCo keeps, and it keeps those that something names
+    total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
+    needless = NO_PLANT if whole or total else NO_DYNAMICS
     pictures = PICTURES if whole else (*PICTURES, "hfield")
     for node in list(root):
         if not isinstance(node.tag, str) or node.tag in needless:
@@ -284,18 +307,15 @@ def _strip(root: etree._Element, whole: bool, moving: bool) -> None:
     if whole:
         return
     by_shapes = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
-    total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
     # shapes on which a fluid acts are needed as well
     by_shapes |= any("fluidshape" in geom.attrib for geom in root.iter("geom"))
-    wrapped = {
-        str(node.get(attribute))
-        for tendon in root.iter("spatial")
-        for node in tendon.iter("geom")
-        for attribute in ("geom", "sidesite")
-    }
+    moving = bool(reading.above)  # its world may be attached to something that moves
     for world in list(root.iter("worldbody")):
         for geom in _needless(world, moving=moving, by_shapes=by_shapes, total=total):
-            if geom.get("name") not in wrapped:
+            name = geom.get("name")
+            # a copy or an attached model has the name with something before or behind it
+            copied = name and geom.get("mesh") is None and any(name in w for w in reading.wrapped)
+            if not copied and name not in reading.wrapped:
                 _remove(geom)
     used = {node.get("mesh") for tag in ("geom", "site") for node in root.iter(tag)}
     for mesh in list(root.iter("mesh")):

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.validation.crosschecks.engines import engine_errors
 from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.side import neutral
+from softdyn.validation.mjcf.comparison.terms import States, evaluate
 from tests.support import SCRIPTS, pair_robots
 
 BODY = '<body><joint name="j"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>{}</body>'
@@ -212,3 +214,51 @@ def test_an_attached_model_is_what_mujoco_makes_of_it(folder):
     assert result.matched == {name: name for name in ("j", "l_j", "k", "r_j")}
     assert max(result.waterfall[0].left.values()) < 1e-5  # XML of MuJoCo's has six digits
     assert neutral(path).parts[3].upper == pytest.approx(np.radians(20))
+
+
+@pytest.mark.parametrize("changes", ['settotalmass="5"', 'boundmass="0.2"', 'boundinertia="0.01"'])
+@pytest.mark.parametrize("fuse", ["true", "false"])
+def test_masses_that_the_compiler_changes_are_mujoco_s(folder, changes, fuse):
+    path = folder / "robot.xml"
+    path.write_text(
+        f'<mujoco><compiler {changes} fusestatic="{fuse}"/><worldbody><body name="table">'
+        '<geom size="0.1"/></body><body name="arm"><joint axis="0 1 0"/><inertial pos="0.1 0 0" '
+        'mass="1" diaginertia="1e-3 2e-3 2e-3"/><body name="weld" pos="1 0 0"><inertial pos="0 0 0"'
+        ' mass="0.5" diaginertia="1e-3 2e-3 2e-3"/><body name="frame"/></body></body></worldbody>'
+        "</mujoco>"
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    body = int(model.jnt_bodyid[0])
+    part = neutral(path).parts[0]
+    assert part.inertia.mass == pytest.approx(model.body_subtreemass[body], rel=1e-12)
+    assert max(engine_errors(path, samples=2).values()) < 1e-12
+    data, M = mujoco.MjData(model), np.zeros((1, 1))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, M)
+    ours = evaluate(neutral(path), States((np.zeros((1, 1)),), np.zeros((1, 1)))).M[0]
+    assert ours == pytest.approx(M, rel=1e-12)
+
+
+DRUM = """<body name="drum"><joint name="j" axis="0 1 0"/>
+  <inertial pos="0 0 -0.2" mass="1" diaginertia="1e-2 1e-2 1e-3"/>
+  <geom name="pulley" type="cylinder" size="0.03 0.1" euler="90 0 0"/>
+  <site name="from" pos="0.1 0 0.3"/><site name="to" pos="0.1 0 -0.3"/></body>"""
+ROPE = '<tendon><spatial><site site="{0}"/><geom geom="{1}"/><site site="{2}"/></spatial></tendon>'
+
+
+def test_a_tendon_wraps_a_copied_or_attached_shape(folder):
+    path = folder / "robot.xml"
+    path.write_text(
+        f'<mujoco><worldbody><replicate count="2" offset="1 0 0">{DRUM}</replicate></worldbody>'
+        f"{ROPE.format('from0', 'pulley1', 'to1')}</mujoco>"
+    )
+    (rope,) = neutral(path).cables
+    assert [point.around for point in rope.path][1] == "cylinder of radius 0.03"
+    (folder / "drum.xml").write_text(f"<mujoco><worldbody>{DRUM}</worldbody></mujoco>")
+    path.write_text(
+        '<mujoco><asset><model name="d" file="drum.xml"/></asset><worldbody><site name="w"/><frame>'
+        '<attach model="d" body="drum" prefix="a_"/></frame></worldbody>'
+        f"{ROPE.format('w', 'a_pulley', 'a_to')}</mujoco>"
+    )
+    (rope,) = neutral(path).cables
+    assert [point.around for point in rope.path][1] == "cylinder of radius 0.03"

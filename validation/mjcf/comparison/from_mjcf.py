@@ -71,8 +71,11 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
 def _specify(file: Mjcf) -> mujoco.MjSpec:
     """MuJoCo's own specification, with what is attached to it."""
     spec = mujoco.MjSpec.from_string(file.text, assets=file.meshes)
-    spec.compiler.fusestatic = False  # it would lose the names of what is fused
-    spec.compiler.discardvisual = False
+    compiler = spec.compiler
+    # Fusing loses names; but where the compiler changes masses, those of fused bodies are others.
+    limits = compiler.settotalmass, compiler.boundmass, compiler.boundinertia
+    compiler.fusestatic &= max(limits) > 0 or bool(compiler.balanceinertia)
+    compiler.discardvisual = False
     for part in file.attached:
         child, frame = _specify(part.model), spec.frame(part.frame)
         if frame is None:
