@@ -110,6 +110,11 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
     )
     parser.add_argument("--floating", action="store_true", help="let the root link move freely")
+    add_repair_option(parser)
+
+
+def add_repair_option(parser: argparse.ArgumentParser) -> None:
+    """--repair-inertia, of a URDF's links."""
     parser.add_argument(
         "--repair-inertia",
         action="store_true",

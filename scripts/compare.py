@@ -31,6 +31,7 @@ parser.add_argument("a", metavar="A", help="a URDF or an MJCF")
 parser.add_argument("b", metavar="B", help="the other file")
 parser.add_argument("--map", metavar="FILE", help="TOML: joints of A = joints of B")
 parser.add_argument("--strict", action="store_true", help="fail for what one file alone states too")
+cli.add_repair_option(parser)
 parser.add_argument(
     "--engines", action="store_true", help="ask Pinocchio and MuJoCo, each file and both together"
 )
@@ -51,7 +52,11 @@ def command(arguments: cli.Arguments) -> int:
 
     mapping = None if arguments.map is None else read_map(arguments.map)
     contents = Contents(arguments.opened)
-    sides = Side.of(arguments.a, contents), Side.of(arguments.b, contents)
+    repair = arguments.repair_inertia
+    sides = (
+        Side.of(arguments.a, contents, repair_inertia=repair),
+        Side.of(arguments.b, contents, repair_inertia=repair),
+    )
     result = compare(
         *sides,
         mapping=mapping,

@@ -81,3 +81,19 @@ def test_the_command_asks_all_three(pair, capsys):
     assert found["b_by_pinocchio"]["exact"]
     command.main([str(pair[0]), str(pair[0]), "--engines", "--samples", "1"])
     assert "not asked" in capsys.readouterr().out
+
+
+def test_one_degree_of_freedom(tmp_path, capsys):
+    """Pinocchio's Jacobian of one column is a vector."""
+    inertial = "<mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
+    (tmp_path / "a.urdf").write_text(
+        f"<robot name='r'><link name='w'/><link name='l'><inertial>{inertial}</inertial></link>"
+        "<joint name='j' type='continuous'><parent link='w'/><child link='l'/></joint></robot>"
+    )
+    (tmp_path / "b.xml").write_text(
+        "<mujoco><worldbody><body name='l'><joint name='j' axis='1 0 0'/><inertial pos='0 0 0' "
+        "mass='1' diaginertia='1 1 1'/></body></worldbody></mujoco>"
+    )
+    files = [str(tmp_path / name) for name in ("a.urdf", "b.xml")]
+    assert command.main([*files, "--engines", "--samples", "1"]) == 0
+    assert "Pinocchio's own MJCF reader: exact" in capsys.readouterr().out

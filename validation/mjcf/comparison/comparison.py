@@ -35,6 +35,7 @@ def compare(
     *,
     mapping: dict[str, str] | None = None,
     strict: bool = False,
+    repair_inertia: bool = False,
     samples: int = 8,
     seed: int = 0,
 ) -> Comparison:
@@ -48,6 +49,8 @@ def compare(
         Joints of A → joints of B, for those that names and kinematics get wrong.
     strict : bool
         Whether what only one file states fails too.
+    repair_inertia : bool
+        Whether a URDF's impossible inertias become the nearest possible ones, with a note each.
     samples, seed : int
         Number of random states at which effects are computed, and their seed.
 
@@ -66,7 +69,7 @@ def compare(
     begin = time.perf_counter()
     if not isinstance(samples, int) or samples < 1:
         raise InputError("samples", "an integer >= 1", samples)
-    one, other = Side.of(a), Side.of(b)
+    one, other = (Side.of(source, repair_inertia=repair_inertia) for source in (a, b))
     return compare_neutral(
         one.beside(other).neutral, other.beside(one).neutral, mapping=mapping, strict=strict,
         samples=samples, seed=seed, begin=begin,

@@ -95,7 +95,9 @@ class Side:
     def neutral(self) -> Neutral:
         """The robot in the neutral form."""
         if not self.is_mjcf:
-            return from_urdf(self.robot)
+            mended = [text for text in self.robot.warnings if "inertia repaired" in text]
+            notes = tuple(text.removeprefix(f"{self.path}: ") for text in mended)
+            return replace(from_urdf(self.robot), notes=notes)
         robot = from_mjcf(self.path, self.compiled)
         # models attached through MuJoCo's specification come after the bodies beside them
         note = "attached models: the order of joints is not compared"

@@ -262,6 +262,39 @@ def test_bundled_robots(tmp_path, name):
     assert compare(good, good, strict=True).passed
 
 
+def test_an_impossible_inertia_is_repaired_where_asked_for(tmp_path, pair):
+    broken = tmp_path / "broken.urdf"
+    broken.write_text(pair_robots.URDF.replace('ixx="5e-4"', 'ixx="5e-3"'))
+    with pytest.raises(softdyn.UrdfError, match="a physical inertia"):
+        compare(broken, pair[1])
+    result = compare(broken, pair[1], repair_inertia=True)
+    assert kinds(result) == {"inertia": 1}
+    (note,) = result.notes
+    assert note.startswith('A: <link name="jaw">: inertia repaired')
+    assert command("compare", broken, pair[1]).code == 2
+    code, out, _ = command("compare", broken, pair[1], "--repair-inertia")
+    assert code == 1
+    assert "inertia repaired" in out
+
+
+def test_of_a_long_tendon_the_changed_term_is_said(tmp_path):
+    """A sum of many terms is not printed for one that differs, nor a row too wide to read."""
+    joints = "".join(
+        f'<body pos="0.1 0 0"><joint name="joint_{k}" axis="0 1 0"/><geom size="0.05"/>'
+        for k in range(17)
+    )
+    terms = "".join(f'<joint joint="joint_{k}" coef="{1 + k / 8}"/>' for k in range(17))
+    text = f'<mujoco><worldbody>{joints}{"</body>" * 17}</worldbody><tendon><fixed name="t">{terms}'
+    text += "</fixed></tendon></mujoco>"
+    files = tmp_path / "a.xml", tmp_path / "b.xml"
+    files[0].write_text(text)
+    files[1].write_text(text.replace('coef="2.0"', 'coef="2.0001"'))
+    (cause,) = compare(*files).causes
+    assert (cause.kind, cause.a, cause.b) == ("tendon", "2 joint_8", "2.0001 joint_8")
+    out = command("compare", *files).out
+    assert max(map(len, out.splitlines()[2:])) < 120, out
+
+
 def test_the_command(tmp_path, pair):
     wrong = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("mass", 1))
 
