@@ -24,7 +24,8 @@ from softdyn.validation.mjcf.transform import Transform
 
 GRAIN = 1e-9  # m, rad, relative: what is less is rounding
 BEAM = 12
-CAUSE = 0.5  # digits that a moved zero or base costs besides its number; a pose costs twice that
+CAUSE = 0.5  # digits that a moved zero costs besides its number; a pose or a base costs twice that
+SPOILED = 10.0
 LINK = 1.25  # weight of a link's origin, which both formats place by the joint
 TURNED = 0.5  # weight of how a frame is turned on its link, which is convention
 PARALLEL = 1e-3  # sine of the angle between two axes that tell one direction only
@@ -35,17 +36,17 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 def find_displacements(a: Neutral, b: Neutral) -> dict[int, Transform]:
     """By part of A, and `WORLD`: the displacement that takes it to where B has it."""
-    joints = {k: _Joint(a, b, k) for k in (WORLD, *range(len(a.parts)))}
-    order, front = [], [WORLD]
-    while front:
-        order.append(front.pop())
-        front += reversed(a.children(order[-1]))
-    stories = [_Story(0.0, {})]
-    for at, k in enumerate(order):
-        told = set(order[: at + 1])
-        needed = [p for p in told if any(c not in told for c in a.children(p))]
-        stories = joints[k].tell(stories, needed, [joints[c] for c in a.children(k)])
+    stories, left = [_Story(0.0, {})], _tree(a, b, WORLD)
+    order = [left, *left.beyond]
+    for at, joint in enumerate(order):
+        told = order[: at + 1]
+        needed = [one.k for one in told if any(below not in told for below in one.below)]
+        stories = joint.tell(stories, needed)
     return stories[0].places
+
+
+def _tree(a: Neutral, b: Neutral, k: int) -> _Joint:
+    return _Joint(a, b, k, tuple(_tree(a, b, child) for child in a.children(k)))
 
 
 # -- screws, one or a stack of them ----------------------------------------------------------------
@@ -132,13 +133,13 @@ def digits(error: Any) -> Any:
 
 
 def _line_digits(one: Part, other: Part) -> Any:
-    """Digits between two axes; a reversed one is half a turn away."""
+    """Digits between two axes: the tilt and its direction; a reversed one is half a turn away."""
     angle, opposite, gap = line_error(one, other)
-    return digits(angle) + digits(gap) + opposite * digits(np.pi)
+    return 2 * digits(angle) + digits(gap) + opposite * digits(np.pi)
 
 
 def _move_digits(move: Transform, point: np.ndarray) -> Any:
-    """Digits of a displacement: its angle and where its axis lies, how far it moves a point."""
+    """Digits of a displacement: its angle and the direction of its axis, and a point's way."""
     return 2 * digits(move.angle) + digits(_norm(move.at(point) - point))
 
 
@@ -160,15 +161,16 @@ class _Joint:
     a: Neutral
     b: Neutral
     k: int
+    below: tuple[_Joint, ...]
 
-    def tell(self, stories: list[_Story], needed: list[int], below: list[_Joint]) -> list[_Story]:
+    def tell(self, stories: list[_Story], needed: list[int]) -> list[_Story]:
         """The best stories, told on by this joint; `needed` are the places still to be used."""
         found: list[tuple[float, _Story]] = []
         for story in stories:
             carrier = Transform() if self.k == WORLD else story.places[self.one.parent]
-            places = self._candidates(carrier, below)
+            places = self._candidates(carrier)
             costs = story.cost + self._step_digits(carrier, places) + self._misfit(places)
-            ahead = costs + sum(joint.line_digits(places) for joint in below)
+            ahead = costs + sum(joint.line_digits(places) for joint in self.below)
             for m in np.argsort(ahead, kind="stable")[:BEAM]:
                 place = Transform(places.rotation[m], places.translation[m])
                 found.append((ahead[m], _Story(costs[m], story.places | {self.k: place})))
@@ -196,7 +198,12 @@ class _Joint:
     @property
     def has_link(self) -> bool:
         """Whether both files name the link that the joint moves."""
-        return not self.is_base and bool(self.one.link and self.other.link)
+        return self.k != WORLD and bool(self.one.link and self.other.link)
+
+    @cached_property
+    def beyond(self) -> list[_Joint]:
+        """All that hangs on it, depth first."""
+        return [found for joint in self.below for found in (joint, *joint.beyond)]
 
     # -- what both files show ----------------------------------------------------------------------
 
@@ -253,15 +260,31 @@ class _Joint:
         """Digits of the joint's own displacements and of its axis; the first one is none."""
         steps = places @ carrier.inverse
         if self.is_base:
-            found = digits(steps.angle) + digits(_norm(steps.translation))
+            zeros = _stack([carrier])
+            found = digits(steps.angle) + digits(_norm(steps.translation)) + 2 * CAUSE
         else:
             one = displaced(self.one, carrier)
-            _, amount, rest, along = split(one, self.other, steps)
-            as_zero = digits(np.abs(amount)) + _move_digits(rest, one.point)
+            twist, amount, rest, along = split(one, self.other, steps)
+            zeros = twist @ carrier
+            as_zero = digits(np.abs(amount)) + _move_digits(rest, one.point) + CAUSE
+            found = np.minimum(as_zero, _move_digits(steps, one.point) + 2 * CAUSE)
             goes, stays = (_line_digits(p, self.other) for p in (displaced(one, rest), one))
-            found = np.minimum(as_zero, _move_digits(steps, one.point) + CAUSE)
             found += np.where(along, goes, stays)
-        return found + CAUSE * (np.arange(len(found)) > 0)
+        found[0] = 0.0 if self.is_base else stays
+        return found + self._spoiled(zeros, places)
+
+    def _spoiled(self, zeros: Transform, places: Transform) -> Any:
+        """Digits of what hangs on it and fits less than with the joint's zero alone moved.
+
+        Less is more than `SPOILED` times as far off: rounding adds up along a chain.
+        """
+        before, after = (
+            [joint.line_digits(place) for joint in self.beyond]
+            + [digits(_norm(place.at(p) - q)) for joint in self.beyond for p, q in joint.points]
+            for place in (zeros, places)
+        )
+        gaps = (now - then for then, now in zip(before, after, strict=True))
+        return sum(np.maximum(0.0, gap - np.log10(SPOILED)) for gap in gaps)
 
     def _misfit(self, places: Transform) -> np.ndarray:
         """Digits of what is left between what both carry."""
@@ -281,33 +304,33 @@ class _Joint:
 
     # -- candidates --------------------------------------------------------------------------------
 
-    def _candidates(self, carrier: Transform, below: list[_Joint]) -> Transform:
+    def _candidates(self, carrier: Transform) -> Transform:
         """Places that bring something together, the carrier's own first; none twice."""
         frames = self.frames + self.principal
-        points = self.points + [pair for joint in below for pair in joint.points]
+        points = self.points + [pair for joint in self.below for pair in joint.points]
         if self.is_base:
-            if any(joint.one.kind == "free" for joint in below):
+            if any(joint.one.kind == "free" for joint in self.below):
                 return _stack([carrier])
-            frames += [pair for joint in below for pair in joint.frames + joint.principal]
-            found = [carrier, *self._of_lines(below), *(q @ p.inverse for p, q in frames)]
+            frames += [pair for joint in self.below for pair in joint.frames + joint.principal]
+            found = [carrier, *self._of_lines(), *(q @ p.inverse for p, q in frames)]
             bases = [carrier]
         else:
-            points += [(joint.one.point, joint.other.point) for joint in below]
+            points += [(joint.one.point, joint.other.point) for joint in self.below]
             one = displaced(self.one, carrier)
             bases = [carrier, _onto(one, self.other) @ carrier]
             placed = _stack([carrier, *(q @ p.inverse for p, q in frames)])
             twists, *_ = split(one, self.other, placed @ carrier.inverse)
             found = [placed, bases[1], twists @ carrier]
-            found += [place for base in bases for place in self._twists(base, points, below)]
+            found += [place for base in bases for place in self._twists(base, points)]
         for base in bases:
             found += [Transform(base.rotation, q - base.rotation @ p) for p, q in points]
         return _stack(found)
 
-    def _twists(self, base: Transform, points: list[Pair], below: list[_Joint]) -> list[Transform]:
+    def _twists(self, base: Transform, points: list[Pair]) -> list[Transform]:
         """Places along the joint that bring a point, or the next axis, together."""
         axis, origin = self.other.axis, self.other.point
         pairs = [(base.at(p) - origin, q - origin) for p, q in points]
-        for joint in below:
+        for joint in self.below:
             if self.other.kind == "hinge" and joint.one.kind in HINGED:
                 turned = base.rotation @ joint.one.axis
                 pairs += [(turned, sense * joint.other.axis) for sense in (1.0, -1.0)]
@@ -321,12 +344,12 @@ class _Joint:
         turned = _turn(self.other, np.arctan2(cross(p, q) @ axis, cosine)) @ base
         return [turned, rise @ turned]
 
-    def _of_lines(self, below: list[_Joint]) -> Iterator[Transform]:
+    def _of_lines(self) -> Iterator[Transform]:
         """Displacements that take two of the next axes to B's, in either sense."""
-        parts = [m for joint in below for m in (joint.k, *self.a.children(joint.k))]
-        lines = [m for m in parts if self.a.parts[m].kind in HINGED]
-        for i, j in list(combinations(lines, 2))[:LINES]:
-            (p, r), (q, s) = ((robot.parts[i], robot.parts[j]) for robot in (self.a, self.b))
+        near = [found for joint in self.below for found in (joint, *joint.below)]
+        lines = [joint for joint in near if joint.one.kind in HINGED]
+        for first, second in list(combinations(lines, 2))[:LINES]:
+            (p, q), (r, s) = (first.one, first.other), (second.one, second.other)
             for senses in product((1.0, -1.0), repeat=2):
                 ours, theirs = (
                     _triad(p.axis, r.axis),

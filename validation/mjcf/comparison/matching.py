@@ -236,7 +236,7 @@ def _cost(a: Neutral, b: Neutral, i: int, j: int, place: Transform, size: float)
     cost += 0.2 * min(1.0, abs(np.log((mass[0] + 1e-9) / (mass[1] + 1e-9))))
     # where it is, as far as zeros and a displaced base let one tell
     cost += 0.3 * float(np.linalg.norm(place.at(one.point) - other.point)) / size
-    return float(cost + 0.1 * _angle(place.rotation @ one.axis, other.axis))
+    return float(cost + 0.3 * _angle(place.rotation @ one.axis, other.axis))
 
 
 def _relation(above: Part, part: Part) -> tuple[float, float]:
