@@ -173,9 +173,8 @@ def _called(
         sizes = {(p.kind, p.where): p.size for p in plants}
         for cause in causes:
             size = sizes.get((cause.kind, parts.get(cause.where, "")))
-            if size is None or cause.kind not in MEASURED:
-                continue
-            if abs(MEASURED[cause.kind](cause.a, cause.b) / size - 1) > 1e-3:
+            measured = MEASURED.get(cause.kind)
+            if size and measured and abs(measured(cause.a, cause.b) / size - 1) > 1e-3:
                 return "equivalent"
         return "named"
     return "equivalent" if found.total() <= asked.total() else "false"

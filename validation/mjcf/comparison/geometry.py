@@ -21,6 +21,7 @@ from softdyn.validation.mjcf.comparison.displacements import (
 from softdyn.validation.mjcf.comparison.finding import Finding
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.transform import Transform
+from softdyn.validation.mjcf.comparison.matching import plain_name
 
 NOTHING = 1e-12  # m, rad
 SMALL = 1e-2  # a rest that is this small beside a joint's moved zero is a pose of its own
@@ -37,7 +38,7 @@ def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
 
     places = find_displacements(a, b)
     if _is_some(base := places[WORLD]):
-        take(_base(_root_name(a), WORLD, base))
+        take(_root(a, base))
     for k, part in enumerate(a.parts):
         carrier = places[part.parent]
         for finding in _displacement(a, b, k, carrier.inverse @ places[k]):
@@ -50,10 +51,25 @@ def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
     return found, b
 
 
-def _root_name(a: Neutral) -> str:
-    """The root's link; the first joint where the file does not name it."""
-    named = (name for name, frame in a.frames.items() if frame.part == WORLD)
-    return next(named, a.parts[a.children(WORLD)[0]].name)
+def _root(a: Neutral, step: Transform) -> Finding:
+    """The fixed root displaced; its own frames go along where they lie closer to A's then."""
+    ours = {plain_name(name): f.pose for name, f in a.frames.items() if f.part == WORLD}
+    found = _base(next((n for n, f in a.frames.items() if f.part == WORLD), ""), WORLD, step)
+
+    def repair(robot: Neutral) -> Neutral:
+        moved = found.repair(robot)
+        frames = dict(moved.frames)
+        for name, frame in robot.frames.items():
+            pose = ours.get(plain_name(name)) if frame.part == WORLD else None
+            if pose is not None and _apart(pose, frame.pose) < _apart(pose, frames[name].pose):
+                frames[name] = frame
+        return replace(moved, frames=frames)
+
+    return replace(found, where=found.where or a.parts[a.children(WORLD)[0]].name, repair=repair)
+
+
+def _apart(one: Transform, other: Transform) -> float:
+    return float(np.linalg.norm(one.translation - other.translation))
 
 
 def _base(where: str, k: int, step: Transform) -> Finding:

@@ -82,7 +82,7 @@ def rotations(vectors: np.ndarray) -> np.ndarray:
 
 def skew(vectors: np.ndarray) -> np.ndarray:
     """Cross product matrices (…, 3, 3) of vectors (…, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     o = np.zeros_like(x)
     rows = [np.stack(row, -1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))]
     return np.stack(rows, -2)
@@ -90,7 +90,7 @@ def skew(vectors: np.ndarray) -> np.ndarray:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Cross product of vectors (…, 3); a third of the time of NumPy's on small arrays."""
-    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
+    (ax, ay, az), (bx, by, bz) = ((v[..., 0], v[..., 1], v[..., 2]) for v in (a, b))
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), -1)
 
 
