@@ -19,9 +19,9 @@ from softdyn.validation.mjcf.comparison.displacements import (
     split,
 )
 from softdyn.validation.mjcf.comparison.finding import Finding
+from softdyn.validation.mjcf.comparison.matching import plain_name
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.transform import Transform
-from softdyn.validation.mjcf.comparison.matching import plain_name
 
 NOTHING = 1e-12  # m, rad
 SMALL = 1e-2  # a rest that is this small beside a joint's moved zero is a pose of its own
