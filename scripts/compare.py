@@ -96,7 +96,7 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
 def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
     """Each file in its own engine, one against the other, and Pinocchio's reading of an MJCF."""
     from softdyn import InputError, SoftdynError
-    from softdyn.validation.crosschecks.engines import SAME, engine_errors, side_by_side
+    from softdyn.validation.crosschecks.engines import SAME, differing, engine_errors, side_by_side
     from softdyn.validation.mjcf.readers import pinocchio_reads
 
     options = {"samples": arguments.samples, "seed": arguments.seed}
@@ -127,7 +127,8 @@ def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any],
     else:
         report["pair"] = pair.to_dict()
         said.append(f"the URDF in Pinocchio against the MJCF in MuJoCo:\n{pair}")
-        failed += [] if pair.passed else ["the two engines disagree"]
+        if wrong := differing(pair):
+            failed.append(f"the two engines disagree in {', '.join(wrong)}")
     report["passed"] = not failed
     return report, "\n".join([*said, *(f"FAILED: {text}" for text in failed)])
 

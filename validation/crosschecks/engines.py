@@ -17,6 +17,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.validation.crosschecks.crosscheck import crosscheck
 from softdyn.validation.crosschecks.result import CrossCheck
+from softdyn.validation.mjcf.comparison.comparison import NAMED
 from softdyn.validation.mjcf.comparison.neutral import FREEDOMS, Neutral
 from softdyn.validation.mjcf.comparison.result import Cause
 from softdyn.validation.mjcf.comparison.side import Side
@@ -104,6 +105,15 @@ def side_by_side(
     # what the rest of a scene weighs is in its energy
     checks = tuple(check for check in found.checks if check.quantity != "energy")
     return replace(found, checks=checks)
+
+
+def differing(pair: CrossCheck) -> list[str]:
+    """Terms in which two files differ by more than a comparison calls rounding; no motions."""
+    return [
+        check.quantity
+        for check in pair.checks
+        if check.quantity not in ("qdd", "trajectory") and not check.max_error <= NAMED
+    ]
 
 
 def _settle_one_sided(scene: Scene) -> None:
@@ -199,7 +209,7 @@ class _Mujoco:
             else:
                 qpos.append(value)
         data, model = self._data, self._model
-        data.qpos[:] = np.concatenate(qpos)
+        data.qpos[:] = np.concatenate([np.zeros(0), *qpos])
         answers = []
         for velocity in (v, np.zeros_like(v)):
             data.qvel[:] = self._turn @ velocity

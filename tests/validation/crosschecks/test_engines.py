@@ -8,7 +8,7 @@ from lxml import etree
 
 from softdyn import InputError
 from softdyn.commands import compare as command
-from softdyn.validation.crosschecks.engines import side_by_side
+from softdyn.validation.crosschecks.engines import engine_errors, side_by_side
 from tests.support import micro, pair_robots
 
 
@@ -97,3 +97,21 @@ def test_one_degree_of_freedom(tmp_path, capsys):
     files = [str(tmp_path / name) for name in ("a.urdf", "b.xml")]
     assert command.main([*files, "--engines", "--samples", "1"]) == 0
     assert "Pinocchio's own MJCF reader: exact" in capsys.readouterr().out
+
+
+def test_rounding_between_two_files_does_not_fail_the_command(pair, capsys):
+    """The comparison calls it agreement; the cross-check's 1e-10 is for one file in two engines."""
+    edit(pair[1], lambda root: root.find(".//inertial").set("mass", "0.90000001"))
+    words = [*map(str, pair), "--engines", "--samples", "1", "--json", "-"]
+    assert command.main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert not found["engines"]["pair"]["passed"]
+    edit(pair[1], lambda root: root.find(".//inertial").set("mass", "0.909"))
+    assert command.main(words) == 1
+    assert not json.loads(capsys.readouterr().out)["engines"]["passed"]
+
+
+def test_a_file_in_which_nothing_moves(tmp_path):
+    still = tmp_path / "still.xml"
+    still.write_text('<mujoco><worldbody><body><geom size="1"/></body></worldbody></mujoco>')
+    assert max(engine_errors(still, samples=1).values()) == 0.0
