@@ -88,7 +88,12 @@ def test_a_finger(tmp_path):
     ("text", "old", "wrong", "message"),
     [
         (SPIRAL, "ratio = 0.82", "ratio = -0.82", "[log_spiral]: ratio: expected a finite number"),
-        (SPIRAL, "segments = 4", "segments = 1", "segments: expected a whole number from 2 to 1000"),
+        (
+            SPIRAL,
+            "segments = 4",
+            "segments = 1",
+            "segments: expected a whole number from 2 to 1000",
+        ),
         (SPIRAL, "mass_g", "mas_g", "expected mass_g?"),
         (FINGER, "[1, 2, 3]", "[1, 2, 4]", "hinges from 1 to 3"),
         (FINGER, "[1, 2, 3]", "[1, 2.5, 3]", "hinges from 1 to 3"),
