@@ -187,7 +187,7 @@ def circles(graph: grimp.ImportGraph, allowed: Iterable[tuple[str, str]] = ()) -
 def proof_in_the_wheel(
     house: Iterable[Module], graph: grimp.ImportGraph, public: Mapping[str, str]
 ) -> Iterator[str]:
-    """What no command and no public name reaches, and what imports the proof.
+    """Modules that no command and no public name reaches, and imports of the proof.
 
     Parameters
     ----------

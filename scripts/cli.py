@@ -158,7 +158,7 @@ def distributions(
     arguments: Arguments, cells: Mapping[str, Case], store: Store | None = None,
     execute: Executor | None = None, folder: Path = Path(),
 ) -> dict[str, Distribution]:  # fmt: skip
-    """What `add_ensemble_options` asks for, run and kept below --out, by default in ensemble/.
+    """The ensembles of `add_ensemble_options`, run and kept below --out, by default in ensemble/.
 
     Relative paths of robots and controllers are relative to `folder`.
     """

@@ -106,7 +106,7 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 
     def driver(model: softdyn.SoftModel) -> tuple[str, Any]:
-        """What drives a robot's loops: for a user's robot, the first controller asked for."""
+        """Name and maker of a driver: for a user's robot, the first controller asked for."""
         return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
 
     load, report = MachineLoad(), dict[str, Any](rows=[])

@@ -238,7 +238,7 @@ def _statics() -> str:
 
 
 def _identification() -> str:
-    """What twins tell, as `tests/proof/twins.py` found it."""
+    """The identification of twins, as `tests/proof/twins.py` measured it."""
     shown = [("`softdyn identify …`", "case", ""), *SHOWN]
     return Table.of(shown, _rows("identification")).markdown()
 

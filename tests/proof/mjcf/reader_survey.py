@@ -31,7 +31,7 @@ class Readers:
 
     @property
     def table(self) -> Table:
-        """What is not exact; what is wrong alike is one row."""
+        """The files that are not read exactly; a row for all that share a reason."""
         groups: dict[str, list[ReaderVerdict]] = {}
         for verdict in self.verdicts:
             if not verdict.exact:
