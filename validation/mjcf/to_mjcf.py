@@ -33,6 +33,8 @@ from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 NEGLIGIBLE = 1e-12  # kg, and kg·m²: of a massless body that no other can take in
 SMALLEST = 1e-14  # kg·m²: MuJoCo's compiler wants moments above 1e-15
 POINT = np.array([-1e-9, 1e-9])  # rad, m: around a joint that may stand at one place only
+AUTOMATIC = (-1.0, -1.0)  # the springlength that MuJoCo replaces by the length at rest
+AT_MINUS_ONE = (float(np.nextafter(-1.0, 0.0)),) * 2  # m, rad: the rest -1 as MuJoCo keeps it
 ROUNDING = 1e-14  # of a principal moment
 SAME_FRAME = 1e-5  # MuJoCo's own bound is 1e-6; the axes in another order are never so close
 TASK_SITE = "task"
@@ -261,7 +263,7 @@ class _Writer:
             node = add(
                 tendon, "fixed" if cable.terms else "spatial", name=cable.name, limited="false",
                 stiffness=cable.stiffness or None, damping=cable.damping or None,
-                springlength=cable.rest,
+                springlength=AT_MINUS_ONE if cable.rest == AUTOMATIC else cable.rest,
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)

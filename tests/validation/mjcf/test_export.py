@@ -156,6 +156,15 @@ def test_a_motor_on_a_joint_comes_through(tmp_path):
     assert not lost
 
 
+def test_a_fixed_tendon_whose_rest_is_minus_one(tmp_path):
+    """MuJoCo reads a springlength of -1 as the length at rest."""
+    source = micro.write(tmp_path, micro.GRIPPER.replace('name="band"', 'name="band" rest="-1"'))
+    result, lost = export.write_mjcf(source, tmp_path / "out.xml")
+    assert result.passed, str(result)
+    assert not lost
+    assert neutral(tmp_path / "out.xml").cables[0].rest == pytest.approx((-1.0, -1.0), abs=1e-15)
+
+
 def test_the_command(tmp_path):
     code, out, err = command("export", "finger", "--mjcf", "out.xml", cwd=tmp_path)
     assert (code, err) == (0, "")
