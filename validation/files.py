@@ -27,7 +27,7 @@ def check_writable(path: str | Path) -> Path:
     ------
     InputError
         For a folder that does not exist or is read-only, a `path` that is a folder, a device that
-        may not be written.
+        may not be written or is full.
     """
     path = Path(path)
     if os.path.isdir(path):
@@ -36,6 +36,9 @@ def check_writable(path: str | Path) -> Path:
         if is_stream(path):
             if not os.access(path, os.W_OK):
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+            if path.is_char_device():
+                with open(path, "wb", buffering=0) as device:
+                    device.write(b"")  # which a full one refuses
             return path
         probe = beside(followed(path))
         with open(probe, "xb"):

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -140,9 +141,10 @@ def test_a_pipe_is_written_through(tmp_path):
 def test_devices_stay_devices_and_a_full_one_is_no_success():
     write_text("/dev/null", "x")
     assert not os.path.isfile("/dev/null")
-    check_writable("/dev/full")
-    with pytest.raises(InputError, match=r"/dev/full: expected a writable file, got No space left"):
-        write_text("/dev/full", "x")
+    assert check_writable("/dev/null") == Path("/dev/null")
+    for write in (check_writable, lambda path: write_text(path, "x")):
+        with pytest.raises(InputError, match=r"/dev/full: expected a writable file, got No space"):
+            write("/dev/full")
 
 
 def test_a_file_keeps_its_mode(tmp_path):

@@ -196,6 +196,8 @@ def _lost(line: Line, words: Sequence[str]) -> str:
         if not target or str(target) == "-":
             continue
         path = Path(target)
+        if path.is_relative_to("/dev"):  # this process's own streams may be files
+            continue
         if not path.exists():
             return f"--{name} {target} is not there"
         if path.is_file() and not path.stat().st_size:

@@ -37,6 +37,7 @@ HOSTILE = {
     "nan": GOOD.replace('mass="1"', 'mass="nan"'),
     "inf": GOOD.replace('pos="0 0 1"', 'pos="0 -inf 1"'),
     "overflow": GOOD.replace('mass="1"', 'mass="1e999"'),
+    "too large": GOOD.replace('mass="1"', 'mass="1e60"'),
     "text": GOOD.replace('mass="1"', 'mass="heavy"'),
     "no mass": GOOD.replace('mass="1"', 'mass="0"'),
     "include itself": '<mujoco><include file="hostile.xml"/></mujoco>',

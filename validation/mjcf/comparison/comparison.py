@@ -16,6 +16,7 @@ from softdyn.validation.mjcf.comparison.neutral import Neutral
 from softdyn.validation.mjcf.comparison.parameters import find_order, find_parameters
 from softdyn.validation.mjcf.comparison.result import (
     QUANTITIES,
+    SHOWN,
     Cause,
     Comparison,
     RepairStep,
@@ -26,6 +27,7 @@ from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, ra
 
 # what enters M, bias, g or a tip; the others are measured by their values alone
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
+LIGHTEST = 1e-6  # least inertia of a motion, those of its joints being 1: below it is rounding
 NAMED = 1e-6  # the effect, or the relative difference of a value, from which on a cause is named
 
 
@@ -179,6 +181,9 @@ class _Measure:
         self._force = float(np.abs(terms.bias * self._weight).max(initial=0.0)) or 1.0
         self._pull = max(float(np.abs(terms.g * self._weight).max(initial=0.0)), 1e-3 * self._force)
         self._arm = max(float(np.abs(terms.J).max(initial=0.0)), 1e-3 * self._size)
+        moments, axes = np.linalg.eigh(terms.M * self._weight[:, None] * self._weight)
+        self._whiten = axes / np.sqrt(np.maximum(moments, LIGHTEST))[:, None]
+        self._fall = float(np.linalg.norm(self._forced(terms.bias), axis=1).max()) or 1.0
         self._last = (robot, terms)
 
     def _evaluate(self, robot: Neutral) -> Terms:
@@ -193,11 +198,12 @@ class _Measure:
         return {name: found[name] for name in QUANTITIES}
 
     def effect(self, before: Neutral, after: Neutral) -> dict[str, float]:
-        """What a repair changes in M, bias, g and the tips."""
+        """What a repair changes in M, bias, g, the tips and, whatever the forces are, in q̈."""
         if before is after:
-            return dict.fromkeys(("M", "bias", "g", "tip"), 0.0)
-        found = self._gaps(self._evaluate(before), self._evaluate(after))
-        return {name: found[name] for name in ("M", "bias", "g", "tip")}
+            return dict.fromkeys((*SHOWN, "qdd"), 0.0)
+        a, b = self._evaluate(before), self._evaluate(after)
+        found = self._gaps(a, b) | {"qdd": self._acceleration(a, b)}
+        return {name: found[name] for name in (*SHOWN, "qdd")}
 
     def worst(self, robot: Neutral) -> tuple[Worst, ...]:
         """For each quantity that differs, the state at which it does so most."""
@@ -217,6 +223,20 @@ class _Measure:
     def _gaps(self, a: Terms, b: Terms) -> dict[str, float]:
         scaled = self._scaled(a, b)
         return {name: float(np.abs(gap).max(initial=0.0)) for name, gap in scaled.items()}
+
+    def _forced(self, forces: np.ndarray) -> np.ndarray:
+        """Accelerations that forces (samples, nv) cause, their norm being √(2 · kinetic energy)."""
+        return np.einsum("sji,sj->si", self._whiten, forces * self._weight)
+
+    def _acceleration(self, a: Terms, b: Terms) -> float:
+        """The largest relative change of q̈, in the norm of the kinetic energy.
+
+        That of M is one for any force: it is the largest relative change of a kinetic energy.
+        """
+        inertia = np.swapaxes(self._whiten, 1, 2) @ self._scaled(a, b)["M"] @ self._whiten
+        energy = float(np.abs(np.linalg.eigvalsh(inertia)).max(initial=0.0))
+        fall = np.linalg.norm(self._forced(a.bias - b.bias), axis=1).max(initial=0.0)
+        return max(energy, float(fall) / self._fall)
 
     def _scaled(self, a: Terms, b: Terms) -> dict[str, np.ndarray]:
         weight = self._weight

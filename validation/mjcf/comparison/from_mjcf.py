@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from softdyn.description.inertia import Inertia
+from softdyn.description.strict_xml import LARGEST
 from softdyn.exceptions import UrdfError
 from softdyn.validation.mjcf.comparison.mjcf_drives import (
     Places,
@@ -62,9 +63,13 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
         raise UrdfError(file.path, "<mujoco>", "a file that MuJoCo compiles", error) from None
     if model.nbody > MAX_BODIES:
         raise UrdfError(file.path, "<worldbody>", f"at most {MAX_BODIES} bodies", model.nbody)
-    for name in ("body_mass", "body_inertia", "body_ipos", "body_pos", "jnt_pos", "jnt_axis"):
-        if not np.isfinite(getattr(model, name)).all():
-            raise UrdfError(file.path, "<worldbody>", "finite numbers", f"{name} that are not")
+    for name in (
+        "body_mass", "body_inertia", "body_ipos", "body_pos", "jnt_pos", "jnt_axis", "dof_armature"
+    ):  # fmt: skip
+        largest = float(np.abs(getattr(model, name)).max(initial=0.0))
+        if not largest <= LARGEST:
+            expected = f"numbers within ±{LARGEST:g}"
+            raise UrdfError(file.path, "<worldbody>", expected, f"{largest:g} in {name}")
     return model
 
 

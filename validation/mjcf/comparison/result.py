@@ -9,6 +9,7 @@ from typing import Any
 from softdyn.validation.tables import Table
 
 QUANTITIES = ("M", "bias", "g", "J")
+SHOWN = ("M", "bias", "g", "tip")  # effects by which causes are sorted
 CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
 CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
 EXPLAINED = 1e-9  # what may be left once every cause is repaired
@@ -26,8 +27,8 @@ class Cause:
     a, b : Any
         What the files say; None where one says nothing.
     effect : dict[str, float]
-        Relative change of ``M``, ``bias``, ``g`` and of the ``tip`` (of the robot's extent) at
-        random states, and of the ``value`` itself where it enters none of them.
+        Relative change at random states of ``M``, ``bias``, ``g``, of the ``tip`` (of the robot's
+        extent) and of q̈ (``qdd``, for any force), and of the ``value`` where it enters none.
     detail : str
         The difference in words.
     one_sided : bool
@@ -45,7 +46,7 @@ class Cause:
     @property
     def weight(self) -> float:
         """The largest effect on the dynamics, by which causes are sorted."""
-        return max((v for key, v in self.effect.items() if key != "value"), default=0.0)
+        return max((v for key, v in self.effect.items() if key in SHOWN), default=0.0)
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,22 @@ def test_the_values_and_effects_are_said(tmp_path, pair):
         assert result.waterfall[0].left[name] > result.waterfall[-1].left[name]
 
 
+def test_a_small_share_of_the_inertia_that_changes_the_acceleration_is_named(tmp_path):
+    """A heavy body turns about a light one's axis: M hardly shows the light one, q̈ does."""
+    text = (
+        '<mujoco><worldbody><body><joint name="a"/><inertial pos="0 0 0" mass="1" '
+        'diaginertia="{0} {0} {0}"/><body><joint name="b"/><inertial pos="0 0 0" mass="1" '
+        'diaginertia="1 1 1"/></body></body></worldbody></mujoco>'
+    )
+    paths = tmp_path / "one.xml", tmp_path / "other.xml"
+    for path, inertia in zip(paths, ("1e-3", "1.0005e-3"), strict=True):
+        path.write_text(text.format(inertia))
+    (cause,) = compare(*paths).causes
+    assert cause.kind == "inertia"
+    assert max(cause.effect[name] for name in ("M", "bias", "g", "tip")) < 1e-6
+    assert cause.effect["qdd"] == pytest.approx(5e-4, rel=1e-2)
+
+
 def test_a_link_fixed_to_another_is_named(tmp_path, pair):
     heavier = pair_robots.URDF.replace('<mass value="0.2"/>', '<mass value="0.206"/>')
     wrong = tmp_path / "heavier.urdf"
