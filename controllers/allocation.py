@@ -8,17 +8,19 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
+from softdyn.controllers.qps.least_norm import bounded_least_norm
+from softdyn.controllers.qps.linear_algebra import inner, lq, row_space
 
 FAR = 1e8  # torques that are so many times what the inputs can give
-ROUNDS = 20  # of the active set method, for each input: it takes about one
 
 
 def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     """The input whose joint torques B u come closest to `tau`: min ‖B u - τ‖² within the bounds.
 
-    Cables that only pull are bounds from 0 on. The minimum is exact, not the clipped pseudo-inverse
-    (SciPy's BVLS: Stark & Parker 1995, Computational Statistics 10). Where several inputs give
-    it, as with three cables around a straight arm, it is one of them.
+    Cables that only pull have 0 as their lower bound. The minimum is exact, not the clipped
+    pseudo-inverse. Where several inputs give it, as with three cables around a straight arm, the
+    answer is the one with the least ‖u‖. It is continuous in `tau`. Combinations of inputs with
+    less than a millionth of the largest effect at full range count as without effect.
 
     Parameters
     ----------
@@ -40,8 +42,6 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     InputError
         No State of this robot, a `tau` of another shape, a bound that is not finite.
     """
-    from scipy.optimize import lsq_linear  # slow to import: not where a law is one of ours
-
     if not isinstance(state, State) or (
         state.model is not model and state.model.robot.digest != model.robot.digest
     ):
@@ -50,22 +50,23 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     low, high = model.u_min, model.u_max
     if not (np.isfinite(high - low).all() and (low <= high).all()):
         raise InputError("model", "finite input bounds, lower <= upper", f"{low} to {high}")
-    nearest = np.clip(np.zeros(model.nu), low, high)
-    free = high > low  # the others have no choice
-    base, span = nearest[free], (high - low)[free]
+    nearest, span = np.clip(np.zeros(model.nu), low, high), high - low
     with np.errstate(all="ignore"):
-        effect, left = state.B[:, free] * span, tau - state.B @ nearest
-        size, most = (float(np.abs(x).max(initial=0.0)) for x in (effect, left))
+        effect = state.B * span
+        size, most = (float(np.abs(x).max(initial=0.0)) for x in (effect, tau))
         if not (0 < size < np.inf and most < np.inf):  # NaN is not
             return nearest
         # of what is out of reach by far only the direction counts: no number overflows
-        goal = left / size if most / size <= FAR else left / most * FAR
-        # what no input can give adds a constant to the squares, and would hide the rest in rounding
-        Q, R = np.linalg.qr(effect / size)
-    bounds = (low[free] - base) / span, (high[free] - base) / span
-    part = lsq_linear(
-        R, Q.T @ goal, bounds, method="bvls", tol=1e-14, max_iter=ROUNDS * model.nu
-    ).x  # fmt: skip
-    u = nearest.copy()
-    u[free] += part * span
-    return np.clip(u, low, high)
+        goal = tau / size if most / size <= FAR else tau / most * FAR
+        unit = span.max()  # one for all inputs: the norm stays that of u
+        basis = row_space((effect / size).T)  # of the torques that inputs can give
+        reached = inner(basis, (state.B * (unit / size)).T.copy())
+        rank = len(basis)
+        rows, turned, triangle = np.empty(reached.shape), *np.empty((2, rank, rank))
+        lq(reached, rows, triangle)
+        lq(inner(rows, reached), turned, triangle)  # reached = turnedᵀ triangleᵀ rows
+        u = np.empty(model.nu)
+        bounded_least_norm(
+            triangle.T.copy(), rows, turned @ (basis @ goal), low / unit, high / unit, u
+        )
+    return np.clip(u * unit, low, high) if np.isfinite(u).all() else nearest

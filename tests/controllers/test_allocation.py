@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import quadprog
+from scipy.optimize import lsq_linear
 
 import softdyn
-from softdyn import InputError
+from softdyn import InputError, design
 from softdyn.controllers import allocate
+from tests.support.arms import THREE_SECTIONS
 
 ROBOTS = ("finger", "helix", "spirob")
 
@@ -50,6 +54,59 @@ def test_the_input_is_the_optimum_of_its_qp(name: str):
             exact = quadprog.solve_qp(E.T @ E, E.T @ tau, sides, ends)[0]
             np.testing.assert_allclose(u / span, exact, atol=1e-6)
     assert len(ranks) == (2 if name == "spirob" else 1)
+
+
+@pytest.fixture(scope="module")
+def tapered(tmp_path_factory: pytest.TempPathFactory) -> softdyn.SoftModel:
+    """Nine cables, six bends that they can give: every torque has a family of minimisers."""
+    path = Path(tmp_path_factory.mktemp("tapered"), "arm.urdf")
+    table = tomllib.loads(THREE_SECTIONS.replace("count = 4", "count = 3"))
+    path.write_text(design.urdf(design.arm_of(table)))
+    return softdyn.load(path)
+
+
+def shortest(B: np.ndarray, tau: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Two solvers one after the other: SciPy's minimiser, then quadprog's of the same torques."""
+    one = lsq_linear(B, tau, (low, high), method="bvls", tol=1e-15, max_iter=500).x
+    _, singular, rows = np.linalg.svd(B)
+    rows = rows[: int((singular > 1e-9 * singular[0]).sum())]
+    sides = np.vstack((rows, np.eye(len(low)), -np.eye(len(low))))
+    # the sides give way by a hair: the first minimiser may lie at the rim of the box
+    ends = np.concatenate((rows @ one, low - 1e-9, -high - 1e-9))
+    return quadprog.solve_qp(np.eye(len(low)), np.zeros(len(low)), sides.T, ends, len(rows))[0]
+
+
+def test_of_all_minimisers_the_shortest_is_taken(tapered: softdyn.SoftModel):
+    rng = np.random.default_rng(5)
+    cases = list(drawn("spirob", 1))
+    state = tapered.state(tapered.q0, np.zeros(tapered.nv))
+    for k in range(30):
+        inside = state.B @ rng.uniform(0, 20, 9)
+        # what cables cannot give, and torques out of reach
+        cases.append((tapered, state, (k % 3) * inside + rng.normal(size=tapered.nv)))
+    at_bounds = 0
+    for model, seen, tau in cases:
+        u = allocate(model, seen, tau)
+        exact = shortest(seen.B, tau, model.u_min, model.u_max)
+        np.testing.assert_allclose(u, exact, atol=1e-6 * model.u_max.max())
+        at_bounds += ((u == model.u_min) | (u == model.u_max)).any()
+    assert at_bounds > len(cases) // 2
+
+
+def test_the_input_is_continuous_in_the_torque(tapered: softdyn.SoftModel):
+    """Halve the steps of a path of torques: the largest step of the input halves too."""
+    rng = np.random.default_rng(1)
+    state = tapered.state(tapered.q0, np.zeros(tapered.nv))
+    for _ in range(3):
+        ends = [state.B @ rng.uniform(0, 8, 9) + 0.02 * rng.normal(size=tapered.nv) for _ in "ab"]
+        steps = []
+        for count in (200, 400):
+            path = [
+                allocate(tapered, state, ends[0] + share * (ends[1] - ends[0]))
+                for share in np.linspace(0.0, 1.0, count + 1)
+            ]
+            steps.append(np.abs(np.diff(path, axis=0)).max())
+        assert steps[1] < 0.51 * steps[0] < 0.1
 
 
 def test_hostile_numbers_give_an_input_within_the_bounds():
