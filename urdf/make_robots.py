@@ -176,7 +176,7 @@ def finger() -> str:
         )  # fmt: skip
     pairs = {"tendon_a": ("joint1", "joint2"), "tendon_b": ("joint3", "joint4")}
     for (name, joints), bounds in zip(pairs.items(), data["input_bounds"], strict=True):
-        chain.pull(summed(name, joints), Input(0.1, tuple(bounds)))
+        chain.pull(summed(name, joints), Input(0.1, tuple(bounds), "u"))
     return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
@@ -247,7 +247,7 @@ def helix() -> str:
     for module in (1, 2, 3):
         for kind, bounds in HELIX_KINDS.items():
             joints = [f"{kind}{4 * module - j}" for j in (3, 2, 1, 0)]
-            chain.pull(summed(f"module{module}_{kind}", joints), Input(1.0, bounds))
+            chain.pull(summed(f"module{module}_{kind}", joints), Input(1.0, bounds, "u"))
     return write(chain.finish(tip["pos"], rpy(tip["quat_wxyz"])))
 
 
@@ -255,7 +255,7 @@ def helix() -> str:
 
 CABLE_RADIUS = 0.0251
 """Distance of the cables from the backbone at the base [m], of the reference's first segment."""
-CABLE = Input(-10.0, (0, 100))
+CABLE = Input(-10.0, (0, 100), "u")
 """Tensions; with the negative gear a positive input pulls."""
 
 

@@ -330,14 +330,22 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
     return bodies
 
 
+def sums_angles(robot: Robot, tendon: Tendon) -> bool:
+    """Whether a fixed tendon's coefficients are factors of angles, not moment arms (m).
+
+    A moment arm is shorter than a metre and than the robot.
+    """
+    turns = {joint.name for joint in robot.joints if joint.kind != "prismatic"}
+    longest = max((abs(t.coef) for t in tendon.terms if t.joint in turns), default=0.0)
+    return longest >= min(1.0, robot.length) and longest > 0
+
+
 def input_units(robot: Robot) -> tuple[str, ...]:
     """The unit of each u: its tendon's gear in N, or in N m where the tendon sums angles."""
     tendons = {tendon.name: tendon for tendon in robot.tendons}
-    turns = {joint.name for joint in robot.joints if joint.kind != "prismatic"}
     units = []
     for actuator in robot.actuators:
-        terms = tendons[actuator.tendon].terms
-        unit = "N m" if any(term.joint in turns for term in terms) else "N"
+        unit = "N m" if sums_angles(robot, tendons[actuator.tendon]) else "N"
         gear = abs(actuator.gear)
         units.append(unit if gear == 1 else f"{gear:g} {unit}")
     return tuple(units)

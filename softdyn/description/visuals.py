@@ -48,12 +48,16 @@ Shape = BoxShape | CylinderShape | SphereShape | Mesh
 
 @dataclass(frozen=True, eq=False)
 class Visual:
-    """A shape on a link: `pose` (4, 4) in the link's frame, a mesh's scale included."""
+    """A shape on a link: `pose` (4, 4) in the link's frame, a mesh's scale included.
+
+    The viewer draws one surface over all cylinders that are `skin`.
+    """
 
     link: str
     pose: np.ndarray
     shape: Shape
     rgba: Rgba
+    skin: bool = False
 
 
 def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
@@ -147,7 +151,7 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
         shape = SphereShape(sphere.non_negative("radius", None))
     else:
         raise MeshError("expected a <box>, <cylinder>, <sphere> or <mesh>, got another shape")
-    return [Visual(link, pose, shape, rgba or GREY)]
+    return [Visual(link, pose, shape, rgba or GREY, element.node.get("name") == "skin")]
 
 
 def _colour(material: Element) -> Rgba | None:

@@ -176,11 +176,11 @@ def _round(
     edges = np.linspace(low, high, pieces + 1)
     parts = []
     if ball and low + shift < 1e-12:  # it begins at the joint
-        parts.append(visual(sphere(0.99 * ends[0]), color))
+        parts.append(visual(sphere(0.99 * ends[0]), color, name="skin"))
     for a, b in pairwise(edges):
         middle = (a + b) / 2
         shape = cylinder(along(section.radius, middle / section.length), float(b - a))
-        parts.append(visual(shape, color, (float(middle + shift), 0.0, 0.0), X_TO_Z))
+        parts.append(visual(shape, color, (float(middle + shift), 0.0, 0.0), X_TO_Z, "skin"))
     middle = (low + high) / 2
     shape = cylinder(0.96 * min(ends), 0.6 * float(high - low))
     parts.append(collision(shape, (float(middle + shift), 0.0, 0.0), X_TO_Z))

@@ -29,10 +29,14 @@ NOISE = 1e-12
 
 @dataclass(frozen=True)
 class Input:
-    """A bounded input on a tendon: force per unit, and lower and upper bound."""
+    """A bounded input on a tendon: force per unit, and lower and upper bound.
+
+    Its name is its tendon's, or the letter and the tendon's number where a `letter` is given.
+    """
 
     gear: float
     bounds: tuple[float, float]
+    letter: str = ""
 
 
 class Chain:
@@ -92,7 +96,7 @@ class Chain:
     def pull(self, tendon: Tendon, given: Input) -> None:
         """Add a tendon and the input that acts on it."""
         self._tendons.append(tendon)
-        name = f"u{len(self._tendons)}"
+        name = f"{given.letter}{len(self._tendons)}" if given.letter else tendon.name
         self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds))
 
     def finish(self, xyz: Sequence[float], angles: Sequence[float] = ZERO) -> Robot:
@@ -134,11 +138,12 @@ def mesh(name: str, scale: Sequence[float]) -> str:
 
 
 def visual(
-    shape: str, material: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO
-) -> str:
-    """Return a ``<visual>`` with a named material."""
+    shape: str, material: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
+    name: str | None = None,
+) -> str:  # fmt: skip
+    """Return a ``<visual>`` with a named material; the viewer lofts a skin over those named so."""
     named = tag("material", name=material)
-    return tag("visual", _placed(xyz, angles), tag("geometry", shape), named)
+    return tag("visual", _placed(xyz, angles), tag("geometry", shape), named, name=name)
 
 
 def collision(shape: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO) -> str:

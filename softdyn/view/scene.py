@@ -18,6 +18,7 @@ import pinocchio as pin
 from softdyn.description.robot import Joint, Robot, levels, poses
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
+from softdyn.view.skin import skins
 from softdyn.view.tendon_paths import Path, fixed_path
 
 # Colours of a cable over its tension, from full on one side of a signed input over slack to full on
@@ -126,6 +127,14 @@ class Figure:
             ],
             "coordinates": _coordinates(model, self.size),
             **shape_data((*self.shapes, *self.scenery), links),
+            "skins": [
+                [
+                    {"link": links[ring.link], "pose": columns(ring.pose)}
+                    | {"radius": ring.radius, "rgba": list(ring.rgba)}
+                    for ring in rings
+                ]
+                for rings in skins(robot, self.shapes)
+            ],
             "cables": [
                 vars(cable)
                 | {
@@ -148,6 +157,7 @@ def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> dict[str, Any
                 "link": links[shape.link],
                 "pose": columns(shape.pose),
                 "rgba": list(shape.rgba),
+                "skin": shape.skin,
                 **_size(shape, number),
             }
             for shape in shapes
@@ -238,8 +248,10 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
         for side in (1, -1):
             if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
                 continue  # nothing ever pulls on that side
+            pair = low < 0 < high  # two antagonists; of one cable the pull is positive
+            pull = weights if pair else side * weights
             for path in fixed_path(robot, tendon, shapes, side):
-                yield DrawnCable(tendon.name, path, weights, limit, side if low < 0 < high else 0)
+                yield DrawnCable(tendon.name, path, pull, limit, side if pair else 0)
 
 
 def _sticks(robot: Robot) -> Iterator[Visual]:

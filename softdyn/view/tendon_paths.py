@@ -4,7 +4,8 @@ It is drawn along the joints that it spans, beside them on the side where a real
 moment arm would run: one that pulls with force f on a revolute joint with the axis a, on a link in
 the direction d, turns it by +f·r when it lies at r (a × d) from the joint. Over joints that meet in
 one point, as those of a rod that bends both ways, it lies at the sum of these. The distance is the
-one at which it clears the link's shapes, not the moment arm.
+moment arm, as of a cable in a channel. A tendon that sums angles has none, and is drawn where it
+clears the link's shapes.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from itertools import chain
 
 import numpy as np
 
-from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
+from softdyn.description.robot import Joint, Robot, Tendon, levels, poses, sums_angles
 from softdyn.description.visuals import Visual, triangles
 
 Path = list[tuple[str, np.ndarray]]
@@ -42,17 +43,20 @@ def fixed_path(robot: Robot, tendon: Tendon, shapes: Sequence[Visual], side: int
                 break
         else:
             spans.append([joint])
-    return [_along(robot, span, coefs, shapes, side, placed) for span in spans]
+    led = any(j.kind != "prismatic" for j in spanned) and not sums_angles(robot, tendon)
+    clear = None if led else shapes
+    return [_along(robot, span, coefs, clear, side, placed) for span in spans]
 
 
 def _along(
     robot: Robot,
     span: list[Joint],
     coefs: dict[str, float],
-    shapes: Sequence[Visual],
+    shapes: Sequence[Visual] | None,
     side: int,
     placed: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> Path:
+    """Without `shapes` at the moment arm."""
     path: Path = []
 
     def add(link: str, point: np.ndarray) -> None:
@@ -70,16 +74,18 @@ def _along(
             )
         norm = float(np.linalg.norm(normal))
         least = 1e-6 * max(abs(coefs[joint.name]) for joint in joints)
-        if not turning:
-            normal = _diagonal(along) * side
-        else:
-            normal = normal / norm if norm > least else _diagonal(along)
+        if shapes is not None:
+            across = normal / norm if norm > least else _diagonal(along)
+            normal = across if turning else _diagonal(along) * side
         beside.append((joints, along, length, normal))
-    distance = max(_distance(robot, joints[-1], n, shapes, placed) for joints, _, _, n in beside)
+    scale = 1.0
+    if shapes is not None:
+        scale = max(_distance(robot, joints[-1], n, shapes, placed) for joints, _, _, n in beside)
     before = beside[0][2]
     for joints, along, length, normal in beside:
         # straight from one link to the next, so that it shortens as the joint gives way to it
-        point = placed[joints[-1].child][1] + normal * distance
+        point = placed[joints[-1].child][1] + normal * scale
+        distance = scale * float(np.linalg.norm(normal))
         add(joints[0].parent, point - min(distance, 0.4 * before) * along)
         add(joints[-1].child, point + min(distance, 0.4 * length) * along)
         before = length

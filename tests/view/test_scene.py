@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 import softdyn
 from softdyn import design
-from softdyn.description.robot import poses
+from softdyn.description.robot import input_unit, poses
 from softdyn.description.visuals import BoxShape, CylinderShape, Visual
 from softdyn.view.rest_sweep import BEND, TRAVEL, rest_sweep
 from softdyn.view.scene import TENSION, Figure, tension_colour
 from softdyn.view.tendon_paths import CLEARANCE, _distance
-from tests.support.arms import THREE_SECTIONS, loaded
+from tests.support.arms import RUBBER, THREE_SECTIONS, loaded
 
 STICKS = """<robot name="sticks">
   <link name="base"/><link name="a">{i}</link><link name="b">{i}</link><link name="tip"/>
@@ -237,3 +237,47 @@ def test_a_led_cable_of_a_rod_is_drawn_on_its_side(tmp_path):
         for _, (_, y, z) in drawn.sites:
             side = np.array([-np.sin(cable.angle), np.cos(cable.angle)])
             np.testing.assert_allclose([y, z] / np.hypot(y, z), side, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def channels(tmp_path_factory):
+    """An arm that tapers, with one cable in a channel that comes nearer to its axis."""
+    section = design.Section(0.2, [0.02, 0.01], RUBBER, 4)
+    cable = design.Cable(0.7, [0.015, 0.006], straight=False, max_tension=5.0, name="left")
+    return loaded(design.Arm((section,), cables=(cable,)), tmp_path_factory.mktemp("arm"))
+
+
+def test_a_cable_in_a_channel_is_drawn_in_it_and_turns_red(channels):
+    """At its offset, which shrinks towards the tip; a pull counts as positive, as in the legend."""
+    figure = Figure.of(channels)
+    (cable,) = figure.cables
+    placed = figure.link_poses(channels.q0)
+    points = np.array([placed[link][:3, :3] @ p + placed[link][:3, 3] for link, p in cable.sites])
+    joints = (points[0:-1:2] + points[1:-1:2]) / 2
+    along, away = -joints[:, 2], np.hypot(joints[:, 0], joints[:, 1])
+    assert (np.diff(away) < 0).all()
+    assert (away < 0.02 - 0.05 * along).all()  # inside the body
+    np.testing.assert_allclose(away, 0.015 - 0.045 * along, rtol=0.01)
+    assert cable.part(np.array([5.0])) == 1
+    B = channels.state(channels.q0, np.zeros(4 * 2)).B
+    assert polyline(figure, cable, 1e-3 * B[:, 0]) < polyline(figure, cable, -1e-3 * B[:, 0])
+
+
+def test_inputs_of_an_arm_are_named_after_their_cables_and_in_newton(channels):
+    (actuator,) = channels.robot.actuators
+    assert actuator.name == actuator.tendon == "left"
+    assert input_unit(channels.robot) == "N"
+
+
+def test_a_skin_leads_along_the_arm_and_is_as_wide(channels):
+    (rings,) = Figure.of(channels).data["skins"]
+    placed, links = channels.link_poses(channels.q0), Figure.of(channels).links
+    poses = [placed[links[r["link"]]] @ np.reshape(r["pose"], (4, 4)).T for r in rings]
+    along = np.array([-pose[2, 3] for pose in poses])
+    assert along[0] == pytest.approx(0, abs=1e-9)
+    assert along[-1] == pytest.approx(0.2)
+    assert (np.diff(along) > 0.005).all()
+    radii = [ring["radius"] for ring in rings]
+    np.testing.assert_allclose(radii, 0.02 - 0.05 * along, rtol=0.04)
+    for pose in poses:
+        np.testing.assert_allclose(pose[:3, 2], [0, 0, -1], atol=1e-9)  # z of a ring is its axis

@@ -48,7 +48,8 @@ function slider(parent, name, low, high, onInput) {
 }
 
 const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);
-const UP = new T.Vector3(0, 1, 0);
+const TUBE = new T.CylinderGeometry(1, 1, 1, 10, 1, true);  // ends would show where rods meet
+const UP = new T.Vector3(0, 1, 0), LAID = new T.Object3D();
 
 function lay(object, a, b, radius) {  // a rod from a to b
   const along = new T.Vector3().subVectors(b, a), length = along.length();
@@ -97,6 +98,78 @@ class Thread {
   clear() { this.count = 0; this.last = null; this.show(0); }
 }
 
+// A surface over rings that links carry, its curve between two of them cubic along both axes.
+class Skin {
+  constructor(figure, rings, look) {
+    const sides = 28, steps = rings.length > 100 ? 1 : 4, last = rings.length - 1;
+    this.carriers = rings.map(ring => {
+      const carrier = new T.Object3D();
+      new T.Matrix4().fromArray(ring.pose)
+        .decompose(carrier.position, carrier.quaternion, carrier.scale);
+      figure.links[ring.link].add(carrier);
+      return {carrier, place: new T.Vector3(), turn: new T.Quaternion(), axis: new T.Vector3()};
+    });
+    const at = (i, t, radius, cap) => ({i: Math.min(i, last - 1), t, radius, cap});
+    this.rows = [at(0, 0, 0, -1), at(0, 0, rings[0].radius, -1)];  // cap: where the normal points
+    for (let k = 0; k <= last * steps; k++) {
+      const i = Math.min(Math.floor(k / steps), last - 1), t = k / steps - i;
+      this.rows.push(at(i, t, (1 - t) * rings[i].radius + t * rings[i + 1].radius, 0));
+    }
+    this.rows.push(at(last, 1, rings[last].radius, 1), at(last, 1, 0, 1));
+    this.circle = Array.from({length: sides}, (_, k) =>
+      [Math.cos(2 * Math.PI * k / sides), Math.sin(2 * Math.PI * k / sides)]);
+    const count = this.rows.length * sides, faces = [], colours = [];
+    this.rows.forEach(({i, t}, row) => {
+      const colour = new T.Color(...rings[t < 0.5 ? i : i + 1].rgba.slice(0, 3));
+      if (look.tint) colour.lerp(new T.Color(look.tint), 0.72);
+      for (let k = 0; k < sides; k++) {
+        colours.push(colour.r, colour.g, colour.b);
+        const a = row * sides + k, b = row * sides + (k + 1) % sides;
+        if (row) faces.push(a - sides, b - sides, b, a - sides, b, a);
+      }
+    });
+    const geometry = new T.BufferGeometry();
+    for (const name of ["position", "normal"])
+      geometry.setAttribute(name, new T.BufferAttribute(new Float32Array(3 * count), 3));
+    geometry.setAttribute("color", new T.Float32BufferAttribute(colours, 3));
+    geometry.setIndex(faces);
+    const opacity = rings[0].rgba[3] * look.opacity;
+    this.mesh = new T.Mesh(geometry, new T.MeshPhongMaterial({vertexColors: true,
+      opacity: opacity, transparent: opacity < 1, depthWrite: opacity > 0.35,
+      side: T.DoubleSide, shininess: 22, specular: 0x222222}));
+    this.mesh.material.own = opacity;
+    this.mesh.frustumCulled = false;
+    figure.object.add(this.mesh);
+  }
+  pose(home) {
+    const matrix = new T.Matrix4(), size = new T.Vector3();
+    for (const {carrier, place, turn, axis} of this.carriers) {
+      matrix.multiplyMatrices(home, carrier.matrixWorld).decompose(place, turn, size);
+      axis.set(0, 0, 1).applyQuaternion(turn);
+    }
+    const {position, normal} = this.mesh.geometry.attributes, turn = new T.Quaternion();
+    const [centre, out, [x, y, z]] = [new T.Vector3(), new T.Vector3(),
+      [new T.Vector3(), new T.Vector3(), new T.Vector3()]];
+    let n = 0;
+    for (const {i, t, radius, cap} of this.rows) {
+      const [a, b] = [this.carriers[i], this.carriers[i + 1]], d = a.place.distanceTo(b.place);
+      const s = t * t * (3 - 2 * t), u = 1 - t;
+      centre.copy(a.place).multiplyScalar(1 - s).addScaledVector(b.place, s)
+        .addScaledVector(a.axis, d * t * u * u).addScaledVector(b.axis, -d * t * t * u);
+      matrix.makeRotationFromQuaternion(turn.copy(a.turn).slerp(b.turn, t))
+        .extractBasis(x, y, z);
+      for (const [c, q] of this.circle) {
+        out.copy(x).multiplyScalar(c).addScaledVector(y, q);
+        position.setXYZ(n, centre.x + radius * out.x, centre.y + radius * out.y,
+          centre.z + radius * out.z);
+        if (cap) out.copy(z).multiplyScalar(cap);
+        normal.setXYZ(n++, out.x, out.y, out.z);
+      }
+    }
+    position.needsUpdate = normal.needsUpdate = true;
+  }
+}
+
 // A robot: a tree of groups that the joints move.
 class Figure {
   constructor(data, look) {
@@ -134,8 +207,11 @@ class Figure {
       mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
       (this.links[shape.link] || this.object).add(mesh);
       geometry.computeBoundingBox();
+      mesh.covered = Boolean(shape.skin && data.skins);
+      mesh.visible = !mesh.covered;  // it is there for the pointer
       this.shapes.push(mesh);
     }
+    this.skins = (data.skins || []).map(rings => new Skin(this, rings, look));
     const radius = 0.005 * data.size;
     this.full = look.full || data.inputs.map(i => Math.max(-i.lower, i.upper));
     this.cables = data.cables.map(cable => {
@@ -147,9 +223,16 @@ class Figure {
         this.links[link].add(site);
         return site;
       });
-      const rods = sites.slice(1).map(() => new T.Mesh(ROD, material));
-      rods.forEach(rod => this.object.add(rod));
-      return {...cable, limit, material, sites, rods, radius, points: sites.map(() => new T.Vector3())};
+      // what the body hides of it shines through
+      const hidden = new T.MeshBasicMaterial({depthFunc: T.GreaterDepth, depthWrite: false,
+        transparent: true, opacity: 0.45});
+      const rods = [[ROD, material], [TUBE, hidden]]
+        .map(([form, one]) => new T.InstancedMesh(form, one, sites.length - 1));
+      rods[1].instanceMatrix = rods[0].instanceMatrix;
+      rods[1].renderOrder = 1;
+      rods.forEach(rod => { rod.frustumCulled = false; this.object.add(rod); });
+      return {...cable, limit, material, hidden, sites, rods, radius,
+        points: sites.map(() => new T.Vector3())};
     });
     this.pose(new Array(data.dof).fill(0), new Array(data.inputs.length).fill(0));
   }
@@ -174,9 +257,16 @@ class Figure {
       if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
       const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
       cable.material.color.setRGB(...shade(part));
-      cable.rods.forEach((rod, i) => lay(rod, cable.points[i], cable.points[i + 1],
-        cable.radius * (0.75 + 0.5 * Math.abs(part))));
+      cable.hidden.color.copy(cable.material.color);
+      cable.sites.slice(1).forEach((_, i) => {
+        lay(LAID, cable.points[i], cable.points[i + 1],
+          cable.radius * (0.75 + 0.5 * Math.abs(part)));
+        LAID.updateMatrix();
+        cable.rods[0].setMatrixAt(i, LAID.matrix);
+      });
+      cable.rods[0].instanceMatrix.needsUpdate = true;
     }
+    this.skins.forEach(skin => skin.pose(home));
   }
   look(opacity, wireframe) {  // of the links alone: what they hide are the cables
     const set = (material, value) => Object.assign(material,
@@ -188,10 +278,15 @@ class Figure {
         mesh.add(new T.LineSegments(new T.EdgesGeometry(mesh.geometry, 15),
           new T.LineBasicMaterial({color: mesh.material.color})));
       set(mesh.material, wireframe ? 0.1 * value : value);
+      mesh.visible = wireframe || !mesh.covered;
       for (const edges of mesh.children) {
         edges.visible = wireframe;
         set(edges.material, value);
       }
+    }
+    for (const {mesh} of this.skins) {
+      set(mesh.material, mesh.material.own * opacity);
+      mesh.visible = !wireframe;
     }
   }
   tip() {  // in the robot's own frame

@@ -271,7 +271,7 @@ class Live {
     this.arrow.visible = false;
     this.ghost = new Figure(this.scene.figure, {opacity: 0.35,
       tint: this.scene.mode == "explore" ? "#d3202f" : GHOST});
-    this.ghost.cables.forEach(cable => cable.rods.forEach(rod => { rod.visible = false; }));
+    for (const {rods} of this.ghost.cables) for (const rod of rods) rod.visible = false;
     this.ghost.object.visible = false;
     this.points = new T.Points(new T.BufferGeometry(), new T.PointsMaterial(
       {color: REACH, size: 4, sizeAttenuation: false, transparent: true, opacity: 0.65}));
