@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
-from numbers import Real
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, TypeVar
 
 import numpy as np
 
 from softdyn.exceptions import InputError
 
 FLOAT = np.dtype(float)
+Kind = TypeVar("Kind")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -28,20 +29,29 @@ def in_degrees(angle: float, low: float, high: float) -> bool:
     return abs(angle) > math.pi and not low <= angle <= high and low <= math.radians(angle) <= high
 
 
-def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -math.inf) -> float:
+def number(
+    name: str,
+    value: Any,
+    *,
+    lower: float = -math.inf,
+    above: float = -math.inf,
+    finite: bool = True,
+) -> float:
     """`value` as a finite float, ``>= lower`` and ``> above``.
 
     Raises
     ------
     InputError
-        For anything that is not a real number (text and booleans are not), NaN and infinities.
+        For anything that is not a real number (text and booleans are not), NaN, and infinities
+        unless `finite` is False, which lets +∞ pass.
     """
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
         try:
             result = float(value)
         except OverflowError:  # an int beyond the floats
             result = math.inf
-        if math.isfinite(result) and result >= lower and result > above:
+        allowed = math.isfinite(result) or (not finite and result > 0)
+        if allowed and result >= lower and result > above:
             return result
     try:
         got = repr(value)
@@ -49,7 +59,77 @@ def number(name: str, value: Any, *, lower: float = -math.inf, above: float = -m
         got = "a number of thousands of digits"
     bound = f" >= {lower:g}" if lower > -math.inf else ""
     bound += f" > {above:g}" if above > -math.inf else ""
-    raise InputError(name, f"a finite number{bound}", got)
+    raise InputError(name, f"a {'finite ' if finite else ''}number{bound}", got)
+
+
+def whole(name: str, value: Any, lower: int = 0) -> int:
+    """`value` as a whole number ``>= lower``.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= lower:
+        return int(value)
+    raise InputError(name, f"a whole number >= {lower}", repr(value))
+
+
+def flag(name: str, value: Any) -> bool:
+    """`value` if it is True or False.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    return bool(instance(name, value, (bool, np.bool_), "True or False"))
+
+
+def instance(
+    name: str, value: Any, kind: type[Kind] | tuple[type[Kind], ...], expected: str
+) -> Kind:
+    """`value` if it is an object of `kind`.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if isinstance(value, kind):
+        return value
+    raise InputError(name, expected, repr(value))
+
+
+def instances(name: str, values: Any, kind: type[Kind], expected: str) -> tuple[Kind, ...]:
+    """The objects of `kind` in a sequence or another iterable; text is none.
+
+    Raises
+    ------
+    InputError
+        For anything that is not iterable, or an object of another kind.
+    """
+    if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
+        raise InputError(name, f"a sequence, each {expected}", repr(values))
+    try:
+        found = tuple(values)
+    except TypeError:  # an array without axes
+        raise InputError(name, f"a sequence, each {expected}", repr(values)) from None
+    return tuple(instance(f"{name}[{k}]", one, kind, expected) for k, one in enumerate(found))
+
+
+def length(name: str, value: Any) -> int:
+    """The number of items in `value`.
+
+    Raises
+    ------
+    InputError
+        For anything without a length.
+    """
+    try:
+        return len(value)
+    except TypeError:
+        raise InputError(name, "a sequence", repr(value)) from None
 
 
 def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True) -> np.ndarray:

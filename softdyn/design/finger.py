@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from softdyn.checks import number
+from softdyn.checks import flag, instance, instances, number
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon, Vector
 from softdyn.description.urdf_writer import write
@@ -19,7 +19,7 @@ from softdyn.design.chain import (
     mesh,
     visual,
 )  # fmt: skip
-from softdyn.design.rods import Mount, Profile, along, check_name
+from softdyn.design.rods import Mount, Profile, along, check_name, check_profile
 from softdyn.exceptions import InputError
 
 COLORS = {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69)}
@@ -48,6 +48,14 @@ class FingerTendon:
     max_tension: float
     pair: bool = False
     name: str = "flexor"
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        for name in ("joints", "moment_arms"):
+            for k, value in enumerate(instances(name, getattr(self, name), object, "a number")):
+                number(f"{name}[{k}]", value)
+        number("max_tension", self.max_tension, above=0.0)
+        flag("pair", self.pair)
 
 
 @dataclass(frozen=True)
@@ -82,8 +90,16 @@ class Finger:
     name: str = "finger"
 
     def __post_init__(self) -> None:
-        for value in (*self.lengths, self.density, self.limit):
-            number("lengths, density, limit", value, above=0.0)
+        bones = instances("lengths", self.lengths, object, "a length (m)")
+        if not bones:
+            raise InputError("lengths", "at least one", "none")
+        for k, value in enumerate(bones):
+            number(f"lengths[{k}]", value, above=0.0)
+        for name in ("density", "limit"):
+            number(name, getattr(self, name), above=0.0)
+        check_profile("radius", self.radius, above=0.0)
+        instance("mount", self.mount, Mount, "a Mount")
+        instance("name", self.name, str, "a text")
         for name in ("stiffness", "damping"):
             values = getattr(self, name)
             given = values if isinstance(values, tuple) else (values,) * len(self.lengths)
@@ -92,8 +108,7 @@ class Finger:
             for value in given:
                 number(name, value, lower=0.0)
             object.__setattr__(self, name, given)
-        for tendon in self.tendons:
-            check_name(tendon.name)
+        for tendon in instances("tendons", self.tendons, FingerTendon, "a FingerTendon"):
             bad = [j for j in tendon.joints if j not in range(1, len(self.lengths) + 1)]
             if bad or len(set(tendon.joints)) != len(tendon.moment_arms):
                 expected = f"hinges from 1 to {len(self.lengths)}, none twice, and an arm for each"

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from softdyn.checks import did_you_mean, instance, number
 from softdyn.description.inertia import Inertia
 from softdyn.design.rods import Arm, Cable, Plate, Section
 from softdyn.exceptions import InputError
@@ -110,7 +111,7 @@ class Layout:
 
     def body_at(self, x: float) -> int:
         """The body that carries the point x of the arm."""
-        return max(int(np.searchsorted(self.stations, x, side="right")) - 1, 0)
+        return max(int(np.searchsorted(self.stations, number("x", x), side="right")) - 1, 0)
 
     @cached_property
     def all_springs(self) -> tuple[Spring, ...]:
@@ -147,7 +148,7 @@ class Layout:
         a changes its length by t · (a × p), a translation along a by t · a. Of a cable at a
         constant offset that is its whole length's dependence on bends, not the first order's alone.
         """
-        start, end = self.arm.way(cable)
+        start, end = self.arm.way(instance("cable", cable, Cable, "a Cable"))
         found = []
         for x, group in zip(self.stations, self.springs, strict=True):
             for spring in group:
@@ -174,7 +175,7 @@ def lay_out(arm: Arm) -> Layout:
     """
     stations = [0.0]
     springs: list[tuple[Spring, ...]] = [()]
-    for k, section in enumerate(arm.sections):
+    for k, section in enumerate(instance("arm", arm, Arm, "an Arm").sections):
         nodes, weights = arm.rule(section.segments)
         for node, weight in zip(nodes, weights, strict=True):
             stations.append(float(arm.starts[k] + node * section.length))
@@ -188,9 +189,11 @@ def _springs(
     section: Section, index: int, at: float, weight: float, count: int
 ) -> tuple[Spring, ...]:
     found = []
-    for name in section.freedoms:
+    for name in (*section.freedoms, *section.rest):
         if name not in FREEDOMS:
-            raise InputError("freedoms", " or ".join(FREEDOMS), name)
+            where = "freedoms" if name in section.freedoms else "rest"
+            raise InputError(where, " or ".join(FREEDOMS), did_you_mean(str(name), FREEDOMS))
+    for name in section.freedoms:
         freedom, share = FREEDOMS[name], weight * section.length
         stiffness = freedom.rigidity(section, at) / share
         rest = section.rest.get(name, 0.0) * share

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from softdyn.checks import number
+from softdyn.checks import instance, instances, number
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import ZERO, Joint, Site, Tendon, Vector
 from softdyn.description.urdf_writer import write
@@ -84,9 +84,19 @@ class LogSpiral:
             number(name, getattr(self, name), above=0.0)
         for name in ("damping", "armature"):
             number(name, getattr(self, name), lower=0.0)
-        if not 2 <= self.segments <= MAX_SEGMENTS:
+        if not (isinstance(self.segments, int) and 2 <= self.segments <= MAX_SEGMENTS):
             raise InputError("segments", f"a whole number from 2 to {MAX_SEGMENTS}", self.segments)
-        if not all(name in FREEDOMS and FREEDOMS[name].turns for name in self.freedoms):
+        instance("cable", self.cable, Input, "an Input")
+        instance("mount", self.mount, Mount, "a Mount")
+        instance("name", self.name, str, "a text")
+        for name in ("cable_angles", "site_fractions"):
+            given = instances(name, getattr(self, name), object, "a number")
+            if not given:
+                raise InputError(name, "at least one number", "none")
+            for k, value in enumerate(given):
+                number(f"{name}[{k}]", value)
+        names = instances("freedoms", self.freedoms, str, "the name of a rotation")
+        if not all(name in FREEDOMS and FREEDOMS[name].turns for name in names):
             turns = [name for name, freedom in FREEDOMS.items() if freedom.turns]
             raise InputError("freedoms", " or ".join(turns), ", ".join(self.freedoms))
 

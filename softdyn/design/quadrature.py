@@ -11,18 +11,21 @@ from collections.abc import Callable
 
 import numpy as np
 
+from softdyn.checks import whole
+
 Rule = Callable[[int], tuple[np.ndarray, np.ndarray]]
 """n → nodes in (0, 1) and weights, (n,) each; the weights add up to 1."""
 
 
 def midpoint(n: int) -> tuple[np.ndarray, np.ndarray]:
     """n equal segments with a joint in the middle of each: second order."""
+    n = whole("n", n, 1)
     return (np.arange(n) + 0.5) / n, np.full(n, 1 / n)
 
 
 def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss–Legendre nodes: exact for small loads; natural frequencies are of fourth order."""
-    nodes, weights = np.polynomial.legendre.leggauss(n)
+    nodes, weights = np.polynomial.legendre.leggauss(whole("n", n, 1))
     return (1 + nodes) / 2, weights / 2
 
 

@@ -10,10 +10,11 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
-from softdyn.checks import number
+from softdyn.checks import array, flag, instance, instances, length, number, whole
 from softdyn.design.quadrature import Rule, gauss_legendre
 from softdyn.exceptions import InputError
 
@@ -140,17 +141,27 @@ class Section:
 
     def __post_init__(self) -> None:
         check_name(self.name)
+        instance("material", self.material, Material, "a Material")
         _positive(self, "length")
         if self.mass is not None:
             _positive(self, "mass")
         if not (isinstance(self.segments, int) and 0 < self.segments <= MAX_SEGMENTS):
             expected = f"a whole number from 1 to {MAX_SEGMENTS}"
             raise InputError("segments", expected, self.segments)
-        outer = _checked("radius", self.radius, above=0.0)
-        inner = _checked("inner_radius", self.inner_radius, lower=0.0)
+        if not instances("freedoms", self.freedoms, str, "the name of a freedom"):
+            raise InputError("freedoms", "at least one", "none")
+        if not isinstance(self.rest, Mapping):
+            raise InputError("rest", "strains by freedom", repr(self.rest))
+        for name, strain in self.rest.items():
+            number(f"rest[{name!r}]", strain)
+        whole("discs", self.discs)
+        for name in ("disc", "plate"):
+            instance(name, getattr(self, name), (Plate, type(None)), "a Plate")
+        outer = check_profile("radius", self.radius, above=0.0)
+        inner = check_profile("inner_radius", self.inner_radius, lower=0.0)
         for name in ("bending_stiffness", "torsional_stiffness"):
             if getattr(self, name) is not None:
-                _checked(name, getattr(self, name), above=0.0)
+                check_profile(name, getattr(self, name), above=0.0)
         if not (inner < outer).all():
             k = int(np.argmax(inner >= outer))
             raise InputError("inner_radius", f"less than the radius, {outer[k]:g} m", inner[k])
@@ -224,7 +235,10 @@ class Cable:
         _positive(self, "max_tension")
         for name in ("angle", "turns"):
             number(name, getattr(self, name))
-        _checked("offset", self.offset, above=0.0)
+        for name in ("start", "end"):
+            instance(name, getattr(self, name), (int, np.integer), "a whole number")
+        flag("straight", self.straight)
+        check_profile("offset", self.offset, above=0.0)
 
     def place(self, at: float) -> np.ndarray:
         """Position (3,) in the cross-section at a fraction of the cable's way, x = 0."""
@@ -256,10 +270,9 @@ class Mount:
     def __post_init__(self) -> None:
         for name in ("position", "direction"):
             values = getattr(self, name)
-            if len(values) != 3:
-                raise InputError(name, "three numbers", f"{len(values)}")
-            for value in values:
-                number(name, value)
+            if (given := length(name, values)) != 3:
+                raise InputError(name, "three numbers", f"{given}")
+            array(name, values, (3,))
         number("roll", self.roll)
         if not np.linalg.norm(self.direction) > 0:
             raise InputError("direction", "a vector that is not zero", self.direction)
@@ -303,7 +316,20 @@ class Arm:
     name: str = "arm"
 
     def __post_init__(self) -> None:
-        if not self.sections:
+        kinds: dict[str, tuple[Any, str]] = {
+            "damping": (Damping, "a Damping"),
+            "mount": (Mount, "a Mount"),
+            "payload": ((Payload, type(None)), "a Payload"),
+            "name": (str, "a text"),
+        }
+        for name, (kind, expected) in kinds.items():
+            instance(name, getattr(self, name), kind, expected)
+        instances("cables", self.cables, Cable, "a Cable")
+        array("tip", self.tip, (3,))
+        flag("unusual", self.unusual)
+        if not callable(self.rule):
+            raise InputError("rule", "a rule such as gauss_legendre", repr(self.rule))
+        if not instances("sections", self.sections, Section, "a Section"):
             raise InputError("sections", "at least one section", "none")
         for cable in self.cables:
             count = len(self.sections)
@@ -336,14 +362,23 @@ def check_name(name: str) -> None:
     InputError
         For anything but letters, digits and ``_ . -``.
     """
-    if not re.fullmatch(r"[\w.-]+", name):
+    if not (isinstance(name, str) and re.fullmatch(r"[\w.-]+", name)):
         raise InputError("name", "letters, digits, _ . and -", repr(name))
 
 
-def _checked(name: str, profile: Profile, **bounds: float) -> np.ndarray:
-    """A profile at 33 even places, all of it within bounds."""
+def check_profile(name: str, profile: Profile, **bounds: Any) -> np.ndarray:
+    """A profile at 33 even places, all of it within bounds.
+
+    Raises
+    ------
+    InputError
+        For anything that is no profile, and a value out of bounds.
+    """
     if not callable(profile):
-        for value in np.atleast_1d(np.asarray(profile, object)):
+        values = np.atleast_1d(np.asarray(profile, object))
+        if not values.size:
+            raise InputError(name, "a number, or numbers from end to end", repr(profile))
+        for value in values:
             number(name, value, **bounds)
     return np.array([number(name, along(profile, x), **bounds) for x in np.linspace(0, 1, 33)])
 

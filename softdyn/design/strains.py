@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn.checks import number
+from softdyn.checks import instance, number
 from softdyn.design.layout import lay_out
 from softdyn.design.rods import Arm
 from softdyn.dynamics.reduced import Basis
@@ -33,7 +33,7 @@ def strain_basis(arm: Arm, degree: int = 0) -> Basis:
         A degree that the joints of a section cannot tell from a lower one.
     """
     number("degree", degree, lower=0)
-    least = min(section.segments for section in arm.sections)
+    least = min(section.segments for section in instance("arm", arm, Arm, "an Arm").sections)
     if int(degree) != degree or degree >= least:
         raise InputError("degree", f"a whole number below the segments, {least}", degree)
     springs = lay_out(arm).all_springs

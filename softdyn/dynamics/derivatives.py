@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import array
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
@@ -200,15 +200,15 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     InputError
         Wrong shape or a number that is not finite.
     """
-    springs = joint_force_derivatives(model, q, np.zeros(model.nv), u).q
+    springs = joint_force_derivatives(model, q, np.zeros(check_model(model).nv), u).q
     return gravity_stiffness(model, q) - springs
 
 
 def gravity_stiffness(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """∂g/∂q (nv, nv), the Hessian of gravity's energy."""
+    q = array("q", q, (check_model(model).nq,))
     tree, S = underlying_tree(model)
-    at = model.expand(q) if isinstance(model, Projection) else np.asarray(q, float)
-    here = tree.about_base(at)
+    here = tree.about_base(model.expand(q) if isinstance(model, Projection) else q)
     hessian = pin.computeGeneralizedGravityDerivatives(tree.pin_model, tree.pin_data, here)
     return project(S, np.reshape(np.array(hessian), (tree.nv, tree.nv)))
 

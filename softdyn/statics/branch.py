@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import array, flag, instance, whole
 from softdyn.dynamics.model import SoftModel
-from softdyn.statics.equilibria import balance, move
+from softdyn.statics.equilibria import balance, check_stops, move
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.stops import SoftStops
 
@@ -42,13 +42,15 @@ def approach(
     """
     from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
 
-    model, here = start.model, start
+    model, here = instance("start", start, Equilibrium, "an Equilibrium").model, start
+    check_stops(model, soft)
+    flag("stay_stable", stay_stable)
     target = array("target", target, (3,))
     scale = input_scale(model, start)
     low, high = model.u_min / scale, model.u_max / scale
     damping = 1e-3
     error = here.y - target
-    for _ in range(steps):
+    for _ in range(whole("steps", steps)):
         if np.linalg.norm(error) < REACHED / 100 or model.nu == 0:
             break
         slope = here.tip_sensitivity * scale

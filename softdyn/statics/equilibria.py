@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from softdyn.checks import array
+from softdyn.checks import array, instance
 from softdyn.dynamics.derivatives import stiffness
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.exceptions import InputError
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
@@ -42,7 +43,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
     InputError
         Wrong shape or a number that is not finite.
     """
-    u = array("u", u, (model.nu,))
+    u = array("u", u, (check_model(model).nu,))
     stops = HardStops.of(model)
     q = _placed(model, model.q0 if start is None else start, stops)
     damping = 1e-3
@@ -112,7 +113,8 @@ def balance(
     InputError
         Wrong shape or a number that is not finite.
     """
-    u = array("u", u, (model.nu,))
+    u = array("u", u, (check_model(model).nu,))
+    check_stops(model, soft)
     stops = soft or HardStops.of(model)
     q = _placed(model, start, stops)
     here = _forces(model, q, u, stops)
@@ -162,8 +164,10 @@ def ramp(
     StaticsError
         No equilibrium on the way.
     """
-    u = array("u", u, (model.nu,))
-    found = rest(model) if start is None else start
+    u = array("u", u, (check_model(model).nu,))
+    found = instance(
+        "start", rest(model) if start is None else start, Equilibrium, "an Equilibrium"
+    )
     first, s, ds, snaps = found.u, 0.0, 0.25, 0
     while s < 1.0:
         ds = min(ds, 1.0 - s)
@@ -190,12 +194,21 @@ def ramp(
 
 def rest(model: SoftModel) -> Equilibrium:
     """The equilibrium downhill of q = 0 under the input closest to zero within its bounds."""
-    return settle(model, np.clip(np.zeros(model.nu), model.u_min, model.u_max))
+    return settle(model, np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max))
 
 
 def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
     """q ⊕ step (nq,), as far as the joint limits let each joint go."""
     return model.integrate(q, HardStops.of(model).clip(model.coordinates(q), step))
+
+
+def check_stops(model: SoftModel, soft: SoftStops | None) -> None:
+    """Refuse what is not the stops of so many joints as the model has."""
+    if soft is None:
+        return
+    size = len(instance("soft", soft, SoftStops, "SoftStops").weight)
+    if size != model.nv:
+        raise InputError("soft", f"stops of {model.nv} joints", f"of {size}")
 
 
 # -- inside --------------------------------------------------------------------------------------
@@ -285,6 +298,4 @@ def _downhill(H: np.ndarray) -> np.ndarray | None:
 def _equilibrium(
     model: SoftModel, q: np.ndarray, u: np.ndarray, here: _Forces, H: np.ndarray
 ) -> Equilibrium:
-    for values in (q, here.held, here.stops, H):
-        values.flags.writeable = False
     return Equilibrium(model, q, u, here.held, here.stops, H)

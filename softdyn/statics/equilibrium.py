@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigvals
 
-from softdyn.checks import array
+from softdyn.checks import array, instance
 from softdyn.dynamics.derivatives import tendon_forces
-from softdyn.dynamics.model import SoftModel, State
-from softdyn.exceptions import SoftdynError
+from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.exceptions import InputError, SoftdynError
 
 
 class StaticsError(SoftdynError, ArithmeticError):
@@ -67,6 +67,17 @@ class Equilibrium:
     held: np.ndarray
     limit_forces: np.ndarray
     stiffness: np.ndarray
+
+    def __post_init__(self) -> None:
+        n = check_model(self.model).nv
+        shapes = {"q": (self.model.nq,), "u": (self.model.nu,), "limit_forces": (n,)}
+        for name, shape in {**shapes, "stiffness": (n, n)}.items():
+            object.__setattr__(self, name, array(name, getattr(self, name), shape))
+        held = np.array(instance("held", self.held, np.ndarray, f"booleans of shape ({n},)"))
+        if held.dtype != bool or held.shape != (n,):
+            raise InputError("held", f"booleans of shape ({n},)", repr(held))
+        held.flags.writeable = False
+        object.__setattr__(self, "held", held)
 
     @cached_property
     def state(self) -> State:
@@ -145,10 +156,11 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     u : ndarray, (nu,)
         Input.
     """
-    state = model.state(q, np.zeros(model.nv))
+    state = check_model(model).state(q, np.zeros(model.nv))
     return state.K + state.bias - state.B @ array("u", u, (model.nu,))
 
 
 def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
     """Π = U + U_s - Σ gear u ℓ (J), what a robot at rest under constant inputs minimises."""
-    return model.potential_energy(q) - float(tendon_forces(model, u) @ model.tendon_lengths(q))
+    forces = tendon_forces(model, array("u", u, (check_model(model).nu,)))
+    return model.potential_energy(q) - float(forces @ model.tendon_lengths(q))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import array, whole
 from softdyn.dynamics.derivatives import stiffness
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.statics.branch import approach, input_scale
 from softdyn.statics.equilibria import balance, rest
 from softdyn.statics.equilibrium import Equilibrium
@@ -45,7 +45,8 @@ def explore(
     """
     from scipy.optimize import least_squares  # slow to import, and not every process comes here
 
-    target = array("target", target, (3,))
+    target, steps = array("target", target, (3,)), whole("steps", steps, 1)
+    q, u = array("q", q, (check_model(model).nq,)), array("u", u, (model.nu,))
     problem = _TipProblem.build(model, target)
     x = np.concatenate((model.coordinates(q), u)) / problem.scale
     for weight in STAGES:

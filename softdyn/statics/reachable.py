@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.checks import number
+from softdyn.checks import array, instance, number, whole
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
@@ -46,7 +46,7 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
     StaticsError
         A robot that rests nowhere.
     """
-    start = rest(model)
+    start, count = rest(model), whole("count", count, 1)
     samples = list(sample_rests(model, RAYS, seed))
     samples += sample_between(samples, BETWEEN, seed)
     stable = [one for one in samples if one.stable and _has_room(one)]
@@ -89,6 +89,12 @@ class Loop:
     b: np.ndarray
     omega: float
 
+    def __post_init__(self) -> None:
+        for name in ("centre", "a", "b"):
+            object.__setattr__(self, name, array(name, getattr(self, name), (3,)))
+        if number("omega", self.omega) == 0:
+            raise InputError("omega", "a rate that is not zero", self.omega)
+
     def __call__(self, t: float) -> Reference:
         """The reference at time t (s)."""
         angle, rate = self.omega * number("t", t), self.omega
@@ -111,7 +117,7 @@ def loop_around(one: Equilibrium) -> Loop | None:
     response says; they shrink until rests come close to every one of its points. ω is half the
     rate |s| of the slowest pole there, but a cycle takes `SHORTEST` to `LONGEST`.
     """
-    size = max(one.model.robot.length, 1e-6)
+    size = max(instance("one", one, Equilibrium, "an Equilibrium").model.robot.length, 1e-6)
     response = one.tip_sensitivity * input_scale(one.model, one)
     directions, gains, _ = np.linalg.svd(response, full_matrices=False)
     if not gains.size or gains[0] <= 0:

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import instances, whole
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.statics.branch import approach
 from softdyn.statics.equilibria import rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
@@ -27,9 +28,9 @@ def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilib
     seed : int
         Of the random inputs.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole("seed", seed))
     start = rest(model)
-    for end in random_inputs(model, rays, seed):
+    for end in random_inputs(model, whole("rays", rays), seed):
         here = start
         for part in np.geomspace(1e-3, 1.0, STATIONS) * 10 ** -rng.uniform(0.0, 3 / STATIONS):
             try:
@@ -56,10 +57,10 @@ def sample_between(
     seed : int
         Of the points.
     """
-    rng = np.random.default_rng(seed)
-    known = list(samples)
+    rng = np.random.default_rng(whole("seed", seed))
+    known = list(instances("samples", samples, Equilibrium, "an Equilibrium"))
     tips = [one.y for one in known]
-    for _ in range(count if known else 0):
+    for _ in range(whole("count", count) if known else 0):
         low, high = np.min(tips, axis=0), np.max(tips, axis=0)
         point = rng.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low))
         start = known[int(np.argmin(np.linalg.norm(np.array(tips) - point, axis=1)))]
@@ -71,8 +72,8 @@ def sample_between(
 
 def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
     """Inputs (count, nu) on the surface of the box of bounds, seen from the least input."""
-    rng = np.random.default_rng(seed)
-    origin = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+    rng, count = np.random.default_rng(whole("seed", seed)), whole("count", count)
+    origin = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
     ends = rng.uniform(model.u_min, model.u_max, (count, model.nu)) - origin
     room = np.where(ends > 0, model.u_max - origin, model.u_min - origin)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -86,8 +87,9 @@ def random_shapes(
     """Random (q, u): joints within 0.7 rad and their limits, the input that balances them best."""
     from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
 
-    rng = np.random.default_rng(seed)
-    for _ in range(count):
+    rng = np.random.default_rng(whole("seed", seed))
+    check_model(model)
+    for _ in range(whole("count", count)):
         wild = model.coordinates(model.q0) + rng.uniform(-0.7, 0.7, model.nv)
         q = model.configuration(np.clip(wild, model.lower, model.upper))
         u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)

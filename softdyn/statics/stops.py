@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import array, length
+from softdyn.dynamics.model import SoftModel, check_model
 
 TOUCHING = 1e-9  # a joint this close to a limit is at it (rad, m)
 
@@ -30,7 +31,7 @@ class HardStops:
     @classmethod
     def of(cls, model: SoftModel) -> HardStops:
         """Those of a robot."""
-        return cls(model.lower, model.upper)
+        return cls(check_model(model).lower, model.upper)
 
     def within(self, at: np.ndarray) -> np.ndarray:
         """The closest coordinates (nv,) that the stops allow."""
@@ -68,6 +69,13 @@ class SoftStops:
     weight: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+
+    def __post_init__(self) -> None:
+        shape = (length("weight", self.weight),)
+        object.__setattr__(self, "weight", array("weight", self.weight, shape))
+        for name in ("lower", "upper"):
+            limits = array(name, getattr(self, name), shape, finite=False)
+            object.__setattr__(self, name, limits)
 
     def within(self, at: np.ndarray) -> np.ndarray:
         """The closest coordinates (nv,) a little off the limits."""

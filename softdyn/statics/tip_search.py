@@ -14,11 +14,12 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import array, instance, instances, length, number, whole
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.statics.branch import REACHED, approach
 from softdyn.statics.equilibria import balance, rest
@@ -73,7 +74,8 @@ class TipSearch:
 
     def distance(self, equilibrium: Equilibrium) -> float:
         """From its tip to the target (m)."""
-        return float(np.linalg.norm(equilibrium.y - self.target))
+        one = instance("equilibrium", equilibrium, Equilibrium, "an Equilibrium")
+        return float(np.linalg.norm(one.y - self.target))
 
 
 def inputs_for_tip(
@@ -113,13 +115,19 @@ def inputs_for_tip(
     InputError
         A target of the wrong shape or not finite; a robot without inputs.
     """
-    target, latest = array("target", target, (3,)), perf_counter() + seconds
-    if model.nu == 0:
+    latest = perf_counter() + number("seconds", seconds, lower=0.0, finite=False)
+    target, shapes = array("target", target, (3,)), whole("shapes", shapes)
+    whole("seed", seed)
+    if check_model(model).nu == 0:
         raise InputError(str(model.robot.path), "a robot with an <actuator>", "one without inputs")
-    known = (rest(model), *starts)
+    known = (rest(model), *instances("starts", starts, Equilibrium, "an Equilibrium"))
+    pairs: tuple[Any, ...] = instances("guesses", guesses, object, "a pair (q, u)")
+    for pair in pairs:
+        if length("guesses", pair) != 2:
+            raise InputError("guesses", "pairs (q, u)", repr(pair))
     ends = [approach(one, target) for one in known]
     ends += [approach(one, target, stay_stable=True) for one in known if one.stable]
-    for q, u in guesses:
+    for q, u in pairs:
         with suppress(StaticsError):
             ends.append(approach(balance(model, u, q), target))
         with suppress(StaticsError):

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softdyn.checks import whole
 from softdyn.dynamics.derivatives import gravity_stiffness, tangent_dynamics
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
 UNLIMITED = math.pi  # how far joints without limits are tried
@@ -82,11 +83,11 @@ def sample_poses(model: SoftModel, samples: int, seed: int = 0) -> Iterator[Pose
     """q = 0, both ends of all joints at once, and `samples` random poses inside the limits."""
     lower = np.where(np.isfinite(model.lower), model.lower, -UNLIMITED)
     upper = np.where(np.isfinite(model.upper), model.upper, UNLIMITED)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(whole("seed", seed))
     yield examine(model, np.zeros(model.nv), "q = 0")
     yield examine(model, lower, "all joints at their lower limits")
     yield examine(model, upper, "all joints at their upper limits")
-    for k in range(samples):
+    for k in range(whole("samples", samples)):
         yield examine(model, rng.uniform(lower, upper), f"random pose {k}")
 
 
@@ -134,11 +135,11 @@ def zero_spectrum(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     InputError
         Wrong shape, a number that is not finite, or a robot with mimic joints.
     """
-    still = np.zeros(model.nv)
+    still = np.zeros(check_model(model).nv)
     state = model.state(q, still)
     left, values, right = np.linalg.svd(state.J @ np.linalg.solve(state.M, state.B))
     r = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
-    K, D = tangent_dynamics(model, q, still, np.asarray(u, float))
+    K, D = tangent_dynamics(model, q, still, u)
     N = np.linalg.svd(left[:, :r].T @ state.J)[2][r:].T
     W = np.linalg.svd(state.B @ right[:r].T)[0][:, r:].T
     size = model.nv - r
