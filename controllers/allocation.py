@@ -10,6 +10,7 @@ from softdyn import InputError, SoftModel, State
 from softdyn.checks import array
 from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.linear_algebra import inner, lq, row_space
+from softdyn.dynamics.model import check_model
 
 FAR = 1e8  # torques that are so many times what the inputs can give
 
@@ -42,6 +43,7 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     InputError
         No State of this robot, a `tau` of another shape, a bound that is not finite.
     """
+    check_model(model)
     if not isinstance(state, State) or (
         state.model is not model and state.model.robot.digest != model.robot.digest
     ):

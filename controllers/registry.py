@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
-from softdyn.checks import did_you_mean
+from softdyn.checks import did_you_mean, instance
 from softdyn.controllers.clf_qp import ClfQp
 from softdyn.controllers.gains import from_table
 from softdyn.controllers.id_clf_qp import IdClfQp
@@ -40,7 +40,7 @@ def find_controller(name: str) -> Callable[..., Any]:
     InputError
         No such name, file or class, or a file that cannot be imported.
     """
-    if name in CONTROLLERS:
+    if instance("controller", name, str, "a name, or FILE.py:CLASS") in CONTROLLERS:
         return CONTROLLERS[name]
     if name in BEYOND:
         return BEYOND[name]
@@ -49,9 +49,14 @@ def find_controller(name: str) -> Callable[..., Any]:
         known = [*CONTROLLERS, *BEYOND]
         expected = f"{', '.join(known)} or FILE.py:CLASS"
         raise InputError("controller", expected, did_you_mean(name, known))
-    cls = getattr(_load(file), kind, None)
+    module = _load(file)
+    cls = getattr(module, kind, None)
     if not callable(cls):
-        raise InputError("controller", f"a class in {file}", repr(kind))
+        known = [
+            name for name, value in vars(module).items()
+            if isinstance(value, type) and value.__module__ == module.__name__
+        ]  # fmt: skip
+        raise InputError("controller", f"a class in {file}", did_you_mean(kind, known))
     return cls
 
 

@@ -98,6 +98,19 @@ def read_bytes(path: str | Path, most: int) -> bytes:
     return content
 
 
+def as_path(name: str, value: str | Path) -> Path:
+    """`value` as a path.
+
+    Raises
+    ------
+    InputError
+        For anything else than a path or a text.
+    """
+    if not isinstance(value, str | Path):
+        raise InputError(name, "a path", repr(value))
+    return Path(value)
+
+
 def is_stream(path: Path) -> bool:
     """Whether `path` takes what is written and cannot be replaced by a file."""
     if path.parts[:2] in (("/", "dev"), ("/", "proc")):

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import inspect
+import re
 
 import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, design, statics
+from softdyn import InputError, controllers, design, identification, statics
 from softdyn.design import log_spiral
+from softdyn.validation import StateMap, Twin
 
 MODEL = softdyn.load("finger")
 REST = statics.rest(MODEL)
@@ -99,7 +101,50 @@ DESIGN = [
     (design.lay_out(ARM).coefficients, {"cable": CABLE}),
     (design.lay_out(ARM).body_at, {"x": 0.1}),
 ]  # fmt: skip
-CALLS = [*STATICS, *DESIGN]
+
+TIMES = 0.01 * np.arange(30)
+ANGLES = np.outer(np.sin(TIMES), [0.1, 0.2, 0.3, 0.4])
+NAMES = tuple(f"q.{name}" for name in MODEL.joint_names)
+DATA = identification.Measurements(TIMES, np.zeros((30, 2)), NAMES, ANGLES)
+UNKNOWNS = identification.parameters(MODEL, "stiffness")
+FITTED = {"model": MODEL, "data": DATA, "unknowns": UNKNOWNS, "step": np.inf}
+IDENTIFICATION = [
+    (identification.read_csv, {"path": "data.csv", "model": MODEL}),
+    (identification.Measurements,
+     {"t": TIMES, "u": np.zeros((30, 2)), "names": NAMES, "outputs": ANGLES}),
+    (DATA.part, {"begin": 0, "end": 9}),
+    (DATA.joints, {"model": MODEL}),
+    (identification.parameters, {"model": MODEL, "kind": "gear", "shared": False}),
+    (identification.unknowns_of, {"model": MODEL, "free": ("gear",), "shared": ("damping",)}),
+    (identification.member_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
+    (identification.with_values, {"model": MODEL, "unknowns": UNKNOWNS, "theta": np.ones(4)}),
+    (identification.problem_of, FITTED),
+    (identification.fit, {"problem": None}),
+    (identification.fit_length, {"data": DATA, "hold_out": 0.2}),
+    (identification.identify, {**FITTED, "hold_out": 0.2}),
+    (identification.least_deviations,
+     {**FITTED, "theta": np.ones(4), "noise": np.ones(4), "hold_out": 0.2}),
+    (identification.measured_outputs,
+     {"model": MODEL, "names": NAMES, "path": ANGLES, "by": np.zeros((30, 4, 0))}),
+    (identification.rewritten, {"robot": MODEL.robot, "values": {}}),
+]  # fmt: skip
+TWIN = Twin(MODEL)
+STATES = StateMap(MODEL, TWIN)
+OTHERS = [
+    (StateMap, {"model": MODEL, "twin": TWIN, "called": None, "turns": {}}),
+    (STATES.to_twin, {"q": Q, "v": Q}),
+    (STATES.from_twin, {"qpos": Q, "qvel": Q}),
+    (STATES.coordinates, {"qpos": Q}),
+    (STATES.velocity_map, {"qpos": Q}),
+    (STATES.velocity_map_rate, {"qpos": Q, "qvel": Q}),
+    (softdyn.load,
+     {"source": "finger", "annotations": None, "floating": False, "repair_inertia": False}),
+    (softdyn.parse, {"path": MODEL.robot.path}),
+    (softdyn.build, {"robot": MODEL.robot}),
+    (softdyn.reduce, {"model": MODEL, "basis": np.eye(4)}),
+    (controllers.allocate, {"model": MODEL, "state": MODEL.state(Q, Q), "tau": Q}),
+]  # fmt: skip
+CALLS = [*STATICS, *DESIGN, *IDENTIFICATION, *OTHERS]
 
 
 def called(cases):
@@ -112,10 +157,10 @@ def called(cases):
 
 @pytest.mark.parametrize(("function", "given", "name"), called(CALLS))
 def test_an_argument_of_another_kind_is_named(function, given, name):
-    for wrong in (object(), [object()], 1j):
+    for wrong in (object(), 3 * [object()], 1j):
         with pytest.raises(InputError) as error:
             function(**{**given, name: wrong})
-        assert error.value.name.startswith(name), error.value
+        assert error.value.name.startswith({"source": "robot"}.get(name, name)), error.value
         assert error.value.got != "", error.value
 
 
@@ -123,9 +168,10 @@ def test_the_table_lists_the_public_functions():
     tested = {getattr(function, "__name__", "") for function, _ in CALLS}
     tested |= {"distance", "of", "HardStops", "TipSearch", "Diagnosis", "StaticsError"}
     tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
+    tested |= {"Estimate", "Fit", "FitProblem", "Identified", "KINDS", "MAX_ROWS", "Parameter"}
     for room in (statics, design):
-        public = {name for name in room.__all__ if not inspect.ismodule(getattr(room, name))}
-        assert public <= tested, room.__name__
+        assert set(room.__all__) <= tested, room.__name__
+    assert set(re.findall(r" as (\w+)", inspect.getsource(identification))) <= tested
 
 
 def test_stops_of_another_robot_are_refused():
@@ -146,3 +192,52 @@ def test_a_section_knows_its_freedoms():
         design.Section(0.2, 0.01, RUBBER, freedoms=())
     with pytest.raises(InputError, match=r"^radius: expected a number, or numbers from end"):
         design.Section(0.2, [], RUBBER)
+
+
+def test_a_basis_of_wrong_names_or_shape_is_refused():
+    for matrix, joints, names in (
+        (np.eye(4), None, "abcd"), (np.eye(4), MODEL.joint_names, [1, 2, 3, 4]),
+        ("x", MODEL.joint_names, ("a",)), (np.eye(3), MODEL.joint_names, ("a", "b", "c")),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=r"^basis"):
+            softdyn.reduce(MODEL, softdyn.Basis(matrix, joints, names))
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"called": {"joint1": 0}}, r"^called: expected a joint for each of joint1, "),
+        (
+            {"called": dict.fromkeys(MODEL.joint_names, 9)},
+            r"^called\['joint\d'\]: .*one of 4 joints",
+        ),
+        ({"turns": {"joint9": (1, 0)}}, r"^turns: .*'joint9'; did you mean 'joint"),
+        ({"turns": {"joint1": (1, 0, 0)}}, r"^turns\['joint1'\]: expected \(sense, zero\)"),
+        ({"turns": {"joint1": (1, "x")}}, r"^turns\['joint1'\]: expected a finite number"),
+    ],
+)
+def test_a_map_of_other_joints_is_refused(given, text):
+    with pytest.raises(InputError, match=text):
+        StateMap(MODEL, TWIN, **given)
+
+
+def test_a_diverged_plant_is_still_read():
+    q, v = STATES.from_twin(np.full(4, np.nan), [np.inf] * 4)
+    assert np.isnan(q).all()
+    assert np.isinf(v).all()
+
+
+def test_data_of_another_robot_are_refused():
+    other = softdyn.load("spirob")
+    with pytest.raises(InputError, match=r"^data: expected 3 inputs, as 'spirob' has, got 2$"):
+        identification.identify(other, DATA, identification.parameters(other, "stiffness"))
+    names = ("q.joint1", "q.joint2", "q.joint3", "q.elbow")
+    data = identification.Measurements(TIMES, np.zeros((30, 2)), names, ANGLES)
+    with pytest.raises(InputError, match=r"^data: expected outputs of 'finger', got 'q.elbow'"):
+        identification.identify(MODEL, data, UNKNOWNS)
+
+
+@pytest.mark.parametrize("step", [0, -1.0, np.nan])
+def test_a_step_that_is_none_is_refused(step):
+    with pytest.raises(InputError, match=r"^step: expected a number > 0, got "):
+        identification.identify(MODEL, DATA, UNKNOWNS, step=step)

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from softdyn.checks import flag
 from softdyn.description.annotations import (
     BLOCK,
     AnnotationBlock,
@@ -39,6 +40,7 @@ from softdyn.description.robot import (
 )  # fmt: skip
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
+from softdyn.files import as_path
 
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
 MAX_DOF = 256
@@ -89,8 +91,12 @@ def parse(
     UrdfError
         For every misuse of the format, naming file, line, element, expected and got.
     """
-    path = Path(path)
-    overlay = None if annotations is None else partial(read, Path(annotations), "annotations")
+    path = as_path("path", path)
+    for name, value in (("floating", floating), ("repair_inertia", repair_inertia)):
+        flag(name, value)
+    overlay = None
+    if annotations is not None:
+        overlay = partial(read, as_path("annotations", annotations), "annotations")
     root = read(path) if content is None else read_bytes(path, content)
     robot = _robot(root, overlay, floating, repair_inertia)
     return robot if annotations is None else replace(robot, overlay=Path(annotations))

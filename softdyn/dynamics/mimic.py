@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softdyn.checks import read_only, vector
+from softdyn.checks import instance, read_only, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics.engine import BASE
 from softdyn.dynamics.model import SoftModel
@@ -36,7 +36,8 @@ def build(robot: Robot, bundled: str | None = None) -> SoftModel:
         When Pinocchio refuses the file, reads another robot in it than the strict parse did, or
         finds a singular mass matrix.
     """
-    model: SoftModel = (MimicModel if robot.followers else TreeModel)(robot, bundled)
+    followers = instance("robot", robot, Robot, "a Robot, from softdyn.parse(…)").followers
+    model: SoftModel = (MimicModel if followers else TreeModel)(robot, bundled)
     M = model.state(model.q0, np.zeros(model.nv)).M
     scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # a moment may be zero but for rounding
     weakest = int(np.argmin(scale))

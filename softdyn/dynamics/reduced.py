@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, read_only, vector
+from softdyn.checks import array, instances, read_only, vector
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.projection import Projection
 from softdyn.dynamics.tree import tree_of
@@ -60,11 +60,13 @@ def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float
         columns = np.shape(basis)[1] if np.ndim(basis) == 2 else 0
         names = tuple(f"xi_{k + 1}" for k in range(columns))
         basis = Basis(array("basis", basis, (model.nv, columns)), model.joint_names, names)
+    for name in ("joints", "names"):
+        instances(f"basis.{name}", getattr(basis, name), str, "a name")
     if sorted(basis.joints) != sorted(model.joint_names):
         other = sorted(set(basis.joints) ^ set(model.joint_names))
         raise InputError("basis", f"a row for each joint of {model.name!r}", f"of others: {other}")
     rows = [basis.joints.index(name) for name in model.joint_names]
-    matrix = array("basis", np.asarray(basis.matrix)[rows], (model.nv, len(basis.names)))
+    matrix = array("basis", basis.matrix, (model.nv, len(basis.names)))[rows]
     return ReducedModel(model, replace(basis, matrix=matrix, joints=model.joint_names))
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from softdyn.checks import array, did_you_mean, in_degrees
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import array, did_you_mean, in_degrees, instances, length, whole
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, errors_in
-from softdyn.files import read_bytes
+from softdyn.files import as_path, read_bytes
 
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
 UNIT = re.compile(r"\s*\([^()]*\)$")  # after a column's name, as a log's CSV has it
@@ -52,11 +52,15 @@ class Measurements:
     outputs: np.ndarray
 
     def __post_init__(self) -> None:
-        samples = len(self.t)
-        if samples < 3 or not self.names:
+        samples = length("t", self.t)
+        if samples < 3 or not instances("names", self.names, str, "an output's name"):
             raise InputError("data", "three samples of an output or more", f"{samples}")
         object.__setattr__(self, "t", array("t", self.t, (samples,)))
-        object.__setattr__(self, "u", array("u", self.u, (samples, np.shape(self.u)[-1])))
+        rows = self.u
+        if not isinstance(rows, np.ndarray):
+            rows = instances("u", rows, object, "the inputs of one sample")
+        inputs = length("u[0]", rows[0]) if length("u", rows) else 0
+        object.__setattr__(self, "u", array("u", rows, (samples, inputs)))
         shape = (samples, len(self.names))
         object.__setattr__(self, "outputs", array("outputs", self.outputs, shape))
         late = np.flatnonzero(np.diff(self.t) <= 0)
@@ -68,12 +72,12 @@ class Measurements:
 
     def part(self, begin: int, end: int) -> Measurements:
         """The samples from `begin` to `end`."""
-        keep = slice(begin, end)
+        keep = slice(whole("begin", begin), whole("end", end))
         return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep])
 
     def joints(self, model: SoftModel) -> np.ndarray | None:
         """Joint coordinates (N, n) where all were measured, else None."""
-        wanted = [f"q.{name}" for name in model.joint_names]
+        wanted = [f"q.{name}" for name in check_model(model).joint_names]
         if not set(wanted) <= set(self.names):
             return None
         return self.outputs[:, [self.names.index(name) for name in wanted]]
@@ -134,6 +138,30 @@ def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
     return best[1], best[2]
 
 
+def output_names(model: SoftModel) -> tuple[str, ...]:
+    """Names of all outputs that can be measured of a robot."""
+    return (
+        *(f"q.{name}" for name in model.joint_names), *(f"tip.{axis}" for axis in AXES),
+        *(f"length.{name}" for name in model.tendons.names),
+    )  # fmt: skip
+
+
+def check_data(model: SoftModel, data: Measurements) -> None:
+    """Refuse data of another robot.
+
+    Raises
+    ------
+    InputError
+        Another number of inputs, or outputs that the robot has not.
+    """
+    if data.u.shape[1] != model.nu:
+        raise InputError("data", f"{model.nu} inputs, as {model.name!r} has", data.u.shape[1])
+    known = output_names(model)
+    for name in data.names:
+        if name not in known:
+            raise InputError("data", f"outputs of {model.name!r}", did_you_mean(name, known))
+
+
 def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     """Measurements from a CSV file whose header names the columns.
 
@@ -153,8 +181,10 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
         number, angles that are degrees.
     """
+    inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
+    known = ("t", *inputs, *output_names(model))
     try:
-        lines = read_bytes(path, MAX_BYTES).decode("utf-8-sig").splitlines()
+        lines = read_bytes(as_path("path", path), MAX_BYTES).decode("utf-8-sig").splitlines()
         rows = [row for _, row in zip(range(MAX_ROWS + 2), csv.reader(lines), strict=False)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), "a CSV file", error) from None
@@ -166,11 +196,6 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
         rows = [[row[k] for k in kept] if len(row) == len(header) else row for row in rows]
         header = [header[k] for k in kept]
-    inputs = tuple(f"u.{actuator.name}" for actuator in model.robot.actuators)
-    known = (
-        "t", *inputs, *(f"q.{name}" for name in model.joint_names),
-        *(f"tip.{axis}" for axis in AXES), *(f"length.{name}" for name in model.tendons.names),
-    )  # fmt: skip
     for name in header:
         if name not in known:
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z or length.TENDON, of this robot"

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from softdyn.dynamics.model import SoftModel
+from softdyn.checks import array, instance, instances, number
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import DONE, ResidualBlock, least_squares, reduced
 from softdyn.identification.data import SHORTEST, Measurements
@@ -68,16 +69,14 @@ def identify(
     TrajectoryError
         No simulation near the first guess.
     """
-    unknowns = tuple(unknowns)
+    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
     if not unknowns:
         raise InputError("unknowns", "at least one", "none")
-    if model.robot.floating or model.robot.followers:
+    if check_model(model).robot.floating or model.robot.followers:
         raise InputError("robot", "a fixed base and no mimic joints", model.name)
-    if not 0 <= hold_out < 0.9:
-        raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
+    split = fit_length(data, hold_out)
     if len(data.t) < FEWEST:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
-    split = fit_length(data, hold_out)
     whole = problem_of(model, data.part(0, split), unknowns, step)
     found = fit(whole)
     for _ in range(CUTS if whole.smooth is None else 0):
@@ -113,6 +112,9 @@ def identify(
 
 def fit_length(data: Measurements, hold_out: float) -> int:
     """The number of samples that are fitted where a part from 0 to 1 is held out."""
+    if not 0 <= number("hold_out", hold_out) < 0.9:
+        raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
+    instance("data", data, Measurements, "Measurements")
     return max(FEWEST, round(len(data.t) * (1 - hold_out)))
 
 
@@ -139,8 +141,11 @@ def least_deviations(
     noise : ndarray, (outputs,)
         The true standard deviation of each output; white.
     """
-    part = data.part(0, fit_length(data, hold_out))
-    problem = problem_of(model, part, tuple(unknowns), step)
+    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
+    split = fit_length(data, hold_out)
+    theta = array("theta", theta, (len(unknowns),))
+    noise = array("noise", noise, (len(data.names),))
+    problem = problem_of(model, data.part(0, split), unknowns, step)
     if problem.smooth is None:
         problem = replace(problem, runs=((0, first_stop(problem, theta)),))
     R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
@@ -188,7 +193,7 @@ def fit(problem: FitProblem) -> Fit:
     TrajectoryError
         No simulation near the first guess.
     """
-    theta, firsts, noise = _starting_point(problem)
+    theta, firsts, noise = _starting_point(instance("problem", problem, FitProblem, "a FitProblem"))
     texts: list[str] = []
     for _ in range(ROUNDS + len(theta)):
         theta, firsts, simulated = _solve(problem, theta, firsts, noise)

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softdyn.checks import did_you_mean
+from softdyn.checks import array, did_you_mean, flag, instances
 from softdyn.description.robot import Robot
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.mimic import build
-from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.model import SoftModel, State, check_model
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
 from softdyn.identification.friction import friction_of
@@ -200,8 +200,10 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     InputError
         An unknown kind, or one of which the file gives no value.
     """
-    if kind not in KINDS:
-        raise InputError("kind", f"one of {', '.join(KINDS)}", did_you_mean(kind, KINDS))
+    check_model(model)
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError("kind", f"one of {', '.join(KINDS)}", did_you_mean(str(kind), KINDS))
+    shared = flag("shared", shared)
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
     about_zero = known in (KINDS["rest"], KINDS["offset"])
@@ -235,6 +237,8 @@ def unknowns_of(
     InputError
         See `parameters`.
     """
+    free = instances("free", free, str, "a kind")
+    shared = instances("shared", shared, str, "a kind")
     if not free and not shared:
         free = ("stiffness", "damping")
     found = [parameters(model, kind) for kind in free]
@@ -259,6 +263,9 @@ def member_values(
 ) -> dict[str, dict[str, float]]:
     """By kind and member, the values that θ gives; members without an unknown are left out."""
     found: dict[str, dict[str, float]] = {}
+    check_model(model)
+    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
+    theta = array("theta", theta, (len(unknowns),), finite=False)
     for parameter, value in zip(unknowns, theta, strict=True):
         names = parameter.kind.members(model)
         members = found.setdefault(parameter.kind.name, {})
@@ -269,8 +276,8 @@ def member_values(
 
 def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray) -> SoftModel:
     """The model with θ in place of the file's values."""
-    if not unknowns:
-        return model
+    if not instances("unknowns", unknowns, Parameter, "a Parameter"):
+        return check_model(model)
     values = member_values(model, unknowns, theta)
     robot = model.robot
     for name, members in values.items():

@@ -9,11 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from softdyn.checks import instance, instances, number
 from softdyn.dynamics.derivatives import stiffness
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock
-from softdyn.identification.data import AXES, SHORTEST, Measurements, at_stops, stretches
+from softdyn.identification.data import (
+    AXES,
+    SHORTEST,
+    Measurements,
+    at_stops,
+    check_data,
+    stretches,
+)
 from softdyn.identification.linear import smoothed
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
 from softdyn.identification.trajectory import Driven, Start, follow
@@ -198,6 +206,11 @@ def measured_outputs(
     model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The outputs (N, outputs) of a path (N, n), and their derivatives from the path's."""
+    instances("names", names, str, "an output's name")
+    for name, value, axes in (("path", path, 2), ("by", by, 3)):
+        shape = instance(name, value, np.ndarray, "an array").shape
+        if len(shape) != axes or shape[:2] != (len(path), check_model(model).nv):
+            raise InputError(name, f"{axes} axes, the first (N, {model.nv})", f"shape {shape}")
     out, slope = np.empty((len(path), len(names))), np.empty((len(path), len(names), by.shape[2]))
     joints = {f"q.{name}": k for k, name in enumerate(model.joint_names)}
     of_joints = [(k, joints[name]) for k, name in enumerate(names) if name in joints]
@@ -221,6 +234,9 @@ def problem_of(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
 ) -> FitProblem:
     """The problem of these unknowns: the stretches of the data that no stop spoils."""
+    check_data(check_model(model), instance("data", data, Measurements, "Measurements"))
+    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
+    step = number("step", step, above=0.0, finite=False)
     joints = data.joints(model)
     if joints is None:
         none = np.zeros((len(data.t), model.nv), bool)

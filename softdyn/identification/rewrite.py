@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from softdyn.checks import instance, number
 from softdyn.description.robot import Robot, moving_link_of
 from softdyn.description.urdf_writer import write
+from softdyn.exceptions import InputError
 from softdyn.identification.parameters import KINDS
 
 
@@ -21,7 +23,14 @@ def rewritten(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:
         By kind (of `KINDS`) and member, as `member_values` gives them. A mass is a factor on the
         body that the joint of that name moves, its welded links included.
     """
+    instance("robot", robot, Robot, "a Robot")
+    if not isinstance(values, Mapping):
+        raise InputError("values", "numbers by kind and member", repr(values))
     for kind, members in values.items():
+        if kind not in KINDS or not isinstance(members, Mapping):
+            raise InputError(f"values[{kind!r}]", f"one of {', '.join(KINDS)}", repr(members))
+        for name, value in members.items():
+            number(f"values[{kind!r}][{name!r}]", value)
         if kind == "mass":
             robot = _scaled(robot, members)
         else:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import FLOAT, array, did_you_mean, length, number, whole
 from softdyn.description.robot import Robot
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.validation.twin.bodies import FREE, TwinJoint
 
@@ -121,7 +121,7 @@ class StateMap:
     Raises
     ------
     InputError
-        When the two do not have the same joints.
+        When the two do not have the same joints, and for a map of others.
     """
 
     def __init__(
@@ -131,7 +131,9 @@ class StateMap:
         called: dict[str, int] | None = None,
         turns: dict[str, tuple[float, float]] | None = None,
     ) -> None:
-        floating = model.robot.floating
+        floating = check_model(model).robot.floating
+        if not all(hasattr(twin, name) for name in ("joint_names", "followers", "rest")):
+            raise InputError("twin", "a Twin", repr(twin))
         names = model.joint_names[6:] if floating else model.joint_names
         free = {FREE} if floating else set()
         own = [name for name in twin.joint_names if name not in {*twin.followers, *free}]
@@ -139,6 +141,7 @@ class StateMap:
             if sorted(names) != sorted(own) or floating != twin.floating:
                 raise InputError("twin", f"joints {model.joint_names}", twin.joint_names)
             called = {joint: k for k, joint in enumerate(twin.joint_names)}
+        _check_joints(called, {*names, *twin.followers, *free}, twin.model.njnt)
         kinds = {joint.name: joint.kind for joint in model.robot.joints}
         circular = [kinds[name] == "continuous" for name in names]
         self._circular = np.array(circular, bool)
@@ -158,7 +161,9 @@ class StateMap:
         self._multipliers = np.array([joint.multiplier for joint in followers])
         self._offsets = np.array([joint.offset for joint in followers])
         self._nq, self._nv = model.nq, model.nv
+        self._twin_nq, self._twin_nv = twin.model.nq, twin.model.nv
         self._rest = twin.rest.copy()
+        _check_turns({} if turns is None else turns, {*names, *twin.followers})
         self._sense, self._zero = _turns(turns or {}, list(names))
         self._follower_sense, self._follower_zero = _turns(turns or {}, follows)
         self._turned = bool(turns)
@@ -188,7 +193,7 @@ class StateMap:
 
     def from_twin(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Model state q (nq,), v (nv,) of a twin state; followers are left out."""
-        qpos, qvel = np.asarray(qpos, float), np.asarray(qvel, float)
+        qpos, qvel = _sized("qpos", qpos, self._twin_nq), _sized("qvel", qvel, self._twin_nv)
         coordinates, v = qpos[self._positions], qvel[self.dofs]
         if self._turned:
             coordinates, v = self._sense * coordinates + self._zero, self.signs * v
@@ -204,6 +209,7 @@ class StateMap:
 
     def coordinates(self, qpos: np.ndarray) -> np.ndarray:
         """(nv,) as `SoftModel.coordinates`, but that angles are not wrapped."""
+        qpos = _sized("qpos", qpos, self._twin_nq)
         joints = self._sense * qpos[self._positions] + self._zero
         if not self.floating:
             return joints
@@ -213,6 +219,7 @@ class StateMap:
 
     def velocity_map(self, qpos: np.ndarray) -> np.ndarray:
         """P (twin's nv, nv) with qvel = P v at the twin's qpos."""
+        qpos = _sized("qpos", qpos, self._twin_nq)
         if not self.floating:
             return self.ties
         found = self.ties.copy()
@@ -221,6 +228,7 @@ class StateMap:
 
     def velocity_map_rate(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Ṗ (twin's nv, nv): R [ω]× of a floating base, zero elsewhere."""
+        qpos, qvel = _sized("qpos", qpos, self._twin_nq), _sized("qvel", qvel, self._twin_nv)
         found = np.zeros_like(self.ties)
         if self.floating:
             cross = np.cross(np.eye(3), qvel[self._base[3:]])  # row i is e_i × ω, the matrix [ω]×
@@ -232,6 +240,36 @@ class StateMap:
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, np.asarray(qpos)[self._frame[3:]])
         return rotation.reshape(3, 3)
+
+
+def _sized(name: str, value: Any, size: int) -> np.ndarray:
+    """`value` (size,), which need not be finite: a plant may diverge."""
+    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (size,):
+        return value
+    return array(name, value, (size,), finite=False)
+
+
+def _check_joints(called: Any, names: set[str], count: int) -> None:
+    """Refuse what does not give one of the twin's joints for each name."""
+    if not isinstance(called, Mapping) or not names <= set(called):
+        raise InputError("called", f"a joint for each of {', '.join(sorted(names))}", repr(called))
+    for name in names:
+        if whole(f"called[{name!r}]", called[name]) >= count:
+            raise InputError(f"called[{name!r}]", f"one of {count} joints", called[name])
+
+
+def _check_turns(turns: Any, names: set[str]) -> None:
+    """Refuse what does not give a sense and a zero to some of the names."""
+    if not isinstance(turns, Mapping):
+        raise InputError("turns", "(sense, zero) by joint", repr(turns))
+    for name, pair in turns.items():
+        where = f"turns[{name!r}]"
+        if name not in names:
+            raise InputError("turns", "joints of the robot", did_you_mean(str(name), names))
+        if length(where, pair) != 2:
+            raise InputError(where, "(sense, zero)", repr(pair))
+        for value in pair:
+            number(where, value)
 
 
 def _addresses(
