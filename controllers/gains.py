@@ -13,6 +13,7 @@ import numpy as np
 from softdyn import InputError, SoftModel
 from softdyn.checks import did_you_mean
 from softdyn.dynamics.model import check_model
+from softdyn.exceptions import one_line
 
 
 @dataclass(frozen=True)
@@ -156,11 +157,12 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     if gains is None:
         table = PUBLISHED.get(model.bundled or "", {})
         if controller not in table:
-            expected = (
-                f"softdyn.controllers.Gains(Kp=…), or --gains FILE where a command has it, for "
-                f"{model.robot.path}, which has no published ones; best and mpc need none"
-            )
-            raise InputError("gains", expected, None)
+            file = one_line(model.robot.path, 1000)
+            raise InputError(
+                "gains", f"Gains(Kp=…) for {file}", None,
+                f"This controller needs gains for {file}: pass --gains FILE (in Python "
+                "Gains(Kp=…)), or use best, which needs none.",
+            )  # fmt: skip
         return table[controller]
     if not isinstance(gains, Gains):
         raise InputError("gains", "softdyn.controllers.Gains(Kp=…, …)", gains)

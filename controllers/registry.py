@@ -54,9 +54,10 @@ def find_controller(name: str) -> Callable[..., Any]:
     if not callable(cls):
         known = [
             name for name, value in vars(module).items()
-            if isinstance(value, type) and value.__module__ == module.__name__
+            if callable(value) and getattr(value, "__module__", "") == module.__name__
         ]  # fmt: skip
-        raise InputError("controller", f"a class in {file}", did_you_mean(kind, known))
+        listed = f": {', '.join(known)}" if known else ""
+        raise InputError("controller", f"a class in {file}{listed}", did_you_mean(kind, known))
     return cls
 
 

@@ -52,6 +52,22 @@ class Parser(argparse.ArgumentParser):
         """An option of earlier versions: one line says what does its work now."""
         self.add_argument(name, action=_Moved, const=now, nargs="*", help=argparse.SUPPRESS)
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; of a misspelt option the nearest one is named before anything else is missed."""
+        known = self._option_string_actions
+        for word in sys.argv[1:] if args is None else args:
+            name = str(word).partition("=")[0]
+            if name == "--":
+                break
+            value = name in ("", "-") or " " in name or self._negative_number_matcher.match(name)
+            if not (value or name[0] != "-" or any(one.startswith(name) for one in known)):
+                from softdyn.checks import did_you_mean
+                from softdyn.exceptions import one_line
+
+                near = did_you_mean(one_line(name), known)
+                self.error(f"option: expected one of those that --help lists, got {near}")
+        return super().parse_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         """Exit with code 2; what was typed may be long, and have lines."""
         from softdyn.exceptions import one_line

@@ -48,14 +48,16 @@ class InputError(SoftdynError, ValueError):
         The argument.
     expected, got : str
         What it should have been and what it was.
+    text : str
+        The whole message, where a sentence says it better than these three.
     """
 
-    def __init__(self, name: str, expected: str, got: object) -> None:
-        self.name, self.expected, self.got = name, expected, one_line(got)
-        super().__init__(f"{one_line(name, 1000)}: expected {expected}, got {self.got}")
+    def __init__(self, name: str, expected: str, got: object, text: str = "") -> None:
+        self.name, self.expected, self.got, self.text = name, expected, one_line(got), text
+        super().__init__(text or f"{one_line(name, 1000)}: expected {expected}, got {self.got}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # crosses process boundaries
-        return type(self), (self.name, self.expected, self.got)
+        return type(self), (self.name, self.expected, self.got, self.text)
 
 
 @contextmanager

@@ -56,6 +56,9 @@ def find(source: str | Path) -> Path:
         return own
     path = Path(text)
     if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
+        if path.suffix.lower() == ".toml":
+            expected = f"a URDF: `softdyn new {text}` writes one from such a file"
+            raise InputError("robot", expected, text)
         return path
     examples = example_robots() if len(path.parts) == 1 else {}
     for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf

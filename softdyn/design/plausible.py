@@ -25,6 +25,10 @@ SAG = 0.04, 1e4
 """ρ g A L³ / EI of an arm that no cable bends; 8 times the level rod's sag over its length."""
 BEND = 0.03, 300.0
 """Angle (rad) by which a cable at full tension bends its weightless arm."""
+LENGTH = 1e-3, 20.0
+"""Length of a section (m)."""
+RADIUS = 1e-4, 1.0
+"""Radius of a section (m)."""
 HINT = "or unusual = true for what is meant"
 
 
@@ -41,6 +45,11 @@ def check(layout: Layout) -> None:
         _check_place(arm, cable)
     if arm.unusual:
         return
+    for section in arm.sections:
+        where = f"section {section.name!r}"
+        _within(f"{where}: length", section.length, LENGTH, "m")
+        for at in (0.0, 1.0):
+            _within(f"{where}: radius", along(section.radius, at), RADIUS, "m")
     for section in arm.sections:
         where, material = f"section {section.name!r}", section.material
         if section.mass is None:
@@ -68,7 +77,10 @@ def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> 
         bounds = f"{low:g} to {high:g}".replace("0 to", "at most") if low == 0 else (
             f"{low:g} to {high:g}"
         )  # fmt: skip
-        raise InputError(what, f"{bounds} {unit} ({HINT})".replace("  ", " "), f"{value:.3g}")
+        got = f"{value:.3g}"
+        if unit == "m" and low <= value * (1e-3 if value > high else 1e3) <= high:
+            got += ": in mm?" if value > high else ": in m, not in mm?"
+        raise InputError(what, f"{bounds} {unit} ({HINT})".replace("  ", " "), got)
 
 
 def _check_place(arm: Arm, cable: Cable) -> None:

@@ -145,9 +145,10 @@ class TomlTable:
         for key in self.values:
             if key in self._known:
                 continue
+            with_unit = [one for one in self._known if one.startswith(f"{key}_")]
             near = difflib.get_close_matches(key, self._known, 1, 0.5)
             expected = f"{near[0]}?" if near else f"one of {', '.join(self._known)}"
-            raise self.error(key, expected, "an unknown key")
+            raise self.error(key, " or ".join(with_unit) or expected, "an unknown key")
 
     def error(self, key: str, expected: str, got: object) -> InputError:
         """What is wrong with a key."""

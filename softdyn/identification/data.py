@@ -16,7 +16,9 @@ from softdyn.exceptions import InputError, errors_in
 from softdyn.files import as_path, read_bytes
 
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
-UNIT = re.compile(r"\s*\([^()]*\)$")  # after a column's name, as a log's CSV has it
+UNIT = re.compile(r"\s*\(([^()]*)\)$")  # after a column's name, as a log's CSV has it
+UNITS = {"t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",)}
+SLOW = 0.5  # s between samples, from which on times are rather milliseconds
 BESIDE = ("v.", "target.")
 AXES = ("x", "y", "z")
 SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
@@ -179,7 +181,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     ------
     InputError
         A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
-        number, angles that are degrees.
+        number, angles in degrees, times in milliseconds.
     """
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     known = ("t", *inputs, *output_names(model))
@@ -191,7 +193,8 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     rows = [row for row in rows if row]
     if len(rows) > MAX_ROWS + 1:
         raise InputError(str(path), f"at most {MAX_ROWS} rows", "more")
-    header = [UNIT.sub("", name.strip()) for name in rows[0]] if rows else []
+    titles = [title.strip() for title in rows[0]] if rows else []
+    header = [_without_unit(path, title) for title in titles]
     if rows:  # what a log has besides is no measurement
         kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
         rows = [[row[k] for k in kept] if len(row) == len(header) else row for row in rows]
@@ -220,7 +223,21 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
                for names in (inputs, outputs)]  # fmt: skip
     with errors_in(str(path)):
-        return Measurements(column["t"], stacked[0], outputs, stacked[1])
+        data = Measurements(column["t"], stacked[0], outputs, stacked[1])
+    step = float(np.median(np.diff(data.t)))
+    if step >= SLOW and "t (s)" not in titles:
+        expected = f"seconds, or the title t (s) where samples are {step:g} s apart"
+        raise InputError(f"{path}: column t", expected, f"steps of {step:g}: milliseconds?")
+    return data
+
+
+def _without_unit(path: str | Path, title: str) -> str:
+    """A column's name; a unit in its title has to be the one that the numbers are read in."""
+    name, found = UNIT.sub("", title), UNIT.search(title)
+    units = UNITS.get(name.partition(".")[0])
+    if found and units and found[1] not in units:
+        raise InputError(f"{path}: header", f"{name} in {' or '.join(units)}", repr(title))
+    return name
 
 
 def _numbers(path: str | Path, header: list[str], line: int, row: list[str]) -> list[float]:

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
 
 import pytest
 
@@ -86,6 +87,30 @@ def test_an_option_that_moved_names_the_new_command(line, now, capsys):
     assert stop.value.code == 2
     out, err = capsys.readouterr()
     assert (out, err) == ("", f"error: argument {line.split()[1]}: now `{now}`\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("run finger ic --theta 0.5 --gians x", "got '--gians'; did you mean '--gains'?"),
+        ("identify --fere x", "got '--fere'; did you mean '--free'?"),  # before what is missing
+        ("run finger ic -theta 0.5", "got '-theta'; did you mean '--theta'?"),
+        ("view finger --colour=red", "got '--colour'"),
+    ],
+)
+def test_a_misspelt_option_is_named_with_the_nearest(line, said, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(line.split())
+    assert stop.value.code == 2
+    expected = f"error: option: expected one of those that --help lists, {said}\n"
+    assert capsys.readouterr() == ("", expected)
+
+
+def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
+    for line in ("statics finger --target -20 -1e-3 -inf", "check finger --sampl 0"):
+        with suppress(SystemExit):
+            assert main(line.split()) == 2
+        assert "option:" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", sorted(MOVED))

@@ -35,6 +35,13 @@ class Broken:
 """
 
 
+def test_the_classes_of_a_file_are_named(own: str) -> None:
+    with pytest.raises(InputError, match=r": Table, Leaves, Broken, got 'table'; did you mean 'Ta"):
+        find_controller(f"{own}:table")
+    with pytest.raises(InputError, match=r"^controller: expected a name, or FILE\.py:CLASS"):
+        find_controller(None)  # type: ignore[arg-type]
+
+
 @pytest.fixture
 def own(tmp_path: Path) -> str:
     (tmp_path / "mine.py").write_text(OWN)

@@ -30,6 +30,13 @@ def test_a_bundled_name_and_its_path_are_one_robot(name: str) -> None:
     assert bundled_name(path) == name
 
 
+def test_the_table_of_an_arm_is_no_robot(tmp_path: Path) -> None:
+    table = tmp_path / "arm.toml"
+    table.write_text("name = 'arm'\n")
+    with pytest.raises(InputError, match=r"expected a URDF: `softdyn new .*arm\.toml` writes one"):
+        find(table)
+
+
 def test_a_bundled_file_is_known_by_any_of_its_paths(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.chdir(BUNDLED)
     assert bundled_name(Path("finger.urdf")) == "finger"

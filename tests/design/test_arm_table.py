@@ -74,6 +74,13 @@ WRONG = {
     "no segments": ("segments = 4", "segments = 0", r"\[\[section\]\] 1: segments: .*, got 0"),
     "more than a file may have": ("segments = 4", "segments = 257", "from 1 to 256, got 257"),
     "negative radius": ("[20, 17]", "[20, -17]", r"radius: expected a finite number > 0, got -0.0"),
+    "m for mm": ("length_mm", "length_m", r"length: expected 0.001 to 20 m .*: in mm\?$"),
+    "mm for m": ("length_mm = ", "length_mm = 0.00", r"length: .*in m, not in mm\?$"),
+    "no unit of an optional key": (
+        "= 0.25",
+        "= 0.25\ndensity = 1000",
+        r"density: expected density_kg_m3 or density_g_cm3, ",
+    ),
     "E 1e3 too large": ("= 0.25", "= 250", "'base_1': bend at max_tension, by Young's modulus"),
     "E 1e6 too large": ("= 0.25", "= 250000", "expected at most 14000 m/s"),
     "E 1e3 too small": ("= 0.25", "= 0.00025", "Young's modulus: expected 5000 to"),

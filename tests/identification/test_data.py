@@ -43,6 +43,9 @@ def test_names_of_the_finger(finger):
         (HEADER + "\n" + "0,0,0,0,0,0,0\n" * 3, "constant|increasing"),
         (HEADER + "\n0,0,0,1,0,0,0\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "increasing times, got 0, th"),
         (HEADER + "\n0,0,0,1,0,0,0\n1,0,0,1,0,0,0\n2,0,0,1,0,0,0\n", "outputs that move"),
+        (HEADER + "\n0,0,0,0,0,0,0\n5,0,0,0,0,0,.1\n10,0,0,0,0,0,0\n", "of 5: milliseconds?"),
+        (HEADER.replace("t,", "t (ms),"), r"header: expected t in s, got 't \(ms\)'"),
+        (HEADER + " (deg)", r"expected q.joint4 in rad or m, got 'q.joint4 \(deg\)'"),
         (HEADER + "\n0,0,0,1,0,0,0\n1,0,0,1,40,0,0\n2,0,0,1,0,0,0\n", "from -1.57.*: degrees?"),
     ],
 )  # fmt: skip
@@ -53,6 +56,13 @@ def test_files_that_cannot_be_used(finger, tmp_path, text, message, capsys):
         identification.read_csv(path, finger)
     assert command.main(["finger", str(path)]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_slow_samples_are_read_where_the_title_says_seconds(finger, tmp_path):
+    path = tmp_path / "slow.csv"
+    rows = "\n0,0,0,0,0,0,0\n5,0,0,0,0,0,.1\n10,0,0,0,0,0,0\n"
+    path.write_text(HEADER.replace("t,", "t (s),") + rows)
+    assert identification.read_csv(path, finger).t.tolist() == [0, 5, 10]
 
 
 def test_samples_at_a_stop_and_beside_it(finger):
