@@ -1,16 +1,31 @@
-"""The page of commands, from the commands themselves."""
+"""The parts of the site that no Markdown file holds: the commands, and formulas as MathML."""
 
+import html
 import importlib
+import re
+from xml.etree.ElementTree import Element, tostring
 
+from latex2mathml.converter import convert_to_element
 from mkdocs.structure.files import File, Files
 
 from softdyn.commands.__main__ import COMMANDS, spelt
 
+# as pymdownx.arithmatex marks them
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
+TAG = re.compile(r"\\tag\{(\w+)\}")
+# under their operator in a displayed formula
+LIMITS = {"min", "max", "\u2211"}  # Σ
+
 
 def on_files(files: Files, config) -> Files:
-    """Add commands.md: what `softdyn NAME --help` says, command by command."""
+    """Add commands.md, the output of `softdyn NAME --help` for each command."""
     files.append(File.generated(config, "commands.md", content=commands()))
     return files
+
+
+def on_page_content(content: str, **_) -> str:
+    """Replace each formula by its MathML, which browsers draw without a script or a network."""
+    return FORMULA.sub(lambda found: formula(html.unescape(found[2]), found[1] == "div"), content)
 
 
 def commands() -> str:
@@ -23,3 +38,34 @@ def commands() -> str:
             parser.prog = f"softdyn {spelt(name)}"
             lines += [f"### {spelt(name)}", "", "```text", parser.format_help().rstrip(), "```", ""]
     return "\n".join(lines)
+
+
+def formula(tex: str, displayed: bool) -> str:
+    """MathML of a formula in LaTeX; a displayed one with the number of its \\tag beside it.
+
+    Raises
+    ------
+    ValueError
+        LaTeX that the converter does not know.
+    """
+    tags, tex = TAG.findall(tex), TAG.sub("", tex).strip()
+    # the converter knows align*, which is drawn alike
+    tex = tex.replace("{aligned}", "{align*}")
+    math = convert_to_element(tex, display="block" if displayed else "inline")
+    for element in math.iter():
+        _mend(element, displayed)
+    unknown = [x.text for x in math.iter() if x.text and re.search(r"[\\&]", x.text)]
+    if unknown:
+        raise ValueError(f"formula {tex!r}: expected known LaTeX, got {unknown}")
+    text = tostring(math, encoding="unicode")
+    if not displayed:
+        return text
+    number = "".join(f"<span>({tag})</span>" for tag in tags)
+    return f'<div class="formula">{text}{number}</div>'
+
+
+def _mend(element: Element, displayed: bool) -> None:
+    """Decode its text; put limits of a displayed operator below it."""
+    element.text = html.unescape(element.text or "") or None
+    if displayed and element.tag == "msub" and element[0].text in LIMITS:
+        element.tag = "munder"
