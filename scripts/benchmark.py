@@ -54,7 +54,11 @@ def command(arguments: cli.Arguments) -> int:
     """Run what is missing, then table and figures."""
     from softdyn import InputError
     from softdyn.validation.studies import benchmark
-    from softdyn.validation.studies.benchmark_table import benchmark_table, write_benchmark
+    from softdyn.validation.studies.benchmark_table import (
+        EMULATED,
+        benchmark_table,
+        write_benchmark,
+    )
     from softdyn.validation.studies.engine import executors
 
     began = perf_counter()
@@ -86,6 +90,8 @@ def command(arguments: cli.Arguments) -> int:
         where = f"The whole result: {draw_all(cases, out, jobs)['report']}\n\n{where}"
     report["wall_s"] = perf_counter() - began
     text = benchmark_table(report["rows"]).text()
+    if any(row["emulated"] for row in report["rows"]):
+        text += f"\n\n{EMULATED}"
     cli.write_report(report, arguments.json, f"{text}\n\n{where}\n{report['wall_s']:.0f} s")
     return cli.PASSED
 

@@ -374,8 +374,8 @@ def reproduction_table(rows: list[dict[str, Any]]) -> Table:
 
 
 def _reproduction_cells(row: dict[str, Any]) -> list[str]:
-    robot, controller, sp, sp_paper, tt, tt_paper, _, failed = benchmark_cells(row)
-    _, _, our_sp, _, our_tt, *_ = benchmark_cells(row["ours"])
+    robot, controller, sp, sp_paper, _, tt, tt_paper, *_, failed = benchmark_cells(row)
+    _, _, our_sp, _, _, our_tt, *_ = benchmark_cells(row["ours"])
     # no run of a kind: nothing to show
     points = (sp, our_sp, sp_paper) if row["set_points_cm"] else ("-",) * 3
     rates = (tt, our_tt, tt_paper) if row["trajectories_cm2"] else ("-",) * 3

@@ -24,9 +24,11 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.processes import in_processes
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark_table import (
+    EMULATED,
     TITLES,
     benchmark_cells,
     benchmark_table,
+    emulations,
     every_run_table,
 )
 from softdyn.validation.studies.engine.case import Case, number_text
@@ -54,19 +56,20 @@ STYLE = """\
 @media (prefers-color-scheme: dark) { :root { --ink: #e4e9ef; --quiet: #9aa7b5; --line: #35404c;
   --back: #14191f; --card: #1c232b; --bad: #ff8f80; --good: #6fd39b; --link: #79b8ff; } }
 * { box-sizing: border-box; }
-body { margin: 0 auto; padding: 16px; max-width: 1180px; background: var(--back); color: var(--ink);
+body { margin: 0 auto; padding: 16px; max-width: 1340px; background: var(--back); color: var(--ink);
   font: 15px/1.5 system-ui, sans-serif; }
 h1 { font-size: 24px; margin: 8px 0; } h2 { font-size: 18px; margin: 32px 0 8px; }
 h3 { font-size: 15px; margin: 20px 0 6px; }
 a { color: var(--link); } p, li { max-width: 75ch; } .quiet { color: var(--quiet); }
 .wide { overflow-x: auto; border: 1px solid var(--line); border-radius: 8px; }
-table { border-collapse: collapse; width: 100%; font-size: 14px; }
-th, td { padding: 5px 10px; text-align: right; white-space: nowrap;
+table { border-collapse: collapse; width: 100%; font-size: 13px; }
+th, td { padding: 5px 8px; text-align: right; white-space: nowrap;
   font-variant-numeric: tabular-nums; }
 th { font-weight: 600; color: var(--quiet); background: var(--card); }
 td { border-top: 1px solid var(--line); } tr.first td { border-top: 2px solid var(--line); }
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
 td.bad { color: var(--bad); }
+pre { overflow-x: auto; }
 .grid { display: grid; gap: 10px; grid-template-columns: repeat(auto-fill, minmax(165px, 1fr)); }
 .grid a { display: block; padding: 8px; border: 1px solid var(--line); border-radius: 8px;
   background: var(--card); color: inherit; text-decoration: none; }
@@ -220,6 +223,11 @@ def _table(rows: Sequence[dict[str, Any]]) -> str:
         "the trajectories. Mean ± population standard deviation over all runs, failed ones "
         f'included; "none" where a run ended before its time. {NOTE}</p>'
     )
+    if commands := emulations(rows):
+        note = (
+            f"<p><b>{EMULATED}</b></p><details><summary>How the emulated figures were made"
+            f"</summary><pre>{escape(chr(10).join(commands))}</pre></details>{note}"
+        )
     return _wide(benchmark_table(rows), [{last} if row["failed"] else set() for row in rows]) + note
 
 
@@ -241,7 +249,7 @@ def _gallery(
             f'<img src="{_url(thumbnail_path(cases[0]))}" width="360" height="300" loading="lazy" '
             f'alt="{escape(robot_title(robot))} with {escape(cells[1])}">'
             f"<b>{escape(cells[1])}</b><span>SP {escape(cells[2])} cm</span>"
-            f"<span>TT {escape(cells[4])} cm²</span>{bad if row['failed'] else ''}</a>"
+            f"<span>TT {escape(cells[5])} cm²</span>{bad if row['failed'] else ''}</a>"
         )
     return [*parts, "</div>"]
 

@@ -6,6 +6,7 @@ with the step times, see `engine.store`.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
@@ -18,6 +19,7 @@ import numpy as np
 
 from softdyn import InputError
 from softdyn.controllers.registry import make_controller, one_line_errors
+from softdyn.validation.files import read_json
 from softdyn.validation.loop.labels import cell_title
 from softdyn.validation.loop.metrics import mean_std
 from softdyn.validation.plain_data import to_plain_data
@@ -116,6 +118,42 @@ def labelled(cases: Iterable[Case]) -> dict[str, Case]:
 def committed() -> dict[str, Distribution]:
     """The ensembles of the paper's grid that stand beside the code."""
     return read_distributions(ENSEMBLES)
+
+
+@cache
+def emulated(robot: str, controller: str) -> dict[str, Any] | None:
+    """The committed figures of the published experiment, run by our emulation of it.
+
+    Means and deviations by the names of `experiments.Published`, None where a run ended early, and
+    ``experiments`` as `softdyn reproduce` names them; None without a published row.
+    """
+    found: dict[str, Any] = {}
+    names: dict[str, None] = {}
+    for cell in read_json(MEASURED / "published.json", "rows of a table")["rows"]:
+        if cell["cell"] != f"{robot}/{controller}" or cell["published"] == "-":
+            continue
+        short, unit = ("sp", "cm") if cell["columns"][0].startswith("θ") else ("tt", "cm2")
+        runs = emulation(cell)
+        if None not in runs.values():
+            pair = mean_and_std([run for run in runs.values() if run is not None])
+            mean, std = (x.median if math.isfinite(x.median) else None for x in pair)
+            found |= {f"{short}_mean_{unit}": mean, f"{short}_std_{unit}": std}
+        names |= dict.fromkeys(label.partition("/")[0] for label in runs)
+    return found | {"experiments": list(names)} if found else None
+
+
+def emulation(cell: Mapping[str, Any]) -> dict[str, Distribution | None]:
+    """The emulated runs of a published cell by their labels, one a column."""
+    name = cell["experiment"]  # one for all columns, or each column's own
+    each = [name] * len(cell["columns"]) if isinstance(name, str) else name
+    pairs = zip(each, cell["columns"], strict=True)
+    labels = [f"{experiment}/{cell['cell']}/{column}" for experiment, column in pairs]
+    return {label: _emulations().get(label) for label in labels}
+
+
+@cache
+def _emulations() -> dict[str, Distribution]:
+    return read_distributions(MEASURED / "reproduction.json")
 
 
 def benchmark_report(
@@ -234,6 +272,7 @@ def row(robot: str, controller: str, runs: list[tuple[Case, dict[str, Any]]]) ->
         "fallbacks": sum(result["fallbacks"] for result in results),
         "max_bound_violation": max(_number(r["max_bound_violation"]) for r in results),
         "paper": None if published is None else asdict(published),
+        "emulated": emulated(robot, controller),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +13,26 @@ from softdyn.validation.studies.engine.distribution import NOTE, number
 from softdyn.validation.tables import Table, document
 
 TITLES = (
-    "Robot", "Controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper", "Inputs (1/s)",
-    "Failed runs",
+    "Robot", "Controller", "SP (cm)", "SP, paper", "SP, emulated", "TT (cm²)", "TT, paper",
+    "TT, emulated", "Inputs (1/s)", "Failed runs",
 )  # fmt: skip
+EMULATED = (
+    'The columns "emulated" repeat the published experiment with its own targets, plant and '
+    "program (committed figures): compare these with the paper. The first column of SP and of TT "
+    "is another experiment: the paper's equations in a finer plant."
+)
 ABOUT = (
     "SP: mean ± population standard deviation over the set points of the final error. "
     "TT: the same over the trajectories of the time-mean of the squared error. Means contain "
     'every run; "none" where one of them ended before its time. Inputs: how much they change '
-    f"a second, over their range, mean over the inputs and the runs. {NOTE}"
+    f"a second, over their range, mean over the inputs and the runs. {NOTE} {EMULATED}"
 )
 
 
 def benchmark_cells(row: dict[str, Any]) -> tuple[str, ...]:
     """One row of the table as text; a dash for what was not asked for or not published."""
-    published = row["paper"]
+    published, emulated = row["paper"], row.get("emulated") or {}
+    runs = len(row["set_points_cm"]) + len(row["trajectories_cm2"])
 
     def ours(kind: str, unit: str, runs: str) -> str:
         chaotic = row.get("ensemble", {}).get(f"{kind}_mean_{unit}")
@@ -34,24 +40,46 @@ def benchmark_cells(row: dict[str, Any]) -> tuple[str, ...]:
             return str(chaotic["text"])
         if not row[runs]:
             return "-"
-        mean, std = (row[f"{kind}_{what}_{unit}"] for what in ("mean", "std"))
-        return "none" if mean is None or std is None else f"{number(mean)} ± {number(std)}"
+        return spread(row, f"{kind}_mean_{unit}", f"{kind}_std_{unit}")
 
     def theirs(kind: str, unit: str) -> str:
         if published is None:
             return "-"
         return experiments.spread(*(published[f"{kind}_{what}_{unit}"] for what in ("mean", "std")))
 
+    def again(kind: str, unit: str) -> str:
+        mean, std = f"{kind}_mean_{unit}", f"{kind}_std_{unit}"
+        return spread(emulated, mean, std) if mean in emulated else "-"
+
     return (
         row["robot"],
         CONTROLLERS.get(row["controller"], row["controller"]),
         ours("sp", "cm", "set_points_cm"),
         theirs("sp", "cm"),
+        again("sp", "cm"),
         ours("tt", "cm2", "trajectories_cm2"),
         theirs("tt", "cm2"),
+        again("tt", "cm2"),
         "-" if row.get("input_activity") is None else f"{row['input_activity']:.3g}",
-        ", ".join(cell_title(f["kind"], f["value"]) for f in row["failed"]) or "-",
+        f"{len(row['failed'])} of {runs}" if row["failed"] else "-",
     )
+
+
+def spread(row: Mapping[str, Any], mean: str, std: str) -> str:
+    """Mean ± deviation as text; "none" where a run ended before its time."""
+    if row[mean] is None or row[std] is None:
+        return "none"
+    return f"{number(row[mean])} ± {number(row[std])}"
+
+
+def emulations(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The commands that make the columns "emulated"; CHECKOUT is the paper's program."""
+    return [
+        f"softdyn reproduce {' '.join(row['emulated']['experiments'])} --robots {row['robot']} "
+        f"--controllers {row['controller']} --files CHECKOUT --keep FILE"
+        for row in rows
+        if row.get("emulated")
+    ]
 
 
 def benchmark_table(rows: Sequence[dict[str, Any]]) -> Table:
@@ -89,8 +117,10 @@ def benchmark_document(rows: Sequence[dict[str, Any]]) -> str:
         for name, row in named
         for f in row["failed"]
     ]
+    commands = "\n".join(f"    {line}" for line in emulations(rows))
     return document(
         "# Benchmark", benchmark_table(rows).markdown(), ABOUT,
+        *(["## How the emulated figures were made", commands] if commands else []),
         "## Every run", every_run_table(rows).markdown(),
         *(["## Outside the committed ensembles", "\n".join(apart)] if apart else []),
         *(["## Failed runs", "\n".join(failures)] if failures else []),
@@ -100,5 +130,5 @@ def benchmark_document(rows: Sequence[dict[str, Any]]) -> str:
 def write_benchmark(rows: Sequence[dict[str, Any]], folder: Path) -> None:
     """The table below a folder, as Markdown, LaTeX and JSON."""
     write_text(folder / "table.md", benchmark_document(rows))
-    write_text(folder / "table.tex", benchmark_table(rows).latex("llrrrrrl"))
+    write_text(folder / "table.tex", benchmark_table(rows).latex("llrrrrrrrl"))
     write_json(folder / "results.json", {"rows": list(rows)})

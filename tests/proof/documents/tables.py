@@ -22,6 +22,7 @@ from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_ti
 from softdyn.validation.paper import one_step
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark import MEASURED
+from softdyn.validation.studies.benchmark_table import spread
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import (
     NOTE,
@@ -123,24 +124,27 @@ def _noted(table: str) -> str:
 
 
 def _benchmark() -> str:
-    titles = ["robot", "controller", "SP (cm)", "SP, paper", "TT (cm²)", "TT, paper"]
+    titles = [
+        "robot", "controller", "SP (cm)", "SP, paper", "SP, emulated", "TT (cm²)", "TT, paper",
+        "TT, emulated",
+    ]  # fmt: skip
     lines = []
     for robot in PAPER_ROBOTS:
         for controller in GRID:
-            ours = []
-            for kind in SYMBOLS:
+            line = [robot, _title(controller)]
+            theirs = experiments.published(robot, controller)
+            again = benchmark.emulated(robot, controller)
+            for kind, (short, unit, *_) in benchmark.KINDS.items():
                 mean, std = mean_and_std(_grid(robot, controller, kind))
-                ours.append(mean.text(std))
-            row = experiments.published(robot, controller)
-            theirs = (
-                [None, None]
-                if row is None
-                else [
-                    experiments.spread(row.sp_mean_cm, row.sp_std_cm),
-                    experiments.spread(row.tt_mean_cm2, row.tt_std_cm2),
+                keys = f"{short}_mean_{unit}", f"{short}_std_{unit}"
+                line += [
+                    mean.text(std),
+                    None
+                    if theirs is None
+                    else experiments.spread(*(getattr(theirs, k) for k in keys)),
+                    None if again is None else spread(again, *keys),
                 ]
-            )
-            lines.append([robot, _title(controller), ours[0], theirs[0], ours[1], theirs[1]])
+            lines.append(line)
     return _noted(Table(titles, lines).markdown())
 
 
@@ -260,12 +264,8 @@ def _published() -> str:
     titles = ["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]
     lines = []
     for cell in _rows("published"):
-        made_by = cell["experiment"]  # one for all, or each column's own
-        each = [made_by] * len(cell["columns"]) if isinstance(made_by, str) else made_by
-        emulated = [
-            _cells("reproduction").get(f"{experiment}/{cell['cell']}/{column}")
-            for experiment, column in zip(each, cell["columns"], strict=True)
-        ]
+        made = benchmark.emulation(cell)
+        emulated = list(made.values())
         runs = [one for one in emulated if one is not None]
         logs = cell["logs"] or [None] * len(cell["columns"])
         known = [f"{x:.2f}" if x is not None else "-" for x in logs] if cell["logs"] else ["none"]
@@ -277,7 +277,7 @@ def _published() -> str:
         lines.append([
             cell["title"], cell["published"], cell["commit"], ", ".join(known),
             ", ".join("-" if one is None else one.text() for one in emulated) + mean,
-            ", ".join(f"`{name}`" for name in dict.fromkeys(each)),
+            ", ".join(f"`{name}`" for name in dict.fromkeys(label.split("/")[0] for label in made)),
             verdict(cell["published"], cell["logs"], emulated),
         ])  # fmt: skip
     return _noted(Table(titles, lines).markdown())

@@ -12,6 +12,7 @@ import pytest
 from softdyn.validation.report import index as report
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine.case import Case
+from softdyn.view.page import head
 from tests.support.browser import Browser, required
 
 OWN = """
@@ -127,6 +128,31 @@ def test_own_names_become_safe_paths():
     case = Case("finger", "../../x y/z.py:A<b>", "set_point", 0.0)
     for path in (report.replay_path(case), report.thumbnail_path(case)):
         assert re.fullmatch(r"[\w-]+/finger/[\w-]+\.(html|png)", path.as_posix())
+
+
+def paper_rows():
+    """The paper's table from the committed ensembles; every run of the helix failed."""
+    runs = []
+    for case in benchmark.grid(("finger", "helix", "spirob"), ("clf-qp", "soft-id-clf-qp", "uic")):
+        cell = benchmark.committed()[benchmark.label(case)]
+        figures = ("final_error_cm", "mse_cm2", "second_cycle_mse_cm2")
+        result = dict.fromkeys(figures, cell.nominal) | {
+            "failed": case.robot == "helix", "reason": "", "input_activity": 1234.5,
+            "not_solved": 0, "fallbacks": 0, "max_bound_violation": 0.0,
+        }  # fmt: skip
+        runs.append((case, result))
+    return benchmark.rows_of_runs(runs, benchmark.committed())
+
+
+@required()
+def test_the_table_fits_1400_pixels(tmp_path):
+    page = tmp_path / "table.html"
+    page.write_text(f"{head('table', report.STYLE)}<body>{report._table(paper_rows())}", "utf-8")
+    with Browser() as browser:
+        browser.open(page.as_uri(), 1400, 900)
+        assert "9 of 9" in browser.run("document.body.innerText")
+        wide = "document.querySelector('.wide')"
+        assert browser.run(f"{wide}.scrollWidth - {wide}.clientWidth") <= 0
 
 
 @required()
