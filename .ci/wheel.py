@@ -13,6 +13,7 @@ import argparse
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -178,6 +179,8 @@ def install(folder: Path) -> Path:
     wheel_of = [*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT]
     subprocess.run(wheel_of, check=True, env=clean)
     (wheel,) = folder.glob("softdyn-*.whl")
+    (ROOT / "dist").mkdir(exist_ok=True)
+    shutil.copy(wheel, ROOT / "dist")  # README.md installs it from there
     venv.create(folder / "env", with_pip=True)
     python = folder / "env" / "bin" / "python"
     subprocess.run([python, *pip[1:], "install", wheel], check=True, env=clean)
