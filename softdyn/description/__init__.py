@@ -1,13 +1,13 @@
 """A robot's file as frozen data, without any engine.
 
-- `library`: from a name to a file: bundled robots, paths, example-robot-data;
-- `strict_xml`: XML without surprises; every error names file, line and element;
-- `urdf`: the one parse of an annotated URDF, from links and joints to the checks of the whole;
-- `urdf_writer`: the inverse of the parse, URDF text of a robot;
+- `library`: finds a robot's file by name: bundled robots, paths, example-robot-data;
+- `strict_xml`: reads XML strictly; every error names file, line and element;
+- `urdf`: parses an annotated URDF: links, joints, checks of the whole;
+- `urdf_writer`: writes a robot as URDF text, the inverse of the parse;
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block
   with armatures, tendons, actuators and the task frame, overlays;
 - `unknown_names`: misspelt and misplaced elements;
-- `robot`: the data itself, links, joints, tendons, and the tree that they span;
-- `inertia`: transport, lumping, what makes an inertia physical, the nearest one that is;
-- `visuals`, `meshes`: a robot's looks, and the mesh files behind them.
+- `robot`: the data: links, joints, tendons, and the tree that they span;
+- `inertia`: moves and adds inertias, checks that one is physical, finds the nearest physical one;
+- `visuals`, `meshes`: the shapes that a robot shows, and its mesh files.
 """

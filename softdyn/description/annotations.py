@@ -18,7 +18,7 @@ COINCIDENT = 1e-9  # metres between two sites that count as one point
 
 @dataclass(frozen=True, eq=False)
 class AnnotationBlock:
-    """Content of ``<softdyn>``; every part of it may be missing."""
+    """The content of ``<softdyn>``; every part is optional."""
 
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
@@ -30,8 +30,8 @@ def read_block(
 ) -> AnnotationBlock:
     """Read the block, and write armatures into `joints`.
 
-    An `overlay` is a block in a file of its own, where a joint may be given a spring and a damper
-    too; they replace those of the URDF.
+    An `overlay` is a block in a separate file. There a joint may have a spring and a damper too;
+    they replace those of the URDF.
     """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
@@ -44,7 +44,7 @@ def read_block(
 
 
 def read_springs(root: Element, joints: dict[str, Joint]) -> None:
-    """Write the joints' springs into `joints`; all statements about one must agree."""
+    """Write the joints' springs into `joints`; all statements about one joint must agree."""
     found: dict[tuple[str, str], float] = {}
     for element, name, field, value in _spring_statements(root, joints):
         if found.setdefault((name, field), value) != value:
@@ -79,7 +79,7 @@ def _spring_statements(
 
 
 def _check_springy(element: Element, joint: Joint) -> None:
-    """A spring needs a position with a unique value: not that of a continuous or fixed joint."""
+    """Refuse a spring on a continuous or fixed joint: its position has no unique value."""
     if joint.kind not in ("revolute", "prismatic"):
         raise element.error(
             "a spring on a revolute or prismatic joint", f"{joint.kind} joint {joint.name!r}"
@@ -108,7 +108,7 @@ def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
 
 
 def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
-    """A joint of an overlay: what is not given stays as the URDF has it."""
+    """A joint of an overlay: an attribute that is not given keeps the URDF's value."""
     element.allow("name", "armature", "stiffness", "damping", "rest")
     joint = _moving_joint(element, joints)
     joint = replace(
@@ -183,7 +183,7 @@ def _task(block: Element, links: dict[str, Link]) -> str | None:
 
 
 def check_paths(block: Element, robot: Robot) -> None:
-    """Consecutive sites on different links must be apart, or the cable has no direction there."""
+    """Refuse consecutive sites on different links at one point: no direction for the cable."""
     placed = poses(robot)
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     for element in block.children("tendon"):

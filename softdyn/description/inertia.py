@@ -1,4 +1,4 @@
-"""Spatial inertias of rigid bodies: transport, lumping, and what makes one physical."""
+"""Spatial inertias of rigid bodies: change of frame, sum, and test whether one is physical."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# Rounding in a file's decimals must not condemn a flat plate (a + b = c) or a point mass:
-# slack relative to the largest moment, and the moment of the mass at a micrometre.
+# Files hold rounded decimals. A flat plate (a + b = c) or a point mass must still pass, so the
+# test has a slack relative to the largest moment, plus the moment of the mass at a micrometre.
 SLACK = 1e-6
 MICROMETRE = 1e-6
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -40,7 +40,7 @@ class Inertia:
         return tuple(self.tensor[np.triu_indices(3)].tolist())
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Inertia:
-        """The same body seen from a frame in which this one sits at (rotation, translation)."""
+        """The same body in another frame; this frame has the pose (rotation, translation) in it."""
         return Inertia(
             self.mass, rotation @ self.com + translation, rotation @ self.tensor @ rotation.T
         )
@@ -58,7 +58,7 @@ class Inertia:
         return Inertia(mass, com, tensor)
 
     def defect(self) -> str | None:
-        """What makes this inertia impossible for a rigid body, or None.
+        """Say why no rigid body can have this inertia; None if one can.
 
         A real mass distribution has principal moments a ≤ b ≤ c with a ≥ 0 and a + b ≥ c.
         """
@@ -89,8 +89,8 @@ class Inertia:
 def _project(moments: np.ndarray) -> np.ndarray:
     """Nearest (3,) with every moment at most the sum of the others; then none is negative.
 
-    The nearest point of the cone lies on one of its 8 faces, the intersections of the planes
-    a + b = c, a + c = b and b + c = a: project on each and take the nearest that is inside.
+    These moments form a cone. Its 8 faces are intersections of the planes a + b = c, a + c = b and
+    b + c = a. The function projects on each face and takes the nearest point inside the cone.
     """
     planes = 1.0 - 2.0 * np.eye(3)
     best, distance = np.zeros(3), float(np.linalg.norm(moments))

@@ -1,4 +1,4 @@
-"""Where robots come from: the bundled files, a path, or the example-robot-data package."""
+"""Find a robot's file: a bundled one, a path, or one of the example-robot-data package."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def bundled_names() -> tuple[str, ...]:
 
 
 def bundled_name(path: Path) -> str | None:
-    """The name of a bundled robot's own file; None for any other file, whatever it is called."""
+    """The robot's name if `path` is a bundled file; None for any other file, even of that name."""
     own = path.resolve()
     return own.stem if own.parent == BUNDLED and own.suffix == ".urdf" else None
 
@@ -39,7 +39,7 @@ def example_files() -> tuple[Path, ...]:
 
 
 def example_robots() -> dict[str, Path]:
-    """URDFs of example-robot-data by file stem; of several with one stem the last."""
+    """URDFs of example-robot-data by file stem; if several share a stem, the last one."""
     return {path.stem: path for path in example_files()}
 
 
@@ -49,22 +49,22 @@ def find(source: str | Path) -> Path:
     Raises
     ------
     InputError
-        When nothing answers to it.
+        If there is no such robot or file.
     """
     text = str(source)
     if (own := bundled_file(text)) is not None:
         return own
     path = Path(text)
-    if os.path.isfile(path):  # unlike Path.is_file, silent on names that no system accepts
+    if os.path.isfile(path):  # Path.is_file raises on names that no system accepts
         if path.suffix.lower() == ".toml":
             expected = f"a URDF: `softdyn new {text}` writes one from such a file"
             raise InputError("robot", expected, text)
         return path
     examples = example_robots() if len(path.parts) == 1 else {}
-    for name in (text, f"{text}_robot"):  # the package calls some files so: ur5_robot.urdf
+    for name in (text, f"{text}_robot"):  # some files of the package: ur5_robot.urdf
         if name in examples:
             return examples[name]
-    if path.suffix or len(path.parts) != 1:  # a dot may stand in a name too
+    if path.suffix or len(path.parts) != 1:  # after the names, because a name may hold a dot
         raise InputError("robot", "an existing file", text)
     known = [*bundled_names(), *examples]
     near = difflib.get_close_matches(text, known, 3) or bundled_names()

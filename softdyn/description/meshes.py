@@ -1,7 +1,7 @@
-"""Mesh files of a robot's visuals: found in its own folder only, read, made small enough to show.
+"""Find a robot's mesh files in its own folder, read them, and thin them for display.
 
-Nothing outside the robot's package is ever opened: a path that leads out of it (absolute, ``../``,
-``file://``, a link) is refused. Textures are not read.
+A path that leads out of the robot's package (absolute, ``../``, ``file://``, a link) is refused.
+Textures are not read.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ FORMATS = ("stl", "dae", "obj")
 MAX_BYTES = 64 * 2**20
 MAX_MATERIALS = 2**20  # bytes of one material library
 LARGEST = 1e30  # m; vertices become float32
-MAX_FACES = 12_000  # of one mesh; what has more is thinned
-CREASE = np.radians(35)  # two faces that meet at more keep an edge between them
+MAX_FACES = 12_000  # of one mesh; larger ones are thinned
+CREASE = np.radians(35)  # faces that meet at a larger angle keep a sharp edge
 
 
 class MeshError(Exception):
-    """Why a mesh cannot be shown."""
+    """A mesh cannot be shown; the text says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,8 @@ class Mesh:
     Attributes
     ----------
     vertices : ndarray of float32, (n, 3)
-        In m; those on sharp edges are there once a side, so that normals can be averaged.
+        In m. A vertex on a sharp edge appears once for each side, so that averaged normals keep
+        the edge.
     faces : ndarray of uint32, (m, 3)
         Indices of each triangle's vertices.
     rgba : tuple of float, (4,), or None
@@ -47,21 +48,21 @@ class Mesh:
 
 
 def locate(urdf: Path, reference: str) -> Path:
-    """The file that a mesh reference of a URDF means.
+    """Find the file of a mesh reference in a URDF.
 
     Parameters
     ----------
     urdf : Path
         The robot's file.
     reference : str
-        A path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF that has
-        a ``package.xml``, or, without one, the URDF's own folder or the one above it.
+        A path relative to it, or ``package://NAME/path``. NAME is a folder above the URDF with a
+        ``package.xml``. Without such a folder, NAME is the URDF's own folder or the one above it.
 
     Raises
     ------
     MeshError
-        When it leads out of the robot's folder, which is that of the URDF or, where one above it
-        has a ``package.xml``, that one; or when there is no such file.
+        If there is no such file, or if it is outside the robot's folder. That is the folder above
+        the URDF with a ``package.xml``, or else the URDF's own.
     """
     folder = urdf.resolve().parent
     scheme, _, path = reference.rpartition("://")
@@ -121,7 +122,7 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
     if kind == "dae" and re.search(rb"<!(DOCTYPE|ENTITY)", content):
         raise MeshError(f"expected a mesh without a document type, got one in {path}")
     try:
-        with np.errstate(all="ignore"):  # numbers beyond all bounds are refused below
+        with np.errstate(all="ignore"):  # too large numbers are refused below
             scene = trimesh.load_scene(
                 io.BytesIO(content), file_type=kind, resolver=_materials(path)
             )
@@ -129,7 +130,7 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
         parts = [_part(part, scale) for part in scene.dump() if len(getattr(part, "faces", ()))]
     except MeshError:
         raise
-    except Exception as error:  # whatever the readers trip over
+    except Exception as error:  # mesh readers raise exceptions of any kind on bad files
         raise MeshError(f"expected a {kind} mesh, got {type(error).__name__} in {path}") from error
     if not parts:
         raise MeshError(f"expected triangles, got none in {path}")
@@ -137,13 +138,13 @@ def _read(path: Path, _modified: int, size: int) -> tuple[Mesh, ...]:
 
 
 def _materials(mesh: Path) -> dict[str, bytes]:
-    """The material libraries beside a Wavefront mesh, by name: all that its reader gets to see."""
+    """The material libraries beside a Wavefront mesh, by name; its reader opens no other file."""
     if mesh.suffix.lower() != ".obj":
         return {}
     found = {
         path.name: path
         for path in mesh.parent.glob("*.mtl")
-        if path.is_file() and path.resolve().parent == mesh.parent  # a pipe would never end
+        if path.is_file() and path.resolve().parent == mesh.parent  # no pipe: it would never end
     }
     for path in found.values():
         if path.stat().st_size > MAX_MATERIALS:
@@ -175,7 +176,7 @@ def _part(part: Any, scale: float) -> Mesh:
 def shown(
     vertices: np.ndarray, faces: np.ndarray, rgba: tuple[float, float, float, float] | None = None
 ) -> Mesh:
-    """Triangles made few enough, and their edges sharp, to be shown."""
+    """Thin the triangles and separate them at sharp edges, for display."""
     import trimesh
 
     if len(faces) > MAX_FACES:
@@ -186,7 +187,7 @@ def shown(
 
 
 def _thinned(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices merged within the cells of a grid, as coarse as it takes for `MAX_FACES`."""
+    """Merge vertices within the cells of a grid that is coarse enough for `MAX_FACES`."""
     low, size = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
     for cells in (160, 112, 80, 56, 40, 28, 20):
         key = ((vertices - low) / size * cells).astype(np.int64)

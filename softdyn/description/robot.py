@@ -1,6 +1,6 @@
 """An annotated URDF as frozen data, and the tree that its joints span.
 
-Everything here is at q = 0 and free of any engine; `softdyn.description.urdf` fills it from a file.
+All poses are at q = 0. Nothing here uses an engine. `softdyn.description.urdf` reads robots.
 """
 
 from __future__ import annotations
@@ -80,11 +80,11 @@ class Mimic:
 class Joint:
     """A joint with its compliance; SI units, radians or metres.
 
-    `origin` places the joint in the parent link's frame. `direction` is the direction of its axis
-    in its own frame, of any length. Dry `friction` is the plant's only. `effort` and `velocity` are
-    stated limits that nothing here uses; infinite where a continuous joint has no ``<limit>``. A
-    joint with a `mimic` moves with another one and is no degree of freedom of its own; its limits
-    are not used.
+    `origin` places the joint in the parent link's frame. `direction` is its axis in its own frame,
+    of any length. Only the plant has the dry `friction`; the model omits it. `effort` and
+    `velocity` are the file's limits. Nothing here uses them; they are infinite if a continuous
+    joint has no ``<limit>``. A joint with a `mimic` follows another joint: it is no degree of
+    freedom of its own, and its limits are not used.
     """
 
     name: str
@@ -106,12 +106,12 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether it is no weld; a follower moves too."""
+        """Whether the joint is not fixed; a follower moves too."""
         return self.kind in MOVING
 
     @cached_property
     def axis(self) -> np.ndarray:
-        """Unit vector (3,) in the joint's own frame; zero of a weld."""
+        """Unit vector (3,) in the joint's own frame; zero if the joint is fixed."""
         return read_only(np.array(self.direction) / (np.linalg.norm(self.direction) or 1.0))
 
 
@@ -135,7 +135,8 @@ class Site:
 class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
 
-    The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` acts both ways; `rest` None is ℓ at q = 0.
+    The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
+    length at q = 0 is used.
     """
 
     name: str
@@ -161,39 +162,40 @@ class Actuator:
 class Robot:
     """One robot: the tree, its compliance and its annotations, each number as its file states it.
 
-    Robots are equal where all of that is, whatever file they come from: `comment`, `path`,
-    `overlay`, the texts and the warnings do not count. `softdyn.description.urdf_writer.write`
-    gives the text of an equal robot.
+    Two robots are equal if these agree. The comparison leaves out `comment`, `path`, `overlay`,
+    the texts and the warnings. `softdyn.description.urdf_writer.write` writes a robot as text,
+    from which an equal robot is read.
 
     Attributes
     ----------
     name : str
-        The file's own name of it.
+        The robot's name in the file.
     links, joints, tendons, actuators : tuple
         In the file's order.
     task : str
         The link whose origin is the tip.
     others : tuple of str
-        The other elements as XML, in the file's order: materials, and what other tools read. Of a
-        ``<gazebo>`` all but the spring.
+        The other elements as XML, in the file's order: materials, other tools' elements, and
+        ``<gazebo>`` without its spring.
     floating : bool
-        Whether the root link moves freely, on six degrees of freedom of its own.
+        Whether the root link moves freely, with six degrees of freedom.
     comment : str
         The first words of the file.
     path : Path
         The file.
     warnings : tuple of str
-        A line for each repair and for each link with a defect that its body does not have.
+        A line for each repair, and for each impossible inertia of a link whose moving body is
+        physical.
     xml : str
-        The tree with its inertias as plain URDF, every number spelled as in the file: what an
-        engine needs to be given, and nothing that was not judged.
+        The tree with its inertias as plain URDF, every number spelled as in the file. Engines get
+        this text, because it holds only elements that were checked.
     text, annotations : str
-        The whole file, its inertias repaired, and the file that annotated it, as they were read;
-        the second is empty where there was none, both are for a robot that no file describes.
+        The whole file with repaired inertias, and the file with the ``<softdyn>`` block. The second
+        is empty if the URDF holds the block. Both are empty if the robot was not read from a file.
     mended : bool
-        Whether an engine is to read the text in the file's place.
+        Whether an engine must read `text` instead of the file.
     overlay : Path or None
-        The file that its ``<softdyn>`` block stands in, where it is not `path`.
+        The file with the ``<softdyn>`` block, if it is not `path`.
     """
 
     name: str
@@ -240,7 +242,7 @@ class Robot:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that the dynamics depend on: copies have one, other robots another."""
+        """SHA-256 of all numbers and names that the dynamics depend on; copies share it."""
         joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
                    j.friction, j.mimic) for j in self.joints]  # fmt: skip
         paths = [(t.name, t.terms, [(s.link, list(s.xyz)) for s in t.sites], t.stiffness,
@@ -263,7 +265,7 @@ def children(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
 
 
 def levels(root: str, joints: Iterable[Joint]) -> Iterator[list[str]]:
-    """Links by their number of joints from the root, the root first; never leaves a tree."""
+    """Links level by level from the root; a link on a cycle is not reached."""
     below = children(joints)
     level = [root]
     while level:
@@ -272,7 +274,7 @@ def levels(root: str, joints: Iterable[Joint]) -> Iterator[list[str]]:
 
 
 def deepest_leaf(robot: Robot) -> str:
-    """The link with the most joints between it and the root; the first in the file of equals."""
+    """The link with the most joints between it and the root; of equals, the first in the file."""
     *_, deepest = levels(robot.root, robot.joints)
     return next(link.name for link in robot.links if link.name in deepest)
 
@@ -295,7 +297,10 @@ def poses(robot: Robot) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def moving_link_of(robot: Robot) -> dict[str, str]:
-    """By link, the link that it moves with: one that a joint moves, or the root; maybe itself."""
+    """For each link, the link that carries it: one that a joint moves, or the root.
+
+    A link that a joint moves carries itself.
+    """
     above = {joint.child: joint for joint in robot.joints}
     found = {}
     for link in robot.links:
@@ -307,10 +312,9 @@ def moving_link_of(robot: Robot) -> dict[str, str]:
 
 
 def moving_bodies(robot: Robot) -> dict[str, Inertia]:
-    """Inertia of every moving body in its own frame, keyed by the link its joint moves.
+    """Inertia of every moving body in its own frame, keyed by the link that its joint moves.
 
-    Links fixed to a moving one are lumped into it; what is fixed to a base that does not float is
-    left out.
+    Links fixed to a moving link are lumped into it. Links fixed to a fixed base are left out.
     """
     placed = poses(robot)
     bodies = {joint.child: Inertia.zero() for joint in robot.joints if joint.moves}
@@ -341,7 +345,7 @@ def sums_angles(robot: Robot, tendon: Tendon) -> bool:
 
 
 def input_units(robot: Robot) -> tuple[str, ...]:
-    """The unit of each u: its tendon's gear in N, or in N m where the tendon sums angles."""
+    """The unit of each u: the gear in N, or in N m if the tendon's length is a sum of angles."""
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     units = []
     for actuator in robot.actuators:

@@ -1,4 +1,4 @@
-"""Strict reading of XML: no DTD, no entities, no recovery, and numbers that are numbers."""
+"""Strict reading of XML: no DTD, no entities, no recovery; numbers must be finite."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LARGEST = 1e50  # beyond any robot, and far enough from overflow for mass · len
 
 @dataclass(frozen=True)
 class Element:
-    """An XML element that knows its file, so that every complaint names its place."""
+    """An XML element that knows its file, so that every error names its place."""
 
     file: Path
     node: etree._Element
@@ -29,7 +29,7 @@ class Element:
 
     def error(self, expected: str, got: object) -> UrdfError:
         """The exception to raise about this element."""
-        line = self.node.sourceline  # which the stubs know nothing about
+        line = self.node.sourceline  # missing in the type stubs
         return UrdfError(self.file, self.label, expected, got, cast("int | None", line))
 
     @property
@@ -72,7 +72,7 @@ class Element:
         return str(value)
 
     def number(self, attribute: str, default: float | None = None) -> float:
-        """A finite number in an attribute; required where there is no default."""
+        """A finite number in an attribute; required if there is no default."""
         value = self.node.get(attribute)
         if value is None and default is not None:
             return default
@@ -91,10 +91,10 @@ class Element:
         return x, y, z
 
     def to_number(self, text: str, what: str) -> float:
-        """`text` as a finite float, spelled as every engine reads it.
+        """`text` as a finite float; refuses spellings that engines read differently.
 
-        Python's ``1_0``, ``inf`` and ``nan`` are refused, and so are blanks around a number: with
-        one behind a mass, Pinocchio's parser silently drops the inertia.
+        Python's ``1_0``, ``inf`` and ``nan`` are refused. So are blanks around a number: if one
+        follows a mass, Pinocchio's parser silently drops the inertia.
         """
         if not NUMBER.fullmatch(text) or not math.isfinite(value := float(text)):
             raise self.error(f"a finite number as {what}", repr(text))
@@ -121,23 +121,23 @@ class Element:
 
 
 def read(path: Path, what: str = "URDF") -> Element:
-    """Parse the file strictly and return its root; `what` it should be is for the message.
+    """Parse the file strictly and return its root; messages call the file `what`.
 
     Raises
     ------
     UrdfError
-        Unreadable, empty, too large, malformed or truncated, or with a DTD.
+        If the file is unreadable, empty, too large, malformed or truncated, or has a DTD.
     """
     return read_bytes(path, content(path, what))
 
 
 def content(path: Path, what: str = "URDF") -> bytes:
-    """The bytes of a file, of which one that is too large is cut behind `MAX_BYTES`.
+    """Read at most `MAX_BYTES` + 1 bytes of a file; the extra byte shows that it is too large.
 
     Raises
     ------
     UrdfError
-        Unreadable.
+        If the file is unreadable.
     """
     try:
         with path.open("rb") as file:
@@ -148,7 +148,7 @@ def content(path: Path, what: str = "URDF") -> bytes:
 
 
 def read_bytes(path: Path, data: bytes) -> Element:
-    """The same of a content that is known; `path` is where it came from, for the messages."""
+    """Parse bytes strictly and return the root; `path` is for messages."""
     if len(data) > MAX_BYTES:
         raise UrdfError(path, "file", f"at most {MAX_BYTES} bytes", "more")
     parser = etree.XMLParser(

@@ -1,8 +1,8 @@
-"""Names that nothing reads: a misspelt or misplaced element would be lost without a word.
+"""Refuse misspelt and misplaced names, which would otherwise be ignored silently.
 
-URDF tolerates foreign elements and attributes, and so does softdyn. What is refused here is what
-can hardly be foreign: a standard name in a place where it has no meaning, and a name that is a slip
-of the pen away from one that would have been read.
+URDF allows other tools' elements and attributes, and so does softdyn. Two kinds of names are
+probably mistakes and are refused: a standard name in a place where it has no meaning, and a name
+that is almost a known one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from difflib import SequenceMatcher
 from softdyn.description.strict_xml import Element
 
 ORIGIN = ("xyz", "rpy")
-# What is read, or known and skipped, inside each element: its children and its attributes.
+# The known children and attributes of each element; some of them are skipped.
 KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("link", "joint", "gazebo", "softdyn", "material", "transmission"), ("name",)),
     "link": (("inertial", "visual", "collision", "origin"), ("name", "type")),
@@ -36,13 +36,13 @@ KNOWN: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mimic": ((), ("joint", "multiplier", "offset")),
     "gazebo": (("springStiffness", "springReference"), ("reference",)),
 }  # fmt: skip
-# Where these stand, somebody meant them to be read.
+# Whoever writes one of these elements expects that it is read, so it must stand in its place.
 MEANT = {
     "robot", "link", "joint", "inertial", "mass", "inertia", "origin", "parent", "child", "axis",
     "limit", "dynamics", "mimic", "gazebo", "softdyn", "springStiffness", "springReference",
     "tendon", "actuator", "task", "site",
 }  # fmt: skip
-FREE = ("gazebo",)  # a container of other tools' elements, which may have any of these names
+FREE = ("gazebo",)  # holds other tools' elements, which may use any of these names
 
 
 def check_known_names(robot: Element) -> None:
@@ -53,7 +53,7 @@ def check_known_names(robot: Element) -> None:
     Raises
     ------
     UrdfError
-        The first of them.
+        For the first one.
     """
     for block in robot.node.iter("softdyn"):
         if block is not robot.node and block.getparent() is not robot.node:
@@ -85,10 +85,10 @@ def _tag(node: object) -> str:
 
 
 def _slip(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is a slip of the pen away from, or None if it is one or none.
+    """The known name that `name` misspells; None if it is a known name or like none.
 
-    A slip is a letter or two neighbours wrong in four to six letters, two such in more, and none
-    but of case in fewer: by length and by the share of letters that match.
+    A misspelt name differs in case only, or by about one letter in known names of four to six
+    letters, or by about two in longer ones. Length and share of matching letters decide.
     """
     if name in known:
         return None

@@ -1,7 +1,7 @@
 """The annotated URDF, format version 1: one strict parse into frozen data.
 
-What reaches an engine is judged here first: a file that two parsers could read differently is
-refused. The format, with the error for each misuse, is described in ``docs/format.md``.
+Every file is checked here before an engine reads it. A file that two parsers could read differently
+is refused. ``docs/format.md`` describes the format and the error for each misuse.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ from softdyn.files import as_path
 # Pinocchio's Data grows with nv³ (1.7 GB at nv = 300) and its URDF parser recurses over the tree.
 MAX_DOF = 256
 MAX_LINKS = 1024
-RESERVED = "universe"  # Pinocchio's own joint: a fixed one of that name loses its link there
-# Tags, attributes and children of `Robot.xml`: all that has been judged below.
+RESERVED = "universe"  # Pinocchio's own joint; it drops the link of a fixed joint of that name
+# Tags, attributes and children of `Robot.xml`: exactly those that the code below checks.
 JUDGED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "robot": (("name",), ("link", "joint")),
     "link": (("name",), ("inertial",)),
@@ -77,14 +77,14 @@ def parse(
     path : str or Path
         The URDF file.
     content : bytes, optional
-        What the file holds; it is opened unless given.
+        The file's bytes; if omitted, the file is read.
     annotations : str or Path, optional
         A file that holds the ``<softdyn>`` block, for a URDF without one.
     floating : bool
         Let the root link move freely.
     repair_inertia : bool
-        Replace what makes a moving body's inertia impossible by the nearest inertia that is
-        possible, with a warning each.
+        If a moving body's inertia is impossible, replace each impossible inertia of its links by
+        the nearest possible one, and warn.
 
     Raises
     ------
@@ -103,16 +103,16 @@ def parse(
 
 
 def parse_text(text: str, annotations: str = "", *, path: Path, floating: bool = False) -> Robot:
-    """The same from `Robot.text` and `Robot.annotations`, which came from `path`.
+    """Read a robot from `Robot.text` and `Robot.annotations`; their file was `path`.
 
     Raises
     ------
     UrdfError
-        As `parse`.
+        As in `parse`.
     """
     overlay = partial(read_bytes, path, annotations.encode()) if annotations else None
     robot = _robot(read_bytes(path, text.encode()), overlay, floating, False)
-    return replace(robot, mended=True)  # the file may say something else by now
+    return replace(robot, mended=True)  # the file may have changed since
 
 
 def _robot(
@@ -172,7 +172,7 @@ def _robot(
 
 
 def _judged(node: etree._Element) -> etree._Element:
-    """A copy of the tree that holds nothing but what was judged, numbers verbatim."""
+    """A copy of the tree with checked elements and attributes only, numbers verbatim."""
     attributes, children = JUDGED[node.tag]
     if node.get("type") == "fixed":
         children = ("origin", "parent", "child")
@@ -185,7 +185,7 @@ def _judged(node: etree._Element) -> etree._Element:
 
 
 def _others(root: Element) -> tuple[str, ...]:
-    """All elements but those that `Robot` holds as data, as they are spelled."""
+    """The elements that `Robot` does not hold as data, as the file spells them."""
     found = []
     for child in root.children():
         if child.tag == "gazebo":
@@ -208,7 +208,7 @@ def _origin(element: Element) -> Origin:
     origin = element.child("origin")
     if origin is None:
         return Origin()
-    # Not even an unknown attribute: URDF 1.1's quat_xyzw overrides rpy in some engines only.
+    # Unknown attributes are refused: URDF 1.1's quat_xyzw overrides rpy in some engines only.
     origin.allow("xyz", "rpy")
     return Origin(rpy=origin.vector("rpy", ZERO), xyz=origin.vector("xyz", ZERO))
 
@@ -296,7 +296,7 @@ def _limits(element: Element, kind: str) -> tuple[float, float, float, float]:
 
 
 def _check_mimics(root: Element, joints: dict[str, Joint]) -> None:
-    """A follower has one leader, whose position is one number: no chains, no full turns."""
+    """Refuse a follower whose leader follows another joint, or is continuous or fixed."""
     for element in root.children("joint"):
         mimic = joints[element.text("name")].mimic
         if mimic is None:
@@ -311,7 +311,7 @@ def _check_mimics(root: Element, joints: dict[str, Joint]) -> None:
 
 
 def _check_tree(root: Element, links: dict[str, Link], joints: dict[str, Joint]) -> None:
-    """One root, one parent a link, no cycle."""
+    """Refuse a second root, a second parent of a link, and a cycle."""
     above: dict[str, str] = {}
     for element in root.children("joint"):
         joint = joints[element.text("name")]
@@ -329,9 +329,9 @@ def _check_tree(root: Element, links: dict[str, Link], joints: dict[str, Joint])
 
 
 def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
-    """Mend the inertias of impossible moving bodies in the XML, link by link; say what was done.
+    """Repair the inertias of impossible moving bodies in the XML, link by link; report each.
 
-    A sum of possible inertias is possible, so mending the links mends the body.
+    A sum of physical inertias is physical, so repaired links make a physical body.
     """
     defective = {link for link, body in moving_bodies(robot).items() if body.defect()}
     carrier = moving_link_of(robot)
@@ -358,9 +358,9 @@ def _repair(root: Element, robot: Robot) -> tuple[str, ...]:
 
 
 def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
-    """Judge the inertia of each moving body, its fixed links lumped in; return warnings.
+    """Check the inertia of each moving body, its fixed links lumped in; return warnings.
 
-    That lump is what the dynamics see: the defect of one link inside it is only a warning.
+    The dynamics use the lumped body only, so the defect of a single link is only a warning.
     """
     elements = {element.text("name"): element for element in root.children("link")}
     bodies, carrier = moving_bodies(robot), moving_link_of(robot)
@@ -387,7 +387,7 @@ def _check_bodies(root: Element, robot: Robot) -> tuple[str, ...]:
 
 
 def _massive(robot: Robot, bodies: set[str]) -> set[str]:
-    """The links on or beyond which a body of `bodies` is."""
+    """The links of `bodies`, and all links between them and the root."""
     above = {joint.child: joint.parent for joint in robot.joints}
     massive: set[str] = set()
     for name in bodies:

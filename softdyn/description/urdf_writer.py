@@ -19,26 +19,26 @@ def write(robot: Robot) -> str:
     """Return URDF text that `softdyn.parse` reads back as an equal robot.
 
     Every number is written with all its digits. Springs and tendons are written into the same file,
-    wherever they were read from. Looks and other tools' elements are written as they were spelled:
-    the paths of meshes in them stay relative to the file. Comments inside the robot are lost, as
-    are other tools' elements inside links and joints. A URDF cannot say that its base floats: parse
-    such a robot with ``floating=True``.
+    also if they came from another one. Looks and other tools' elements are copied as they were
+    spelled, so paths of meshes stay relative to the file. Comments inside the robot are lost, and
+    so are other tools' elements inside links and joints. A URDF cannot say that its base floats:
+    parse such a robot with ``floating=True``.
 
     Parameters
     ----------
     robot : Robot
-        From a file, changed by `dataclasses.replace`, or made from its parts.
+        A robot read from a file, changed by `dataclasses.replace`, or made from its parts.
     """
     head = ['<?xml version="1.0" encoding="utf-8"?>']
     if robot.comment:
-        legal = re.sub(r"-(?=-|\Z)", "- ", robot.comment)  # no comment may hold two in a row
+        legal = re.sub(r"-(?=-|\Z)", "- ", robot.comment)  # XML forbids "--" in a comment
         head.append(f"<!--{legal}-->")
     content = [*robot.others, *_tree(robot), *_block(robot)]
     return "\n".join([*head, *_nested("robot", content, name=robot.name), ""])
 
 
 def tag(element: str, /, *inside: str, **attributes: object) -> str:
-    """Return an element; numbers are spelled with all digits, attributes that are None left out."""
+    """Return an element; numbers have all their digits, attributes that are None are left out."""
     words = (
         f" {key}={quoteattr(value if isinstance(value, str) else _words(value))}"
         for key, value in attributes.items()
@@ -69,7 +69,7 @@ def _nested(element: str, lines: Iterable[str], /, **attributes: object) -> list
 
 
 def _tree(robot: Robot) -> Iterator[str]:
-    """Links and joints in their own orders; a joint stands as early as both its links allow."""
+    """Links and joints in their own orders; a joint follows as soon as both links are written."""
     joints, known = deque(robot.joints), set()
     for link in robot.links:
         yield from _link(link)

@@ -1,7 +1,7 @@
-"""A robot's looks: the shapes that its URDF hangs on its links.
+"""A robot's looks: the shapes that its URDF attaches to its links.
 
-``<visual>`` shapes; of a link without any, its ``<collision>`` shapes; of a robot without either,
-nothing (`softdyn.view.scene` then draws its joints and links as sticks).
+A link shows its ``<visual>`` shapes or, if it has none, its ``<collision>`` shapes. A robot without
+either has no shapes here; `softdyn.view.scene` then draws its joints and links as sticks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from softdyn.description.strict_xml import Element, read, read_bytes
 
 Rgba = tuple[float, ...]
 GREY: Rgba = (0.62, 0.64, 0.68, 1.0)
-MAX_SIZE = 1e4  # m; a page holds float32, and what is larger cannot be shown beside a robot
+MAX_SIZE = 1e4  # m; larger shapes cannot be shown beside a robot in a page's float32
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,9 @@ def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     Raises
     ------
     UrdfError
-        For a number in a shape that is none.
+        For a shape with an invalid number.
     """
-    # what was loaded, whatever the file says by now
+    # the text as it was loaded, because the file may have changed since
     root = read_bytes(robot.path, robot.text.encode()) if robot.text else read(robot.path)
     named = {m.text("name"): colour for m in root.children("material") if (colour := _colour(m))}
     found: list[Visual] = []
@@ -103,7 +103,10 @@ def triangles(visual: Visual) -> np.ndarray:
 
 
 def _reach(visual: Visual) -> float:
-    """No point of a shape is farther from its link's origin (m); NaN where a number is."""
+    """An upper bound of the distance of a shape's points from its link's origin (m).
+
+    It is NaN if one of the shape's numbers is.
+    """
     shape = visual.shape
     if isinstance(shape, Mesh):
         radius = float(np.linalg.norm(np.abs(shape.vertices).max(axis=0)))
@@ -137,7 +140,7 @@ def _shapes(robot: Robot, link: str, element: Element, named: dict[str, Rgba]) -
     if mesh is not None:
         pose = pose @ np.diag([*mesh.vector("scale", (1.0, 1.0, 1.0)), 1.0])
         parts = read_mesh(locate(robot.path, mesh.text("filename")))
-        # a colour in the URDF goes before the mesh's own
+        # a colour in the URDF overrides the mesh's own
         return [Visual(link, pose, part, rgba or part.rgba or GREY) for part in parts]
     shape: Shape
     if (box := geometry.child("box")) is not None:
