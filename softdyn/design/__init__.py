@@ -1,4 +1,4 @@
-"""From material to a robot's file, and a few parameters to meshes.
+"""Design a robot: from material and sizes to its URDF file and meshes.
 
     from softdyn import design
 
@@ -8,14 +8,14 @@
     made = design.read(tomllib.load(file))       # the same from a table, as `softdyn new` does
 
 - `rods`: material, sections, cables, plates, mount, as frozen data;
-- `quadrature`: where in a section the joints are;
+- `quadrature`: places of the joints in a section;
 - `layout`: bodies and springs of the straight arm, its mass matrix and frequencies;
 - `plausible`: refuses numbers that no soft arm has;
 - `arm_file`: the annotated URDF of an arm, its looks included;
 - `strains`: piecewise constant or polynomial strains, for `softdyn.reduce`;
 - `log_spiral`, `finger`: presets;
-- `units`, `arm_table`, `preset_tables`, `source`: all from a table whose keys name their units;
-- `chain`: a serial robot that grows link by link, and the looks of its links;
+- `units`, `arm_table`, `preset_tables`, `source`: read a table whose keys name their units;
+- `chain`: builds a serial robot link by link, and the looks of its links;
 - `shapes`: lattices, log-spiral blocks and bones as meshes.
 
 The public names are imported when they are used, as `__init__.pyi` lists them.

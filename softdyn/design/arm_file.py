@@ -38,9 +38,8 @@ SMALL = 1e-9
 def urdf(arm: Arm) -> str:
     """The annotated URDF of an arm.
 
-    A cable that is led along its whole way, as in a channel, is a fixed tendon: its length is
-    linear in q for bends and at a constant offset. A cable that runs straight from disc to disc is
-    a spatial tendon over sites.
+    A cable in a channel becomes a fixed tendon. At a constant offset its length is linear in the
+    bends. A cable that runs straight from disc to disc becomes a spatial tendon over sites.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def urdf(arm: Arm) -> str:
 
 
 def comment(layout: Layout) -> str:
-    """A summary of the arm, the first words of its file."""
+    """A summary of the arm, the first comment of its file."""
     arm = layout.arm
     mass = sum(body.mass for body in layout.bodies)
     lines = [
@@ -87,7 +86,7 @@ def comment(layout: Layout) -> str:
 
 
 def _joint(spring: Spring) -> Joint:
-    # a translation beyond its piece of rod would turn it inside out
+    # a larger translation would turn the joint's piece of rod inside out
     reach = math.pi if spring.freedom.turns else spring.weight / 2
     return Joint(
         spring.name, "revolute" if spring.freedom.turns else "prismatic",
@@ -118,7 +117,7 @@ def _tendon(layout: Layout, cable: Cable) -> Tendon:
 
 
 def disc_places(arm: Arm, cable: Cable) -> list[float]:
-    """Where the discs of a cable's sections are (m)."""
+    """Positions of the discs of a cable's sections along the arm (m)."""
     last = cable.end % len(arm.sections)
     return [
         float(arm.starts[k] + section.length * (j + 1) / section.discs)
@@ -140,7 +139,7 @@ def _colors(arm: Arm) -> dict[str, tuple[float, ...]]:
 
 
 def _looks(layout: Layout, k: int) -> list[str]:
-    """The looks of body k: round pieces, a ball at its joint, discs, plates."""
+    """The shapes of body k: round pieces, a ball at its joint, discs, plates."""
     arm, begin, end = layout.arm, layout.stations[k], layout.ends[k]
     parts = []
     for i, (start, section) in enumerate(zip(arm.starts, arm.sections, strict=False)):
@@ -170,12 +169,12 @@ def _looks(layout: Layout, k: int) -> list[str]:
 def _round(
     section: Section, low: float, high: float, shift: float, color: str, ball: bool
 ) -> list[str]:
-    """Cylinders from low to high (m of the section), a ball where a joint is, a contact shape."""
+    """Cylinders from low to high (m of the section), a ball at the joint, a contact shape."""
     ends = [along(section.radius, x / section.length) for x in (low, high)]
     pieces = 1 + min(int(abs(ends[1] - ends[0]) / (0.04 * max(ends))), 4)
     edges = np.linspace(low, high, pieces + 1)
     parts = []
-    if ball and low + shift < 1e-12:  # it begins at the joint
+    if ball and low + shift < 1e-12:  # this piece begins at the joint
         parts.append(visual(sphere(0.99 * ends[0]), color, name="skin"))
     for a, b in pairwise(edges):
         middle = (a + b) / 2

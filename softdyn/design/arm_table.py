@@ -22,7 +22,7 @@ from softdyn.exceptions import InputError, errors_in
 
 ROUTINGS = {"channel": False, "discs": True}
 """Whether a cable runs straight from disc to disc."""
-MOTIONS = {name: name for name in ("bend", *FREEDOMS, "shear")}  # two of them stand for a pair
+MOTIONS = {name: name for name in ("bend", *FREEDOMS, "shear")}  # bend and shear name a pair each
 PAIRS = {"bend": ("bend_y", "bend_z"), "shear": ("shear_y", "shear_z")}
 
 
@@ -32,7 +32,7 @@ def read_arm(table: TomlTable) -> Arm:
     Raises
     ------
     InputError
-        It names file, table and key, what was expected and what was got.
+        For a bad table; it names file, table and key, what was expected and what was got.
     """
     material = _material(table.table("material"), None)
     sections = tuple(
@@ -72,7 +72,7 @@ def read_name(table: TomlTable) -> str:
 
 
 def read_mount(table: TomlTable | None) -> Mount:
-    """Where it is mounted: hanging down from the origin by default."""
+    """The arm's mount; by default the arm hangs down from the origin."""
     if table is None:
         return Mount()
     with errors_in(table.where):
@@ -133,7 +133,7 @@ def _section(table: TomlTable, k: int, material: Material | None) -> Section:
 
 
 def _plate(table: TomlTable | None, material: Material) -> Plate | None:
-    """A plate of a measured mass, or of a density, the section's by default."""
+    """A plate with a measured mass, or with a density, by default the section's."""
     if table is None:
         return None
     radius, thickness = (table.quantity(name, "length") for name in ("radius", "thickness"))
@@ -172,7 +172,7 @@ def _payload(table: TomlTable | None) -> Payload | None:
 
 
 def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
-    """The cables of one table: `count` of them, evenly around."""
+    """The `count` cables of one table, evenly spaced around the axis."""
     count = table.count("count", 1)
     name, first = table.text("name", f"cable_{k}"), table.quantity("angle", "angle", 0.0)
     places = {section: index for index, section in enumerate(sections)}

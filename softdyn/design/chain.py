@@ -1,4 +1,4 @@
-"""A serial robot that grows link by link, and the looks of its links."""
+"""Build a serial robot link by link, with the looks of its links."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class Input:
 
 
 class Chain:
-    """A robot in the making: every further link is joined to the last one.
+    """Builds a robot: each new link is joined to the last one.
 
     Parameters
     ----------
     name : str
         The robot's name.
     comment : str
-        The first words of its file.
+        The first comment of its file.
     colors : mapping of str to sequence of float
-        By material: red, green, blue and, optionally, opacity.
+        Red, green, blue and, optionally, opacity of each material.
     looks : sequence of str
-        Looks of the link ``base``, which is welded to the root link ``world``.
+        Looks of the link ``base``, which is fixed to the root link ``world``.
     """
 
     def __init__(
@@ -73,9 +73,9 @@ class Chain:
         self, name: str, body: Inertia | None = None, looks: Sequence[str] = (),
         joints: Sequence[Joint] = (), xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
     ) -> None:  # fmt: skip
-        """Add a link at a pose in the last one, on one-DOF joints in series, or welded to it.
+        """Add a link at a pose in the last one, on one-DOF joints in series, or fixed to it.
 
-        The links between the joints are massless. `body` is given in the axes of its link.
+        The links between the joints are massless. `body` is in the axes of its link.
         """
         link = Link(name, looks=tuple(looks))
         if body is not None:
@@ -100,7 +100,7 @@ class Chain:
         self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds))
 
     def finish(self, xyz: Sequence[float], angles: Sequence[float] = ZERO) -> Robot:
-        """Return the robot, whose tip is at a pose in the last link."""
+        """Return the robot; its tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
         return Robot(
             self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),

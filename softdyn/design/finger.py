@@ -1,4 +1,4 @@
-"""A tendon-driven finger: rigid bones on sprung hinges, tendons at stated moment arms."""
+"""A tendon-driven finger: rigid bones on hinges with springs, tendons with given moment arms."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FingerTendon:
     max_tension : float
         Largest tension (N).
     pair : bool
-        Whether an antagonist pulls back, so that the input has both signs.
+        Whether an antagonist pulls the other way, so that the input has both signs.
     name : str
     """
 
@@ -60,7 +60,7 @@ class FingerTendon:
 
 @dataclass(frozen=True)
 class Finger:
-    """Bones in a row, each on a hinge about y that a positive angle bends down.
+    """Bones in a row, each on a hinge about y; a positive angle bends the finger down.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ def urdf(finger: Finger) -> str:
         hinge = Joint(
             f"hinge_{i}", "revolute", direction=(0.0, 1.0, 0.0),
             lower=-finger.limit, upper=finger.limit,
-            stiffness=finger.stiffness[k],  # type: ignore[index]  # tuples by now
+            stiffness=finger.stiffness[k],  # type: ignore[index]  # __post_init__ made tuples
             damping=finger.damping[k],  # type: ignore[index]
         )  # fmt: skip
         looks = (

@@ -1,8 +1,8 @@
-"""An arm as rigid bodies on compliant joints, still straight and still numbers.
+"""An arm as rigid bodies on compliant joints, straight, as numbers without a file.
 
-At each joint stand all freedoms of its section. Neighbouring joints have them in opposite order:
-finite rotations about two axes do not commute, and in one order the error would add up to first
-order in the segments' length, as a twist that nobody applied.
+Each joint has all freedoms of its section, in series. Neighbouring joints have them in opposite
+order, because finite rotations about two axes do not commute. With the same order at every joint
+the errors would add up to a twist of first order in the segments' length that nobody applied.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Freedom:
     Attributes
     ----------
     axis : ndarray, (3,)
-        Of the joint.
+        The joint's axis.
     turns : bool
-        Whether it is a rotation.
+        Whether the joint rotates; else it slides.
     rigidity : callable
-        Section, s / length → N m², or N of a translation.
+        (section, s / length) → rigidity: N m² for a rotation, N for a translation.
     """
 
     axis: np.ndarray
@@ -50,7 +50,7 @@ FREEDOMS = {
     "shear_y": Freedom(Y, False, Section.shearing),
     "shear_z": Freedom(Z, False, Section.shearing),
 }
-"""Rotation about y and z bends the arm; along x it is stretched."""
+"""Rotation about y or z bends the arm; translation along x stretches it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +60,17 @@ class Spring:
     Attributes
     ----------
     name : str
-        Of the joint in the file.
+        The joint's name in the file.
     freedom : Freedom
     section : int
     at, weight : float
-        Where in the section, s / length, and how long a piece of rod it stands for (m).
+        Its place in the section, s / length, and the length of rod that it stands for (m).
     stiffness, damping : float
         N m/rad and N m s/rad, or N/m and N s/m.
     rest : float
-        rad, m.
+        Rest position (rad or m).
     strain : str
-        Its freedom's name.
+        The name of its freedom.
     """
 
     name: str
@@ -92,11 +92,12 @@ class Layout:
     ----------
     arm : Arm
     stations : ndarray, (bodies,)
-        Where each body begins (m): the first at 0, welded to the base; the others at their joints.
+        The start of each body (m): 0 for the first, which is fixed to the base; for each other body
+        the place of its joint.
     springs : tuple of tuple of Spring
-        Of each body, none for the first.
+        The springs at each body's joint; none for the first body.
     bodies : tuple of Inertia
-        In the frame of its station, whose x is the arm's axis.
+        Each body in the frame of its station, whose x is the arm's axis.
     """
 
     arm: Arm
@@ -115,7 +116,7 @@ class Layout:
 
     @cached_property
     def all_springs(self) -> tuple[Spring, ...]:
-        """From base to tip, the order of q."""
+        """All springs from base to tip, in the order of q."""
         return tuple(spring for group in self.springs for spring in group)
 
     @cached_property
@@ -142,11 +143,11 @@ class Layout:
         return np.sqrt(np.linalg.eigvalsh(root @ (stiffness[:, None] * root.T)))
 
     def coefficients(self, cable: Cable) -> np.ndarray:
-        """∂ℓ/∂q (n,) of a cable that is led along its whole way, at q = 0.
+        """∂ℓ/∂q (n,) at q = 0 of a cable in a channel.
 
-        With t the unit tangent of the cable and p its place in the cross-section, a rotation about
-        a changes its length by t · (a × p), a translation along a by t · a. Of a cable at a
-        constant offset that is its whole length's dependence on bends, not the first order's alone.
+        The cable has the unit tangent t and the place p in the cross-section. A rotation about a
+        changes its length by t · (a × p), a translation along a by t · a. At a constant offset the
+        length is linear in the bends, so these derivatives then hold for every bend.
         """
         start, end = self.arm.way(instance("cable", cable, Cable, "a Cable"))
         found = []
@@ -166,7 +167,7 @@ class Layout:
 
 
 def lay_out(arm: Arm) -> Layout:
-    """Bodies and springs of an arm, by its rule.
+    """Bodies and springs of an arm, at the places of its quadrature rule.
 
     Raises
     ------
@@ -203,7 +204,7 @@ def _springs(
 
 
 def _damped(layout: Layout) -> Layout:
-    """The same with dampers: τ times the stiffness."""
+    """The same layout with damping τ · stiffness at each joint."""
     damping, sections = layout.arm.damping, layout.arm.sections
 
     def time_constant(spring: Spring) -> float:
@@ -263,9 +264,9 @@ def _masses(arm: Arm, stations: np.ndarray) -> tuple[Inertia, ...]:
 
 
 def _slice(section: Section, low: float, high: float, density: float | None = None) -> Inertia:
-    """The rod from low to high (m from the section's start), seen from there."""
+    """Inertia of the rod from low to high (m), in the frame of the section's start."""
     nodes, weights = SLICE
-    # an interval a kink of the profile: Gauss's rule is exact between kinks
+    # one interval between two kinks of the profile, because Gauss's rule needs a smooth integrand
     kinks = {low, high}
     for profile in (section.radius, section.inner_radius):
         if not callable(profile) and np.size(profile) > 2:

@@ -1,4 +1,4 @@
-"""A log-spiral arm: similar blocks, each smaller than the one before, on compliant joints."""
+"""A log-spiral arm: similar segments, each smaller than the one before, on compliant joints."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ BLOCKS = 2
 
 @dataclass(frozen=True)
 class LogSpiral:
-    """Similar segments on joints between them; masses go with the cube of the length.
+    """Similar segments with joints between them; a segment's mass goes with its length cubed.
 
     Attributes
     ----------
@@ -47,10 +47,10 @@ class LogSpiral:
     ratio : float
         Length of a segment over that of the one before.
     radius : float
-        Distance of the cables from the backbone at the base (m); segments weigh like cylinders of
-        their own such radius.
+        Distance of the cables from the backbone at the base (m). A segment's inertia is that of a
+        cylinder with the cables' distance at the segment as its radius.
     stiffness, damping, armature : float
-        The same for every degree of freedom (N m/rad, N m s/rad, kg m²).
+        The value for every degree of freedom (N m/rad, N m s/rad, kg m²).
     freedoms : tuple of str
         Degrees of freedom of each joint, in the order of the file: rotations of
         `softdyn.design.layout.FREEDOMS`.
@@ -107,7 +107,7 @@ def urdf(
 ) -> str:
     """The annotated URDF of a log-spiral arm; its looks are in ``meshes/spiral.stl``."""
     count, ratio = spiral.segments, spiral.ratio
-    powers = [1.0]  # products, because ** may round differently elsewhere
+    powers = [1.0]  # products, because ** rounds differently on some systems
     while len(powers) < count:
         powers.append(powers[-1] * ratio)
     first = spiral.length / sum(powers)
@@ -149,7 +149,7 @@ def urdf(
 def cable_direction(degrees: float) -> tuple[float, float]:
     """The unit vector (y, z) from the backbone to a cable, in a segment's frame."""
     angle = math.radians(degrees)
-    # 15 digits: -0.5 stays -0.5 whatever the C library's last bit is
+    # 15 digits, because C libraries differ in the last bit: -0.5 stays -0.5
     return round(-math.sin(angle), 15), round(math.cos(angle), 15)
 
 
@@ -166,9 +166,9 @@ def spiral_parts(
     Parameters
     ----------
     length : float
-        Of the segment, along local x [m].
+        The segment's length along local x [m].
     radius : float
-        Of the cables at the segment's base [m].
+        Distance of the cables from the backbone at the segment's base [m].
     shade : str
         Material name.
     angles : sequence of float, (3,)

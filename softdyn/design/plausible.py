@@ -1,7 +1,7 @@
-"""Numbers that no soft arm has: most often a unit that slipped by 10³ or 10⁶.
+"""Refuse numbers that no soft arm has; most often a unit is wrong by 10³ or 10⁶.
 
-Three figures without a unit tell: how a rod hangs through under its own weight when it is held
-level, how far its cables can bend it, and how fast sound is in its material.
+Besides density and Young's modulus, three figures are checked: the weight against the bending
+stiffness, the angle by which a cable can bend the arm, and the speed of sound in its material.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ MODULUS = 5e3, 1e12
 DENSITY = 20.0, 25e3
 """kg/m³: foams to platinum."""
 SOUND = 14e3
-"""m/s, √(E/ρ): faster than in any fibre."""
+"""Speed of sound √(E/ρ) (m/s); no fibre reaches this."""
 SAG = 0.04, 1e4
-"""ρ g A L³ / EI of an arm that no cable bends; 8 times the level rod's sag over its length."""
+"""ρ g A L³ / EI; 8 times the sag over the length of a rod held level at one end. The lower bound
+applies to arms without cables."""
 BEND = 0.03, 300.0
 """Angle (rad) by which a cable at full tension bends its weightless arm."""
 LENGTH = 1e-3, 20.0
@@ -33,12 +34,12 @@ HINT = "or unusual = true for what is meant"
 
 
 def check(layout: Layout) -> None:
-    """Refuse cables outside the body, and unless `arm.unusual` all that no soft arm has.
+    """Refuse cables outside the body and, unless `arm.unusual`, numbers that no soft arm has.
 
     Raises
     ------
     InputError
-        It names the section or cable, what was expected and what was got.
+        For the first of them; it names the section or cable, what was expected and what was got.
     """
     arm = layout.arm
     for cable in arm.cables:
@@ -64,7 +65,7 @@ def check(layout: Layout) -> None:
         if bend:
             what = f"cable {cable.name!r}: bend at max_tension, by Young's modulus and radius"
             _within(what, bend, BEND, "rad")
-    # a cable says more than the weight: short arms and light ones hardly sag
+    # with cables, the bend above is the better check: short and light arms hardly sag
     low = 0.0 if arm.cables else SAG[0]
     what = "weight against stiffness, m g L^2 / EI, by Young's modulus, density and size"
     _within(what, _weight(layout), (low, SAG[1]), "")
@@ -84,7 +85,7 @@ def _within(what: str, value: float, limits: tuple[float, float], unit: str) -> 
 
 
 def _check_place(arm: Arm, cable: Cable) -> None:
-    """A led cable lies inside the rod, a straight one inside the discs, of which there are some."""
+    """Refuse a cable outside the rod, and a straight one without discs or outside them."""
     start, end = arm.way(cable)
     for k in range(cable.start, cable.end % len(arm.sections) + 1):
         section, where = (
@@ -106,7 +107,7 @@ def _check_place(arm: Arm, cable: Cable) -> None:
 
 
 def _bend(layout: Layout, cable: Cable) -> float:
-    """Angle (rad) by which a cable alone bends the weightless arm; 0 where nothing can bend."""
+    """Angle (rad) by which a cable alone bends the weightless arm; 0 if no joint can bend."""
     bends = [
         cable.max_tension * arm / spring.stiffness
         for spring, arm in zip(layout.all_springs, layout.coefficients(cable), strict=True)
@@ -116,7 +117,7 @@ def _bend(layout: Layout, cable: Cable) -> float:
 
 
 def _weight(layout: Layout) -> float:
-    """m g L² / EI, with the mean compliance of the arm's sections."""
+    """m g L² / EI, with the arm's mean 1 / EI."""
     arm = layout.arm
     at = np.linspace(0, 1, 33)
     compliance = sum(

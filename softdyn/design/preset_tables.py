@@ -13,7 +13,7 @@ from softdyn.exceptions import errors_in
 
 TURNS = {name: name for name in MOTIONS if name in ("bend", "bend_y", "bend_z", "twist")}
 Files = tuple[str, str, dict[str, bytes]]
-"""Name, URDF, meshes by their path beside it."""
+"""Name, URDF, and meshes by their path beside it."""
 
 
 def read_spiral(table: TomlTable) -> Files:

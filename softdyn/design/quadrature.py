@@ -1,8 +1,8 @@
-"""Where a rod's joints go: a quadrature of its compliance.
+"""Places and compliances of a rod's joints, from a quadrature rule.
 
 A slender rod under the moment m(s) turns by ∫ m ds / EI. Joints at s_i with the compliances
-w_i / EI(s_i) make a sum of that integral, and the joints' places and compliances are the nodes and
-weights of a quadrature. What each rule costs and gives is measured in ``docs/design.md``.
+w_i / EI(s_i) approximate this integral by a sum: s_i and w_i are the nodes and weights of a
+quadrature rule. ``docs/design.md`` has the measured cost and accuracy of each rule.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from softdyn.checks import whole
 
 Rule = Callable[[int], tuple[np.ndarray, np.ndarray]]
-"""n → nodes in (0, 1) and weights, (n,) each; the weights add up to 1."""
+"""Maps n to nodes in (0, 1) and weights, (n,) each; the weights add up to 1."""
 
 
 def midpoint(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +24,7 @@ def midpoint(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gauss_legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss–Legendre nodes: exact for small loads; natural frequencies are of fourth order."""
+    """Gauss–Legendre nodes: exact for small loads; natural frequencies converge in fourth order."""
     nodes, weights = np.polynomial.legendre.leggauss(whole("n", n, 1))
     return (1 + nodes) / 2, weights / 2
 

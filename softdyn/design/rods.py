@@ -1,7 +1,7 @@
-"""What an arm is made of, as frozen data: material, sections, cables, plates, payload, mount.
+"""The parts of an arm as frozen data: material, sections, cables, plates, payload, mount.
 
-SI units and radians. The arm's own axis is +x, from base to tip; angles about it turn from +z
-towards -y, in a right-handed way.
+Units are SI and radians. The arm's axis is +x, from base to tip. Angles about it are right-handed:
+from +z towards -y.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from softdyn.design.quadrature import Rule, gauss_legendre
 from softdyn.exceptions import InputError
 
 Profile = float | Sequence[float] | Callable[[float], float]
-"""A number; numbers evenly spaced from end to end, linear in between; or f(s / length)."""
-MAX_SEGMENTS = 256  # as many degrees of freedom as a file may have
+"""A constant; values at even places from end to end, linear in between; or f(s / length)."""
+MAX_SEGMENTS = 256  # the limit of a file's degrees of freedom
 
 
 def along(profile: Profile, at: float) -> float:
-    """A profile's value at s / length = `at`."""
+    """The value of a profile at s / length = `at`."""
     if callable(profile):
         return float(profile(at))
     values = np.atleast_1d(np.asarray(profile, float))
@@ -95,30 +95,30 @@ class Plate:
 
 @dataclass(frozen=True)
 class Section:
-    """A piece of rod with one law of its cross-section: round, solid or hollow.
+    """A piece of rod with a round cross-section, solid or hollow, constant or tapered.
 
     Attributes
     ----------
     length : float
-        m.
+        Length (m).
     radius, inner_radius : Profile
-        Outer and inner (m).
+        Outer and inner radius (m).
     material : Material
-        Where `bending_stiffness` is given, only its ν and density count.
+        If `bending_stiffness` is given, only ν and the density of the material are used.
     segments : int
-        Joints of this section.
+        Number of joints of this section.
     freedoms : tuple of str
-        What each joint can do: of `softdyn.design.layout.FREEDOMS`.
+        Degrees of freedom of each joint: names of `softdyn.design.layout.FREEDOMS`.
     bending_stiffness, torsional_stiffness : Profile, optional
         Measured EI and GJ (N m²).
     mass : float, optional
-        Measured (kg); spread like the cross-section.
+        Measured mass (kg); it is distributed like the area of the cross-section.
     rest : mapping of str to float
-        Strain at rest by freedom (1/m for bends and twist): a rod that is curved by itself.
+        Strain at rest by freedom (1/m for bends and twist), for a rod that is curved unloaded.
     discs : int
         Number of discs that lead cables, evenly spaced; the last one is at the far end.
     disc : Plate, optional
-        What each of them is; its thickness does not make the rod longer.
+        The size and mass of each disc; its thickness does not make the rod longer.
     plate : Plate, optional
         A rigid plate behind the far end; its thickness makes the arm longer.
     name : str
@@ -206,18 +206,18 @@ class Cable:
     Attributes
     ----------
     angle : float
-        Where it runs, about the arm's axis (rad).
+        Its angle about the arm's axis (rad).
     offset : Profile
         Distance from the axis (m), from the cable's start to its end.
     straight : bool
-        Whether it runs straight from disc to disc; else it is led along its whole length, as in a
-        channel. The same tension bends an arm more by straight cables.
+        Whether it runs straight from disc to disc; else it lies in a channel along its whole
+        length. The same tension bends an arm more through straight cables.
     max_tension : float
-        N.
+        Largest tension (N).
     start, end : int
         Index of the first and the last section.
     turns : float
-        Of a helix, about the axis.
+        Number of turns of a helical cable about the axis.
     name : str
     """
 
@@ -241,7 +241,7 @@ class Cable:
         check_profile("offset", self.offset, above=0.0)
 
     def place(self, at: float) -> np.ndarray:
-        """Position (3,) in the cross-section at a fraction of the cable's way, x = 0."""
+        """Position (3,) in the cross-section (x = 0) at the share `at` of the cable's length."""
         angle, r = self.angle + 2 * math.pi * self.turns * at, along(self.offset, at)
         return np.array([0.0, -r * math.sin(angle), r * math.cos(angle)])
 
@@ -261,7 +261,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where the arm begins: position (m), direction of its axis, turn about that axis (rad)."""
+    """The arm's base: position (m), direction of its axis, turn about that axis (rad)."""
 
     position: Sequence[float] = (0.0, 0.0, 0.0)
     direction: Sequence[float] = (0.0, 0.0, -1.0)
@@ -297,11 +297,11 @@ class Arm:
     mount : Mount
     payload : Payload, optional
     tip : sequence of float, (3,)
-        The point to be controlled, beyond the end of the arm and in its axes (m).
+        The controlled point, from the end of the arm and in its axes (m).
     rule : Rule
-        Where in a section the joints are.
+        Quadrature rule that places the joints in a section.
     unusual : bool
-        Whether numbers beyond what soft arms have are meant.
+        Whether to accept numbers that no soft arm has.
     name : str
     """
 
@@ -339,23 +339,23 @@ class Arm:
 
     @property
     def length(self) -> float:
-        """From the base to the end of the last section or plate (m)."""
+        """Length from the base to the end of the last section or plate (m)."""
         return float(self.starts[-1])
 
     @property
     def starts(self) -> np.ndarray:
-        """Where each section begins, and where the arm ends (sections + 1,) (m)."""
+        """The start of each section, and the end of the arm (sections + 1,) (m)."""
         lengths = [s.length + (s.plate.thickness if s.plate else 0.0) for s in self.sections]
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     def way(self, cable: Cable) -> tuple[float, float]:
-        """Where a cable begins and ends along the arm (m)."""
+        """Start and end of a cable along the arm (m)."""
         last = cable.end % len(self.sections)
         return self.starts[cable.start], self.starts[last] + self.sections[last].length
 
 
 def check_name(name: str) -> None:
-    """Refuse what could not stand in a file as the name of a part.
+    """Refuse a name that a file could not hold.
 
     Raises
     ------

@@ -20,18 +20,18 @@ from softdyn.exceptions import InputError, errors_in
 
 @dataclass(frozen=True)
 class Design:
-    """What is written for one robot.
+    """The files of one robot, before they are written.
 
     Attributes
     ----------
     name : str
-        The robot's.
+        The robot's name.
     text : str
         Its annotated URDF.
     meshes : mapping of str to bytes
-        Files it refers to, by their path below the URDF's folder.
+        Mesh files that the URDF names, by their path below its folder.
     figures : mapping of str to float
-        What it amounts to, by name and unit.
+        Key figures such as mass and first frequency, by name and unit.
     """
 
     name: str
@@ -44,7 +44,7 @@ PRESETS: dict[str, Callable[[TomlTable], Files]] = {
     "log_spiral": read_spiral,
     "finger": read_finger,
 }
-"""By the name of the table that asks for one."""
+"""The reader of each preset, by the name of its table."""
 
 
 def read(values: Mapping[str, Any], file: str = "table") -> Design:
@@ -55,12 +55,12 @@ def read(values: Mapping[str, Any], file: str = "table") -> Design:
     values : mapping
         The table.
     file : str
-        Where it is from, for errors.
+        The table's file, for messages.
 
     Raises
     ------
     InputError
-        One line that names the file, the table and the key, what was expected and what was got.
+        For a bad table; it names file, table and key, what was expected and what was got.
     """
     table = TomlTable(values, file)
     for name, preset in PRESETS.items():
@@ -85,7 +85,7 @@ def arm_of(values: Mapping[str, Any], file: str = "table") -> Arm:
 
 
 def design(arm: Arm) -> Design:
-    """The files of an arm, and what it amounts to."""
+    """The files and key figures of an arm."""
     layout = lay_out(arm)
     figures = {
         "length_m": arm.length,

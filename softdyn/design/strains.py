@@ -14,23 +14,23 @@ from softdyn.exceptions import InputError
 def strain_basis(arm: Arm, degree: int = 0) -> Basis:
     """The basis of strains that are polynomials in each section, for `softdyn.reduce`.
 
-    The strain of freedom f in a section is Σ ξ_k P_k(2 s/length - 1), with Legendre's P_k: at
-    degree 0 piecewise constant curvature (PCC) where sections bend only, constant strain (PCS) with
-    twist, extension and shear. A joint at s that stands for the length w turns by w times the
-    strain there; ξ in 1/m, without a unit for extension and shear.
+    The strain of freedom f in a section is Σ ξ_k P_k(2 s/length - 1), with Legendre's P_k. Degree 0
+    is piecewise constant curvature (PCC) if sections only bend, and piecewise constant strain (PCS)
+    with twist, extension and shear. A joint at s that stands for the length w turns by w times the
+    strain at s. The unit of ξ is 1/m; for extension and shear ξ has no unit.
 
     Parameters
     ----------
     arm : Arm
-        With joints enough that it stands for the rod: the reduced model's cost does not grow with
-        the accuracy asked of it, only its making does.
+        An arm with enough joints to represent the rod. More joints make the reduced model slower to
+        build, but not slower to use.
     degree : int
-        Of the polynomials.
+        Degree of the polynomials.
 
     Raises
     ------
     InputError
-        A degree that the joints of a section cannot tell from a lower one.
+        If the degree is not below the number of joints in every section.
     """
     number("degree", degree, lower=0)
     least = min(section.segments for section in instance("arm", arm, Arm, "an Arm").sections)

@@ -26,19 +26,19 @@ UNITS: dict[str, dict[str, float]] = {
     "inertia": {"kgm2": 1.0, "gmm2": 1e-9},
     "none": {"": 1.0},
 }
-"""SI value of each unit, by what is measured; the commonest first."""
+"""SI value of each unit, by physical quantity; the commonest unit first."""
 REQUIRED: Any = object()
 
 
 class TomlTable:
-    """A table of a file that is being read; what nobody asked for is refused by `finish`.
+    """A table of a TOML file; `finish` refuses every key that was not read.
 
     Parameters
     ----------
     values : mapping
         The table.
     where : str
-        File and place, for errors.
+        File and place, for messages.
     """
 
     def __init__(self, values: Any, where: str) -> None:
@@ -48,7 +48,7 @@ class TomlTable:
         self._known: list[str] = []
 
     def quantity(self, name: str, kind: str, default: Any = REQUIRED) -> Any:
-        """A number in SI units; its key is `name` and one of the units of `kind`."""
+        """A number in SI units; its key is `name` followed by a unit of `kind`."""
         found = self._find(name, kind)
         if found is None:
             return self._default(name, kind, default)
@@ -101,7 +101,7 @@ class TomlTable:
         return value
 
     def flag(self, name: str) -> bool:
-        """True or false; false where it is not there."""
+        """True or false; false if the key is missing."""
         return self._typed(name, bool, "true or false", False)
 
     def text(self, name: str, default: Any = REQUIRED) -> Any:
@@ -109,7 +109,7 @@ class TomlTable:
         return self._typed(name, str, "a text", default)
 
     def choice(self, name: str, among: Mapping[str, Any], default: Any = REQUIRED) -> Any:
-        """What a word stands for."""
+        """The value in `among` of the key's word."""
         word = self._typed(name, str, " or ".join(among), default)
         if word not in among:
             raise self.error(name, " or ".join(among), repr(word))
@@ -133,7 +133,7 @@ class TomlTable:
         )
 
     def tables(self, name: str) -> list[TomlTable]:
-        """The tables of an array of tables; none where it is not there."""
+        """The tables of an array of tables; none if it is missing."""
         self._known.append(name)
         value = self.values.get(name, [])
         if not isinstance(value, list):
@@ -141,7 +141,7 @@ class TomlTable:
         return [TomlTable(item, f"{self.where}: [[{name}]] {k}") for k, item in enumerate(value, 1)]
 
     def finish(self) -> None:
-        """Refuse what nobody asked for, with the nearest that is known."""
+        """Refuse keys that were not read, and name the nearest known key."""
         for key in self.values:
             if key in self._known:
                 continue
@@ -151,7 +151,7 @@ class TomlTable:
             raise self.error(key, " or ".join(with_unit) or expected, "an unknown key")
 
     def error(self, key: str, expected: str, got: object) -> InputError:
-        """What is wrong with a key."""
+        """The error to raise about a key."""
         return InputError(f"{self.where}: {key}", expected, got)
 
     def _typed(self, name: str, kind: type, expected: str, default: Any) -> Any:
@@ -181,7 +181,7 @@ class TomlTable:
         if default is not REQUIRED:
             return default
         keys = " or ".join(f"{name}_{unit}" if unit else name for unit in UNITS[kind])
-        for key in self.values:  # a slip of the pen, or a unit left out, is the likelier cause
+        for key in self.values:  # a misspelt key or a missing unit is more likely than no key
             near = difflib.get_close_matches(key, keys.split(" or "), 1, 0.75)
             if key not in self._known and (near or key == name):
                 expected = keys if key == name else f"{near[0]}?"
