@@ -4,20 +4,21 @@
     state = model.state(q, v)
     command = softdyn.controllers.SoftIdClfQp(model)(state, softdyn.SetPoint(y))
 
-- `description`: what a file says: links, joints, a spring's stiffness (`annotations`), looks;
+- `description`: a robot's file as data: links, joints, springs (`annotations`), looks;
 - `dynamics`: every term of the equations of motion, J̇ (`kernels`), moment arms of
   tendons (`tendons`), derivatives, time steps;
-- `statics`: where a robot rests, how firmly, which inputs hold its tip at a point;
+- `statics`: equilibria, their stability, the inputs that hold the tip at a point;
 - `view`: the robot in the browser;
 - `design`: from a few parameters to a robot's file and meshes;
 - `identification`: from measurements to parameters;
-- `controllers`: the paper's laws and ours; `validation`: MuJoCo as the judge; `commands`: the
-  command line;
-- `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: arguments and
-  what is raised; `files`: files that appear whole; `compiled`: kernels with and without Numba.
+- `controllers`: the paper's controllers and ours; `validation`: the closed loop and checks in
+  MuJoCo; `commands`: the command line;
+- `references`: set points and ellipses; `loading`: `load`; `checks`, `exceptions`: checks of
+  arguments, and errors; `files`: files written whole or not at all; `compiled`: kernels with and
+  without Numba.
 
-The public names are imported when they are used, as `__init__.pyi` lists them: the command line
-answers `--help` without an engine.
+The public names are imported when they are used, as `__init__.pyi` lists them, so that the command
+line answers `--help` without loading an engine.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Checks of arguments: numbers that are numbers, arrays of the stated shape, or `InputError`."""
+"""Checks of arguments: finite numbers, arrays of a stated shape; else `InputError`."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Kind = TypeVar("Kind")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """``'name'``, with the known name that was meant, if one is like it."""
+    """``'name'``, followed by the most similar known name, if there is one."""
     lowered = {one.lower(): one for one in known}
     found = difflib.get_close_matches(name.lower(), lowered, 1)
     return f"{name!r}; did you mean {lowered[found[0]]!r}?" if found else repr(name)
 
 
 def in_degrees(angle: float, low: float, high: float) -> bool:
-    """Whether an angle is beyond its limits (rad), and within them if it is meant in degrees."""
+    """Whether an angle is outside its limits (rad), but inside them if read as degrees."""
     return abs(angle) > math.pi and not low <= angle <= high and low <= math.radians(angle) <= high
 
 
@@ -48,14 +48,14 @@ def number(
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
         try:
             result = float(value)
-        except OverflowError:  # an int beyond the floats
+        except OverflowError:  # an int too large for a float
             result = math.inf
         allowed = math.isfinite(result) or (not finite and result > 0)
         if allowed and result >= lower and result > above:
             return result
     try:
         got = repr(value)
-    except ValueError:  # Python refuses to write thousands of digits
+    except ValueError:  # Python refuses to print thousands of digits
         got = "a number of thousands of digits"
     bound = f" >= {lower:g}" if lower > -math.inf else ""
     bound += f" > {above:g}" if above > -math.inf else ""
@@ -138,8 +138,8 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
     Raises
     ------
     InputError
-        For text, complex numbers, ragged lists, another shape, NaN and infinities, and for a masked
-        array that hides some of its numbers.
+        For text, complex numbers, ragged lists, another shape, NaN and infinities, and for an array
+        with masked numbers.
     """
     if np.ma.is_masked(value):
         raise _not_an_array(name, finite, shape, "a mask that hides some")
@@ -161,7 +161,7 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
 def vector(name: str, value: Any, size: int) -> np.ndarray:
     """`value` as a new finite float array (size,), checked in a third of `array`'s time.
 
-    One may write to it: compiled kernels take such arrays faster, too.
+    Returns a writable copy; Numba dispatches writable arrays faster.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     """
     if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (size,):
         result = np.array(value)
-        # one dot product instead of a temporary; it overflows for no number, so nothing warns
+        # One dot product needs no temporary array. It never overflows, so NumPy never warns.
         if math.isfinite(result.dot(_small(size))):
             return result
     return array(name, value, (size,)).copy()
@@ -189,5 +189,5 @@ def read_only(values: Any) -> np.ndarray:
 
 
 def _not_an_array(name: str, finite: bool, shape: tuple[int, ...], got: str) -> InputError:
-    """Made only where it is raised: arrays are checked in every control step."""
+    """The error to raise; built only then, because every control step checks arrays."""
     return InputError(name, f"{'finite ' if finite else ''}numbers of shape {shape}", got)

@@ -1,12 +1,11 @@
 """Small numeric kernels, compiled by Numba where it is installed.
 
 A kernel is an ordinary function on arrays in the part of NumPy that Numba knows. Without Numba, or
-with ``SOFTDYN_COMPILE=0`` in the environment, the same source runs as it stands: that is the oracle
-of the compiled one.
+with ``SOFTDYN_COMPILE=0`` in the environment, Python runs the same source. Tests compare the two.
 
-Compilation happens once, at a kernel's first call, and is announced on stderr; its result is cached
-beside the source or, in a read-only installation, in the user's cache folder. It is compiled again
-when any kernel of the package changes, not only when its own file does.
+A kernel is compiled once, at its first call, and a line on stderr announces it. The result is
+cached beside the source or, in a read-only installation, in the user's cache folder. A kernel is
+compiled again when any kernel of the package changes, because kernels may be inlined in others.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ COMPILES = numba is not None
 
 
 def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
-    """`compiled`, but `plain` runs where nothing is compiled: NumPy's calls instead of loops."""
+    """Like `compiled`; but without Numba run `plain`, which calls NumPy instead of loops."""
 
     def choose(function: Kernel) -> Kernel:
         if COMPILES:
@@ -55,11 +54,11 @@ def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable
 
 
 def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -> Kernel:
-    """`function` compiled at its first call, or itself; ``.py_func`` is the source either way.
+    """Compile `function` at its first call; without Numba return it. ``.py_func`` is its source.
 
-    `reorder` lets the compiler take the terms of a sum in another order, several at once, and
-    round a product and a sum together. NaN and infinities remain what they are. `inline` writes
-    the function out where other kernels call it.
+    `reorder` lets the compiler add the terms of a sum in another order, several at once, and round
+    a product and a sum together. NaN and infinities keep their meaning. `inline` copies the
+    function into the kernels that call it.
     """
     if numba is None:
         function.py_func = function  # type: ignore[attr-defined]
@@ -71,18 +70,19 @@ def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -
         options["fastmath"] = {"reassoc", "contract"}
     announce_compilation()
     kernel = numba.njit(**options)(function)
-    # no folder can be written, or a Numba without these classes: compiled in every process
+    # without a writable folder, or these classes of Numba, every process compiles the kernel
     with suppress(RuntimeError, AttributeError):
         kernel._cache = KernelCache(function)
     return kernel
 
 
 class KernelCache:
-    """One kernel's compiled signatures in a file that knows its own checksum; a cache, no more.
+    """A cache of one kernel's compiled signatures, in a file with a checksum.
 
-    A dispatcher of Numba asks it as it would ask `numba.core.caching.FunctionCache`, which looks
-    at the kernel's source file alone, and would keep what was inlined from others; and damage to
-    its files ends in an error, or in other code than was compiled.
+    Numba's dispatchers use it in place of `numba.core.caching.FunctionCache`. Numba's own cache has
+    two defects here. It checks only the kernel's own source file, so it keeps outdated code that
+    was inlined from other files. It has no checksum, so a damaged file leads to an error or to
+    wrong code.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class KernelCache:
     Raises
     ------
     RuntimeError
-        No folder can be written, or a closure, whose values no source tells.
+        If no folder is writable, or for a closure, because the source does not hold its values.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -105,13 +105,13 @@ class KernelCache:
         self._path = Path(self.cache_path, f"{self._stem}-{sources[:16]}.kernel")
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """The compiled signature, ready to be called; None where none was saved."""
+        """The compiled signature, ready to be called; None if none was saved."""
         context.refresh()
         found = self._read().get((signature, context.codegen().magic_tuple()))
         return None if found is None else self._form.rebuild(context, found)
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep a signature; in silence not, where the disk does not let it."""
+        """Save a signature; do nothing if the disk refuses."""
         if not self._form.check_cachable(result):
             return
         new = {(signature, result.codegen.magic_tuple()): self._form.reduce(result)}
@@ -128,7 +128,7 @@ class KernelCache:
                     old.unlink(missing_ok=True)
 
     def flush(self) -> None:
-        """Forget everything."""
+        """Delete the cache file."""
         with suppress(OSError):
             self._path.unlink(missing_ok=True)
 
@@ -142,7 +142,7 @@ class KernelCache:
 
 
 def kernel_sources(file: Path) -> str:
-    """A digest of all modules with kernels that one of this file may call, and of Numba."""
+    """A digest of Numba's version and of all modules whose kernels this file may call."""
     package = Path(__file__).parent
     beside = file.resolve().parent
     ours = [(package / room).resolve() for room in ("dynamics", "controllers")]
@@ -160,9 +160,10 @@ def _digest(folders: tuple[Path, ...]) -> str:
 
 @cache
 def announce_compilation() -> Any:
-    """Let Numba tell when it compiles one of our kernels; a cache hit is none.
+    """Print a line when Numba compiles one of our kernels; a cache hit prints nothing.
 
-    Ctrl-C waits until it is done: inside Numba it would end in a traceback, or in half a kernel.
+    Ctrl-C takes effect after the compilation: inside Numba it would end in a traceback, or leave
+    half a kernel.
     """
 
     class Listener(numba.core.event.Listener):  # type: ignore[name-defined]
@@ -177,7 +178,7 @@ def announce_compilation() -> Any:
             if not self.ours(event):
                 return
             say_once()
-            if threading.current_thread() is threading.main_thread():  # only it may set handlers
+            if threading.current_thread() is threading.main_thread():  # others cannot set handlers
                 if not self.running:
                     self.before = signal.signal(signal.SIGINT, self.note)
                 self.running += 1
@@ -202,7 +203,7 @@ def announce_compilation() -> Any:
 
 @cache
 def say_once() -> None:
-    """Tell why nothing happens for a while; of many processes one tells."""
+    """Say why the program pauses; only one of many processes says it."""
     if sys.stderr is not None and current_process().name.endswith(("MainProcess", "-1")):
         print(
             "softdyn: compiling its kernels, once on this machine: 10 to 20 s "

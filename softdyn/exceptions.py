@@ -13,7 +13,7 @@ class SoftdynError(Exception):
 
 
 class UrdfError(SoftdynError, ValueError):
-    """A robot description that cannot be used, with the evidence.
+    """A robot description that cannot be used: where, what was expected, what was got.
 
     Attributes
     ----------
@@ -22,9 +22,9 @@ class UrdfError(SoftdynError, ValueError):
     element : str
         The offending element, e.g. ``<joint name="j1"><limit>``.
     expected, got : str
-        What the format asks for and what stands in the file.
+        The format's rule and the file's content.
     line : int or None
-        Line number in the file, or None where the defect has no single place.
+        Line number in the file, or None if the defect has no single place.
     """
 
     def __init__(
@@ -47,9 +47,9 @@ class InputError(SoftdynError, ValueError):
     name : str
         The argument.
     expected, got : str
-        What it should have been and what it was.
+        The expected and the actual value.
     text : str
-        The whole message, where a sentence says it better than these three.
+        The whole message, if a sentence says it better than these three.
     """
 
     def __init__(self, name: str, expected: str, got: object, text: str = "") -> None:
@@ -62,9 +62,9 @@ class InputError(SoftdynError, ValueError):
 
 @contextmanager
 def errors_in(where: str) -> Iterator[None]:
-    """Put the place in a file before every InputError of the block that does not name the file.
+    """Add the place in a file to every InputError of the block that does not name the file.
 
-    Numbers of which nothing can be computed, a length of 1e-320 m say, are an InputError too.
+    An ArithmeticError, for example from a length of 1e-320 m, becomes an InputError too.
     """
     try:
         yield

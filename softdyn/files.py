@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Write files whole or not at all, and read files of limited size."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from typing import Any, BinaryIO
 from softdyn.exceptions import InputError
 
 MAX_TOML = 1_000_000  # bytes
-LEFT_OVER = 600.0  # s after which nobody writes to a `.part` any more
+LEFT_OVER = 600.0  # s; the writer of an older `.part` file is surely gone
 
 
 @contextmanager
 def atomic(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that takes the name `path` when all went well.
+    """Open a temporary file for writing; rename it to `path` if the block ends without error.
 
-    A symbolic link is followed. What is no regular file (a device, a pipe) is written through at
-    the end instead of being replaced, and so is what is named below ``/dev`` or ``/proc``.
+    A symbolic link is followed. A device or a pipe, and any path below ``/dev`` or ``/proc``, is
+    not replaced: the content is written to it at the end.
 
     Raises
     ------
     InputError
-        When the file cannot be written there. A regular file that stood there is then untouched.
+        If the file cannot be written. An existing regular file is then unchanged.
     """
     path = Path(path)
     try:
         if is_stream(path):
-            content = io.BytesIO()  # what is written may need to seek
+            content = io.BytesIO()  # the writer may need to seek
             yield content
             with open(path, "wb", buffering=0) as stream:
                 _write_all(stream, content.getbuffer())
@@ -49,7 +49,7 @@ def atomic(path: str | Path) -> Iterator[BinaryIO]:
                 os.fsync(file.fileno())
             os.replace(temporary, target)
         finally:
-            with suppress(OSError):  # it is gone when all went well
+            with suppress(OSError):  # after a success it no longer exists
                 temporary.unlink()
     except OSError as error:
         raise not_writable(path, error) from None
@@ -67,12 +67,12 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When it cannot be read, is larger, or is no TOML that Python can hold.
+        If the file cannot be read, is larger, or is no valid TOML.
     """
     content = read_bytes(path, MAX_TOML)
     try:
         table = tomllib.loads(content.decode())
-        if _holds_large_integer(table):  # Python cannot even print one of thousands of digits
+        if _holds_large_integer(table):  # Python refuses to print thousands of digits
             raise ValueError("an integer of more than 64 bits")
         return table
     except (ValueError, RecursionError) as error:  # numbers of 5000 digits, deep arrays
@@ -80,12 +80,12 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
-    """The content of a file, or of an endless one what shows that it is too large.
+    """Read a file of at most `most` bytes; stop reading a larger one.
 
     Raises
     ------
     InputError
-        When it cannot be read or has more than `most` bytes.
+        If the file cannot be read or is larger.
     """
     try:
         with open(path, "rb") as file:
@@ -112,7 +112,7 @@ def as_path(name: str, value: str | Path) -> Path:
 
 
 def is_stream(path: Path) -> bool:
-    """Whether `path` takes what is written and cannot be replaced by a file."""
+    """Whether `path` can be written to, but not replaced by a file."""
     if path.parts[:2] in (("/", "dev"), ("/", "proc")):
         return path.exists()
     try:
@@ -122,22 +122,22 @@ def is_stream(path: Path) -> bool:
 
 
 def followed(path: Path) -> Path:
-    """Where the link leads, or `path`; links in a circle are an error of the operating system."""
+    """The target of a symbolic link, or `path`; links in a circle raise OSError."""
     if not path.name:
         raise InputError(str(path), "a file", "a folder")
     target = Path(os.path.realpath(path))
     if target.is_symlink():
-        target.stat()  # raises
+        target.stat()  # raises OSError
     return target
 
 
 def beside(path: Path) -> Path:
-    """A name for a file that becomes `path`: of no other process, thread or machine."""
+    """A name beside `path` that no other process, thread or machine uses."""
     return path.with_name(f".{path.name}.{os.urandom(8).hex()}.part")
 
 
 def remove_left_over(folder: Path) -> None:
-    """Delete what writers that were killed left below `folder`; a living one takes seconds."""
+    """Delete temporary files of killed writers below `folder`; a write takes only seconds."""
     latest = time.time() - LEFT_OVER
     for path in folder.rglob(".*.part"):
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""From a name or a file to a model: `softdyn.load`."""
+"""Load a model by name or from a file: `softdyn.load`."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ def load(
     Parameters
     ----------
     source : str or Path
-        Which robot.
+        The robot's name or path.
     annotations : str or Path, optional
         A file that holds the ``<softdyn>`` block, for a URDF without one.
     floating : bool
-        Let the root link move freely: q then starts with its position and a quaternion
-        (x, y, z, w), v with its velocity and angular velocity in its own axes.
+        Let the root link move freely. Then q starts with its position and a quaternion
+        (x, y, z, w), and v with its velocity and angular velocity in its own axes.
     repair_inertia : bool
         Replace impossible inertias by the nearest possible ones, with a warning each.
 
     Raises
     ------
     InputError
-        No such robot.
+        If there is no such robot.
     UrdfError
-        A file that cannot be used; the message names file, element, expected and got.
+        If the file cannot be used; the message names file, element, expected and got.
     """
     path = find(source)
     robot = parse(path, annotations=annotations, floating=floating, repair_inertia=repair_inertia)
-    # published gains belong to the bundled file as it is
+    # published gains belong to the unchanged bundled file only
     model = build(robot, None if annotations or floating else bundled_name(path))
     for warning in robot.warnings:
         warnings.warn(warning, stacklevel=2)
@@ -56,23 +56,23 @@ def load_text(
     floating: bool = False,
     bundled: str | None = None,
 ) -> SoftModel:
-    """The robot of a text, as a log carries it.
+    """Load a robot from its text, as a log holds it.
 
     Parameters
     ----------
     text, annotations : str
         `Robot.text` and `Robot.annotations`.
     path : str or Path
-        The file that it was, beside which its meshes are looked for.
+        The text's former file; meshes are searched beside it.
     floating : bool
         Let the root link move freely.
     bundled : str, optional
-        The bundled robot that it was; it is no longer, if that one is another by now.
+        The bundled robot's name, if it was one. It is ignored if the bundled file has changed.
 
     Raises
     ------
     UrdfError
-        A text that cannot be used.
+        If the text cannot be used.
     """
     robot = parse_text(text, annotations, path=Path(path), floating=floating)
     file = None if bundled is None else bundled_file(bundled)

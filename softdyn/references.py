@@ -1,4 +1,4 @@
-"""What the tip should do: y, ẏ, ÿ as a function of time."""
+"""References: the tip's desired y, ẏ, ÿ as a function of time."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Reference:
                 object.__setattr__(self, name, array(name, value, (3,)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # NumPy's pickles come back writeable; the constructor makes them read-only again.
+        # Arrays from a pickle are writable; the constructor makes them read-only again.
         return Reference, (self.y, self.ydot, self.yddot)
 
 
 class SetPoint(Reference):
-    """A point to reach and hold: the constant reference, itself callable with t.
+    """A point to reach and hold: a constant reference, which can be called with t.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class SetPoint(Reference):
         super().__init__(y)
 
     def __call__(self, t: float) -> SetPoint:
-        """The reference at time `t` (s): always this one."""
+        """The reference at time `t` (s), always the same."""
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -69,7 +69,7 @@ class SetPoint(Reference):
 
 @dataclass(frozen=True)
 class Ellipse:
-    """The paper's ellipse in the xz-plane (section Experiments), run through at a constant rate.
+    """The paper's ellipse in the xz-plane (section Experiments), with a constant rate of θ.
 
         x = a cos θ cos φ - (b sin θ - c) sin φ
         z = a cos θ sin φ + (b sin θ - c) cos φ,      θ(t) = π (start + ω t)
@@ -137,7 +137,7 @@ class Ellipse:
             ((cx + x, 0.0, cz + z), (vx, 0.0, vz), (-square * x, 0.0, -square * z)),
         )
         rows.flags.writeable = False
-        # Finite by construction: Reference's own checks would cost more than all of the above.
+        # The numbers are finite by construction, and Reference's checks would cost more than this.
         reference = object.__new__(Reference)
         reference.__dict__.update(y=rows[0], ydot=rows[1], yddot=rows[2])
         return reference
