@@ -10,18 +10,19 @@ import pinocchio as pin
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """A continuous joint holds (cos, sin) in q, a floating base its position and a quaternion.
+    """The numbers of each joint in q.
 
-    Its quaternion is (x, y, z, w); every other joint holds its coordinate.
+    A continuous joint holds (cos, sin). A floating base holds its position and the quaternion
+    (x, y, z, w). Every other joint holds its coordinate.
 
     Attributes
     ----------
     nq : int
         Size of q.
     first : ndarray of int, (nv,)
-        Where in q the first number of each degree of freedom stands.
+        Index in q of each degree of freedom's first number.
     continuous : ndarray of bool, (nv,)
-        Which are continuous joints.
+        Whether each degree of freedom is a continuous joint.
     floating : bool
         Whether a floating base comes first.
     """

@@ -1,7 +1,7 @@
 """Analytic derivatives of the dynamics: Pinocchio's for the tree, closed forms for the tendons.
 
-Derivatives with respect to q are along the velocity coordinates, q ⊕ dv, so that a continuous
-joint counts once and every Jacobian has nv columns.
+Derivatives by q are along the velocity coordinates, q ⊕ dv. A continuous joint then has one column,
+and every Jacobian has nv columns.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Derivatives:
     Attributes
     ----------
     value : ndarray, (nv,)
-        The function itself.
+        The function's value.
     q, v : ndarray, (nv, nv)
         ∂/∂q and ∂/∂q̇.
     u : ndarray, (nv, nu)
@@ -48,7 +48,7 @@ def acceleration_derivatives(
     Parameters
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -59,7 +59,7 @@ def acceleration_derivatives(
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     tau = joint_force_derivatives(model, q, v, u)
     if isinstance(model, Projection):
@@ -75,7 +75,7 @@ def acceleration_derivatives(
 def joint_force_derivatives(
     model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
 ) -> Derivatives:
-    """τ = B(q) u - D(q) q̇ - K(q) (N m, N), what tendons, springs and dampers do, and its Jacobians.
+    """τ = B u - D q̇ - K (N m, N), the force of tendons, springs and dampers, and its Jacobians.
 
     With a_t = ∂ℓ_t/∂q, H_t = ∂²ℓ_t/∂q² and the force f_t = Σ gear u - k (ℓ - ℓ₀) - d ℓ̇ along
     tendon t, its part of τ is aₜᵀ f_t; hence ∂τ/∂q = Σ f_t H_t - k aₜ aₜᵀ - d aₜ (H_t q̇)ᵀ.
@@ -83,7 +83,7 @@ def joint_force_derivatives(
     Parameters
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -94,7 +94,7 @@ def joint_force_derivatives(
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
@@ -112,16 +112,16 @@ def joint_force_derivatives(
 def tangent_dynamics(
     model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """∂(h - B u)/∂q and ∂h/∂q̇ (nv, nv): what M δq̈ + D_t δq̇ + K_t δq = B δu needs.
+    """K_t = ∂(h - B u)/∂q and D_t = ∂h/∂q̇ (nv, nv) of M δq̈ + D_t δq̇ + K_t δq = B δu.
 
-    RNEA's derivatives at q̈ = 0 (Pinocchio) less those of tendons, springs and dampers. The term
-    (∂M/∂q) q̈ is left out on purpose: an acceleration that a stop will not allow, or that lasts a
-    millisecond, must not pass for a stiffness over a horizon.
+    They are RNEA's derivatives at q̈ = 0 (Pinocchio) minus those of tendons, springs and dampers.
+    The term (∂M/∂q) q̈ is left out on purpose. It would act as a stiffness over the whole horizon,
+    but q̈ may last a millisecond only, or a stop may prevent it.
 
     Parameters
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q : array_like, (nq,)
         Configuration.
     v : array_like, (nv,)
@@ -132,7 +132,7 @@ def tangent_dynamics(
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     return residual_derivatives(model, q, v, np.zeros(model.nv), u)
 
@@ -142,19 +142,19 @@ def residual_derivatives(
 ) -> tuple[np.ndarray, np.ndarray]:
     """∂r/∂q and ∂r/∂q̇ (nv, nv) of r = M a + h - B u; ∂r/∂a is M.
 
-    RNEA's derivatives (Pinocchio) less those of tendons, springs and dampers.
+    They are RNEA's derivatives (Pinocchio) minus those of tendons, springs and dampers.
 
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        A model without mimic joints.
     q, v, a, u : array_like, (nq,), (nv,), (nv,), (nu,)
         Configuration, velocity, acceleration, input.
 
     Raises
     ------
     InputError
-        Wrong shape, a number that is not finite, or a robot with mimic joints.
+        For a wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     forces = joint_force_derivatives(model, q, v, u)
     by_q, by_v = _inverse_dynamics(model, q, v, np.asarray(a, float))
@@ -164,13 +164,14 @@ def residual_derivatives(
 def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Joint forces (nv, bodies) that each moving body's inertia needs for the motion (q, v, a).
 
-    Pinocchio's regressor times the body's ten parameters; the sum over the bodies is
-    M a + C v + g without armature. In the order of `softdyn.dynamics.tree.TreeModel.pin_model`.
+    A column is Pinocchio's regressor times the body's ten parameters. The sum over the bodies is
+    M a + C v + g without armature. Bodies are in the order of
+    `softdyn.dynamics.tree.TreeModel.pin_model`.
 
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        A model without mimic joints.
     q, v, a : array_like, (nq,), (nv,), (nv,)
         Configuration, velocity, acceleration.
     """
@@ -184,12 +185,13 @@ def mass_columns(model: SoftModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
 def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Tangent stiffness (nv, nv) ∂(K + g - B u)/∂q: symmetric, the Hessian of the potential.
 
-    The potential is U(q) + U_s(q) - Σ gear u ℓ(q). Positive definite at an equilibrium: stable.
+    The potential is U(q) + U_s(q) - Σ gear u ℓ(q). An equilibrium with a positive definite
+    stiffness is stable.
 
     Parameters
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q : array_like, (nq,)
         Configuration.
     u : array_like, (nu,)
@@ -198,7 +200,7 @@ def stiffness(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     springs = joint_force_derivatives(model, q, np.zeros(check_model(model).nv), u).q
     return gravity_stiffness(model, q) - springs
@@ -217,7 +219,7 @@ def tendon_forces(model: SoftModel, u: np.ndarray) -> np.ndarray:
     """Force (tendons,) Σ gear u of the actuators along each tendon: B u = Σ aₜᵀ f_t."""
     tree, _ = underlying_tree(model)
     forces = np.bincount(tree.actuated, tree.gear * u, len(model.tendons.names))
-    return forces.astype(float)  # whole numbers where there is no actuator
+    return forces.astype(float)  # without actuators bincount returns integers
 
 
 def tendon_curvature(
@@ -228,11 +230,11 @@ def tendon_curvature(
     Parameters
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q : array_like, (nq,)
         Configuration.
     force : ndarray, (tendons,)
-        f, along each tendon.
+        The force f along each tendon.
     v : array_like, (nv,)
         Velocity.
     """
@@ -264,7 +266,7 @@ def _inverse_dynamics(
 def _constrained(
     model: Projection, q: np.ndarray, v: np.ndarray, u: np.ndarray, tau: Derivatives
 ) -> Derivatives:
-    """Those of q̈ where joints depend on others: ∂q̈ = M⁻¹ (∂τ - ∂(M q̈ + C q̇ + g))."""
+    """Derivatives of q̈ for a projected model: ∂q̈ = M⁻¹ (∂τ - ∂(M q̈ + C q̇ + g))."""
     qdd = model.forward_dynamics(q, v, u)
     by_q, by_v = _inverse_dynamics(model, q, v, qdd)
     inverse = np.linalg.inv(model.state(q, v).M)

@@ -1,4 +1,4 @@
-"""Pinocchio's model of a robot: built, held against the strict parse, and its memory in view."""
+"""Build Pinocchio's model of a robot, check it against the strict parse, and view its memory."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from softdyn.exceptions import UrdfError
 
 # A floating base in v: velocity of its origin and angular velocity, both in its own axes.
 BASE = ("base_vx", "base_vy", "base_vz", "base_wx", "base_wy", "base_wz")
-FREE = "floating base"  # Pinocchio's joint of it
+FREE = "floating base"  # the name of its joint in Pinocchio
 
 
 def free_joint(robot: Robot) -> Joint:
-    """The joint that a floating base hangs on: no file has it."""
+    """The joint of a floating base, which the file does not hold."""
     return Joint(FREE, "floating", "", robot.root)
 
 
@@ -30,7 +30,7 @@ def build_engine(robot: Robot) -> pin.Model:
     Raises
     ------
     UrdfError
-        When Pinocchio refuses the file, reads other joints or another body in it, or nothing moves.
+        If Pinocchio refuses the file or reads other joints or inertias, or if no joint moves.
     """
     try:
         free = (pin.JointModelFreeFlyer(), FREE) if robot.floating else ()
@@ -56,14 +56,14 @@ def build_engine(robot: Robot) -> pin.Model:
 
 
 def _check_inertia(robot: Robot, link: str, read: pin.Inertia, body: Inertia) -> None:
-    """Compare a moving body as Pinocchio has read it with the strict parse's, up to rounding."""
+    """Compare Pinocchio's inertia of a moving body with the strict parse's, up to rounding."""
     size = max(1.0, float(np.abs(body.com).max()))
     slack = 1e-9 * np.abs(body.tensor).max() + MICROMETRE**2 * body.mass
     compared: list[tuple[str, str, Any, Any, float]] = [
         ("mass", "kg", body.mass, read.mass, max(1e-9 * body.mass, 1e-12)),
         ("inertia", "kg m^2", body.tensor, read.inertia, slack),
     ]
-    if body.mass > 0:  # nothing has no centre
+    if body.mass > 0:  # a massless body has no centre of mass
         compared.insert(1, ("centre of mass", "m", body.com, read.lever, 1e-9 * size))
     for what, unit, expected, got, tolerance in compared:
         if not np.abs(np.subtract(got, expected)).max() <= tolerance:
@@ -91,11 +91,11 @@ class Memory(NamedTuple):
     Attributes
     ----------
     bias : ndarray, (nv,)
-        Of `nonLinearEffects`.
+        C q̇ + g, from `nonLinearEffects`.
     S : ndarray, (nv, 6)
         Joint Jacobian columns about the world's origin, as rows.
     momenta, centre : ndarray, (nv, 6), (3,)
-        Columns of the centroidal map, as rows; the centre of mass that they are about.
+        Columns of the centroidal map, as rows, and the centre of mass, their reference point.
     rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
         Joint placements.
     """
@@ -108,17 +108,18 @@ class Memory(NamedTuple):
     translations: np.ndarray
 
     def copy_from(self, data: pin.Data) -> None:
-        """Write what `data` holds now into these arrays."""
+        """Copy the current results in `data` into these arrays."""
         for array, found in zip(self, _read(data), strict=True):
             array[...] = found
 
 
 def memory(data: pin.Data) -> tuple[Memory, bool]:
-    """Views of a Data's memory, which Pinocchio's algorithms refresh in place, and True.
+    """Views of a Data's memory, which Pinocchio's algorithms update in place, and True.
 
-    Going through Data's accessors costs a microsecond each, and one a joint for `oMi`, a C++ vector
-    of (rotation, translation) pairs, contiguous by the standard. Where this Pinocchio lays its
-    memory out in another way: copies, which `Memory.copy_from` refreshes, False, and a warning.
+    Views save time: each accessor of Data costs a microsecond, and `oMi` costs one for each joint.
+    `oMi` is a C++ vector of (rotation, translation) pairs, contiguous by the standard. If this
+    Pinocchio has another memory layout, the function warns and returns copies, which
+    `Memory.copy_from` updates, and False.
     """
     rotations = [placement.rotation for placement in data.oMi]
     translations = [placement.translation for placement in data.oMi]
@@ -139,16 +140,16 @@ def memory(data: pin.Data) -> tuple[Memory, bool]:
 
 
 class Scratch(threading.local):
-    """Pinocchio's memory of one thread: each thread that asks gets its own.
+    """Pinocchio's scratch memory; each thread gets its own.
 
     Attributes
     ----------
     data : pinocchio.Data
-        What the algorithms write to.
+        The algorithms write to it.
     memory, in_view : Memory, bool
-        Of `memory`.
+        The results of `memory`.
     arguments : tuple
-        What the State's kernel reads, filled by the first State.
+        Arguments of the State's kernel; the first State fills it.
     """
 
     def __init__(self, model: pin.Model) -> None:
@@ -158,7 +159,7 @@ class Scratch(threading.local):
 
 
 def _read(data: pin.Data) -> Memory:
-    """Through Data's accessors; of one joint, Pinocchio hands matrices out as vectors."""
+    """Read through Data's accessors; with one joint, Pinocchio returns matrices as vectors."""
     n = len(data.nle)
     rotations = np.array([placement.rotation for placement in data.oMi])
     translations = np.array([placement.translation for placement in data.oMi])

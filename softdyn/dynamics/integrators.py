@@ -1,4 +1,4 @@
-"""One step of time integration of the analytic model under a held input."""
+"""One step of time integration of the analytic model under a constant input."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
     Parameters
     ----------
     model : SoftModel
-        Of any robot.
+        Any robot's model.
     q, v, u : array_like, (nq,), (nv,), (nu,)
         Configuration, velocity, input.
     h : float
@@ -25,7 +25,7 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
     Raises
     ------
     InputError
-        For an argument of the wrong shape or not finite, and when the state overflows on the way.
+        For an argument of the wrong shape or not finite, or if the state overflows within the step.
     """
     h = number("h", h)
     a1 = model.forward_dynamics(q, v, u)
@@ -44,13 +44,13 @@ def step_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: f
 def step_implicit(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float) -> Step:
     """Semi-implicit Euler with implicit damping, (M + h D) a = B u - h(q, v); order 1.
 
-    Unconditionally stable in the damping, which is what is stiff in soft robots
-    (λmax(M⁻¹D) of 1e4 and more). The scheme of MuJoCo's ``implicitfast``.
+    It is the scheme of MuJoCo's ``implicitfast``. It stays stable for any damping. This matters,
+    because the damping is the stiff part of soft robots: λmax(M⁻¹D) is 1e4 and more.
 
     Parameters
     ----------
     model : SoftModel
-        Of any robot.
+        Any robot's model.
     q, v, u : array_like, (nq,), (nv,), (nu,)
         Configuration, velocity, input.
     h : float

@@ -1,26 +1,26 @@
-"""All terms of a State in one kernel, from what Pinocchio's algorithms leave in its Data.
+"""All terms of a State in one kernel, from the results of Pinocchio's algorithms in its Data.
 
-Joint Jacobian columns S_k = (v_k; ω_k) are in the world's axes about its origin, so a point p of a
-body that joint k moves has ∂p/∂q_k = v_k + ω_k × p, and
+Joint Jacobian columns S_k = (v_k; ω_k) are in the world's axes about its origin. A point p of a
+body that joint k moves therefore has ∂p/∂q_k = v_k + ω_k × p, and
 
     J̇_k = v̇_k + ω̇_k × p + ω_k × ṗ.
 
-Each column is fixed to the body that joint k moves first, whose twist (v; ω) = Σ S_j q̇_j, over its
-own joint and all before it, carries it along:
+Each column is fixed to the first body that joint k moves. That body has the twist
+(v; ω) = Σ S_j q̇_j, over its own joint and all before it, which moves the column:
 
     v̇_k = ω × v_k + v × ω_k,    ω̇_k = ω × ω_k.
 
-With F_k = (f_k; τ_k) the momentum of everything at q̇_k = 1, about the same origin, the mass matrix
-and the force of gravity a are
+Let F_k = (f_k; τ_k) be the momentum of all bodies at q̇_k = 1, about the same origin, and a the
+acceleration of gravity. The mass matrix and the force of gravity are
 
-    M_jk = S_j · F_k where joint j is joint k or before it,    g_k = -a · f_k
+    M_jk = S_j · F_k if joint j is joint k or before it,    g_k = -a · f_k
 
 (Featherstone 2008, chapter 6; Orin & Goswami 2008). Pinocchio's centroidal map holds F_k about the
-centre of mass c: it lacks c × f_k. This M costs less than that of `crba`: it is written once, where
-it stays.
+centre of mass c, so the kernel adds c × f_k. This M costs less than that of `crba`, because it is
+written once, into its final place.
 
-`TreeModel` does the same in NumPy and with Pinocchio's own algorithms where nothing is compiled;
-`tests/dynamics/test_kernels.py` holds the two against each other.
+Without Numba, `TreeModel` computes the same in NumPy with Pinocchio's own algorithms.
+`tests/dynamics/test_kernels.py` compares the two.
 """
 
 from __future__ import annotations
@@ -36,18 +36,19 @@ from softdyn.dynamics.tendons import moment_arms
 class Constants(NamedTuple):
     """A robot's constants for the kernels, in the order of their arguments.
 
-    They take these, and `softdyn.dynamics.engine.Memory`, one by one: Numba hands 13 arrays over
-    in 0.95 µs, a named tuple of them in 1.9 µs and two in 4 µs, of the 20 µs of a State.
+    Kernels take these fields, and those of `softdyn.dynamics.engine.Memory`, one by one, because
+    that is faster. Numba passes 13 arrays in 0.95 µs, one named tuple of them in 1.9 µs and two
+    tuples in 4 µs. A State takes 20 µs.
 
     Attributes
     ----------
     tip : int
         Body of the tip.
     tip_offset : ndarray, (3,)
-        The tip's position in it.
+        The tip's position in this body.
     tree : ndarray of int, (n, 4)
-        Of each degree of freedom: whether it moves the tip, the body that it moves first, the body
-        whose twist it adds to, and the first degree of freedom after it that is not beyond it.
+        For each degree of freedom: whether it moves the tip, the first body that it moves, the body
+        to whose twist it adds, and the next degree of freedom that is not in its subtree.
     gravity : ndarray, (3,)
         Acceleration.
     joints : ndarray, (n, 4)
@@ -67,18 +68,18 @@ class Constants(NamedTuple):
     coefficients: np.ndarray
 
 
-JOINT_TERMS = 10  # M apart, the vectors (n,) of `joint_terms`
+JOINT_TERMS = 10  # number of vectors (n,) in `joint_terms`, without M
 
 
 def joint_terms(joint_rows):
-    """M, J, J̇, bias, K, h and g: views of what a kernel has written to joint_rows (≥ n + 10, n)."""
+    """M, J, J̇, bias, K, h and g as views of joint_rows (≥ n + 10, n), which a kernel has filled."""
     n = joint_rows.shape[1]
     M, J, Jdot = joint_rows[:n], joint_rows[n : n + 3], joint_rows[n + 3 : n + 6]
     return M, J, Jdot, joint_rows[n + 6], joint_rows[n + 7], joint_rows[n + 8], joint_rows[n + 9]
 
 
 def tendon_terms(joint_rows, tendons):
-    """Moment arms and Bᵀ, which `spatial_terms` writes behind the `joint_terms`."""
+    """Moment arms and Bᵀ, which `spatial_terms` writes after the `joint_terms`."""
     first = joint_rows.shape[1] + JOINT_TERMS
     return joint_rows[first : first + tendons], joint_rows[first + tendons :]
 
@@ -88,7 +89,7 @@ def tip_terms(tip_and_lengths):
     return tip_and_lengths[:3], tip_and_lengths[3:6], tip_and_lengths[6:]
 
 
-# Python keeps the functions as they are: slices cost it less than a call of a kernel
+# Python code uses the uncompiled functions: for slices they are faster than a call of a kernel
 _joint_terms = compiled(joint_terms, inline=True)
 _tendon_terms = compiled(tendon_terms, inline=True)
 _tip_terms = compiled(tip_terms, inline=True)
@@ -99,7 +100,7 @@ def fixed_terms(
     joint_rows, tip_and_lengths, v, coordinates, bias, S, momenta, centre, rotations, translations,
     tip, tip_offset, tree, gravity, joints, tendons, coefficients,
 ):  # fmt: skip
-    """Everything where moment arms are constant.
+    """All terms of a robot with constant moment arms.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def spatial_terms(
     tip, tip_offset, tree, gravity, joints, tendons, coefficients,
     bodies, offsets, pairs, signs, actuated, gear,
 ):  # fmt: skip
-    """Everything where moment arms change with q.
+    """All terms of a robot whose moment arms change with q.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def spatial_terms(
 
 @compiled
 def _fixed_lengths(lengths, coordinates, tendons, coefficients):
-    """Tendon lengths but for the segments that move."""
+    """Tendon lengths without the segments that change."""
     for t in range(len(tendons)):
         lengths[t] = tendons[t, 0]
         for k in range(len(coordinates)):
@@ -246,7 +247,7 @@ def _tip(J, Jdot, y, ydot, v, S, rotations, translations, tip, tip_offset, tree)
 
 @compiled
 def _forces(bias_out, K, h, v, coordinates, bias, joints, tendons, lengths, arms):
-    """Bias, which Pinocchio overwrites, kept; K and h."""
+    """Copy the bias, which Pinocchio overwrites later; compute K and h."""
     n = len(v)
     for k in range(n):
         bias_out[k] = bias[k]

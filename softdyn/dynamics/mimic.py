@@ -1,8 +1,8 @@
-"""Robots with mimic joints: the dynamics of the tree, projected on what moves by itself.
+"""Robots with mimic joints: the dynamics of the tree, projected on the independent joints.
 
-A follower's coordinate is multiplier · leader + offset: a `Projection`, with one entry in each row
-of S. Armature, springs, dampers and tendons of followers are included. Exact, and nothing that a
-robot without mimic joints would pay for.
+A follower's coordinate is multiplier · leader + offset. The model is therefore a `Projection` with
+one entry in each row of S. It is exact and includes armature, springs, dampers and tendons of
+followers. Robots without mimic joints do not use it, so it costs them nothing.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def build(robot: Robot, bundled: str | None = None) -> SoftModel:
     Raises
     ------
     UrdfError
-        When Pinocchio refuses the file, reads another robot in it than the strict parse did, or
-        finds a singular mass matrix.
+        If Pinocchio refuses the file, if it reads another robot than the strict parse, or if the
+        mass matrix is singular.
     """
     followers = instance("robot", robot, Robot, "a Robot, from softdyn.parse(…)").followers
     model: SoftModel = (MimicModel if followers else TreeModel)(robot, bundled)
     M = model.state(model.q0, np.zeros(model.nv)).M
-    scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # a moment may be zero but for rounding
+    scale = np.sqrt(np.maximum(np.diag(M), 0.0))  # rounding may make a zero moment negative
     weakest = int(np.argmin(scale))
     if scale[weakest] > 0:
         values, modes = np.linalg.eigh(M / np.outer(scale, scale))
@@ -55,7 +55,7 @@ def build(robot: Robot, bundled: str | None = None) -> SoftModel:
 
 
 class MimicModel(Projection):
-    """A model whose mimic joints follow others: `q`, `v` and all columns leave them out.
+    """The model of a robot with mimic joints; `q`, `v` and all columns leave followers out.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ class MimicModel(Projection):
     tree : TreeModel
         The model of the same robot with all joints independent.
     S, offset : ndarray, (tree.nv, nv), (tree.nv,)
-        Coordinates of the tree from those of the robot.
+        They map the robot's coordinates to the tree's.
 
     Raises
     ------
     UrdfError
-        When Pinocchio refuses the file or reads another robot in it than the strict parse did.
+        If Pinocchio refuses the file or reads another robot than the strict parse.
     """
 
     def __init__(self, robot: Robot, bundled: str | None = None) -> None:
@@ -82,7 +82,7 @@ class MimicModel(Projection):
         tree = TreeModel(free)
         self.robot, self.bundled, self.name = robot, bundled, robot.name
         followers = {joint.name: joint.mimic for joint in robot.followers}
-        # a joint may be named like one of the base's coordinates, which come first
+        # the base's coordinates come first; one of the file's joints may share a name with them
         base = len(BASE) if robot.floating else 0
         names = enumerate(tree.joint_names)
         mimics = [None if k < base else followers.get(name) for k, name in names]
@@ -96,14 +96,14 @@ class MimicModel(Projection):
             if mimic is not None:
                 self.S[row, column[mimic.leader]] = mimic.multiplier
                 self.offset[row] = mimic.offset
-        # where the numbers of q stand in the tree's: all but those of followers
+        # indices of q in the tree's q: all but the followers'
         self._slots = np.delete(np.arange(tree.nq), tree.chart.numbers_of(~self._own))
         self.nq = len(self._slots)
         self.q0 = read_only(tree.q0[self._slots])
         self.tree = self._at_rest(tree, free)
         self.u_min, self.u_max = tree.u_min, tree.u_max
         self.lower, self.upper = (read_only(x[self._own]) for x in (tree.lower, tree.upper))
-        # S has one entry a row: what is diagonal in the tree is diagonal here
+        # S has one entry in each row, so diagonal matrices of the tree stay diagonal
         squares = self.S.T**2
         self.stiffness = read_only(squares @ tree.stiffness)
         self.damping = read_only(squares @ tree.damping)
@@ -116,7 +116,7 @@ class MimicModel(Projection):
         self.tendon_rest = self.tree.tendon_rest
 
     def _at_rest(self, tree: TreeModel, robot: Robot) -> TreeModel:
-        """The tree with omitted rest lengths as at q = 0, where followers are at an offset."""
+        """The tree with omitted rest lengths taken at q = 0, with followers at their offsets."""
         if not self.offset.any():
             return tree
         self.tree = tree

@@ -1,6 +1,6 @@
 """An MJCF read by Pinocchio's own reader, as plain numbers.
 
-No model of ours is made from it: it is what a comparison holds against MuJoCo's reading.
+No model is made from it. A comparison checks it against MuJoCo's reading.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ class Reading:
     Attributes
     ----------
     name : str
-        The joint's.
+        The joint's name.
     parent : int
         Index of the joint that carries it, -1 for the world.
     directions : np.ndarray, (freedoms, 6)
-        What each degree of freedom moves: angular velocity, velocity of the world's origin.
+        Motion of each degree of freedom: angular velocity, velocity at the world's origin.
     free, ball : bool
         Whether it is a free or a ball joint.
     mass : float
-        kg.
+        Mass (kg).
     com, tensor : np.ndarray, (3,), (3, 3)
         Centre of mass, and inertia about it (kg·m²).
     rotation, translation : np.ndarray, (3, 3), (3,)
@@ -56,22 +56,22 @@ def read_mjcf_by_pinocchio(path: Path) -> tuple[tuple[Reading, ...], np.ndarray]
     Parameters
     ----------
     path : Path
-        A file that has been judged before: Pinocchio opens what it names.
+        A file that was checked before, because Pinocchio opens every file that it names.
 
     Raises
     ------
     UrdfError
-        When Pinocchio refuses it.
+        If Pinocchio refuses it.
     """
     try:
         model = pin.buildModelFromMJCF(str(path))
-    except Exception as error:  # whatever its parsing code trips over
+    except Exception as error:  # its parser raises exceptions of any kind
         got = one_line(str(error).rpartition("message:\n")[2].strip())
         raise UrdfError(path, "<mujoco>", "a file that Pinocchio reads", got) from None
     model = model[0] if isinstance(model, tuple) else model
     data = model.createData()
     jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
-    jacobian = np.reshape(jacobian, (6, model.nv))  # of one freedom it is a vector
+    jacobian = np.reshape(jacobian, (6, model.nv))  # with one degree of freedom it is a vector
     readings = []
     for joint in range(1, model.njoints):
         first, count = model.idx_vs[joint], model.nvs[joint]

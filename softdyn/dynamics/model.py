@@ -1,7 +1,8 @@
 """The interface of every model of a soft robot, and the State of its terms.
 
-`SoftModel` is implemented by `softdyn.dynamics.tree.TreeModel`, on Pinocchio, and for robots with
-mimic joints by `softdyn.dynamics.mimic.MimicModel`; `softdyn.build` chooses.
+`softdyn.dynamics.tree.TreeModel` implements `SoftModel` with Pinocchio, and
+`softdyn.dynamics.mimic.MimicModel` implements it for robots with mimic joints. `softdyn.build`
+chooses.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from softdyn.exceptions import InputError
 class SoftModel(Protocol):
     """The analytic dynamics of an annotated robot.
 
-    A model keeps scratch memory for each thread that uses it; States are independent of it. With
-    n = nv degrees of freedom and m = nu inputs; SI units, radians.
+    Below, n = nv is the number of degrees of freedom and m = nu that of inputs. Units are SI and
+    radians. Each thread may use a model: it has its own scratch memory. States do not use it.
 
     Attributes
     ----------
@@ -33,9 +34,9 @@ class SoftModel(Protocol):
     bundled : str or None
         Name among the bundled robots, None for any other file.
     name : str
-        The robot's.
+        The robot's name.
     joint_names : tuple of str
-        The order of v and of all columns.
+        Names in the order of v and of all columns.
     nq, nv, nu : int
         Sizes of q, v and u.
     q0 : ndarray, (nq,)
@@ -43,13 +44,14 @@ class SoftModel(Protocol):
     u_min, u_max : ndarray, (m,)
         Bounds of the inputs.
     lower, upper : ndarray, (n,)
-        Position limits; infinite where there are none.
+        Position limits; infinite for a joint without limits.
     stiffness, rest, damping, armature : ndarray, (n,)
-        Of each joint.
+        Spring stiffness, rest position, damping and armature of each joint.
     tendons : Tendons
-        Their geometry.
+        The tendons' geometry.
     tendon_stiffness, tendon_damping, tendon_rest : ndarray, (tendons,)
-        Of each tendon; rest lengths that the file omits are those at q = 0.
+        Stiffness, damping and rest length of each tendon. A rest length that the file omits is the
+        length at q = 0.
     """
 
     robot: Robot
@@ -74,7 +76,7 @@ class SoftModel(Protocol):
     tendon_rest: np.ndarray
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # a copy's views would be of no engine's memory: built anew, from the same file
+        # A pickle cannot keep views of the engine's memory, so the copy is built from the file.
         return type(self), (self.robot, self.bundled)
 
     def __repr__(self) -> str:
@@ -96,7 +98,7 @@ class SoftModel(Protocol):
         Raises
         ------
         InputError
-            Wrong shape or a number that is not finite; so do all other methods.
+            For a wrong shape or a number that is not finite, as in all other methods.
         """
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -141,9 +143,10 @@ class SoftModel(Protocol):
         )
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """Joint coordinates (n,): q itself but for continuous joints, in (-π, π].
+        """Joint coordinates (n,) of a configuration.
 
-        Those of a floating base are its position and its rotation vector.
+        A continuous joint has one angle in (-π, π]. A floating base has its position and its
+        rotation vector. Every other joint has its number in q.
         """
 
     def configuration(self, coordinates: np.ndarray) -> np.ndarray:
@@ -157,12 +160,12 @@ class SoftModel(Protocol):
 
 
 def check_model(value: Any) -> SoftModel:
-    """`value` if it is a model; a robot's name or file, say, is none.
+    """Return `value` if it is a model.
 
     Raises
     ------
     InputError
-        A value that is no model.
+        If it is none, for example a robot's name or file.
     """
     if not isinstance(value, SoftModel):
         raise InputError("model", "a model, from softdyn.load(…)", repr(value))
@@ -173,13 +176,13 @@ def check_model(value: Any) -> SoftModel:
 class State:
     """Terms of M q̈ + C q̇ + D q̇ + K + g = B u at (q, v); paper, eq. (1). Arrays are read-only.
 
-    `SoftModel.state` makes them. Made by hand, or by `dataclasses.replace`, the arrays become
-    read-only copies of the shapes below; they need not be finite.
+    `SoftModel.state` makes States. The constructor and `dataclasses.replace` check the shapes and
+    copy the arrays as read-only ones; the numbers need not be finite.
 
     Attributes
     ----------
     model : SoftModel
-        The robot's.
+        The robot's model.
     q, v : ndarray, (nq,), (n,)
         Configuration and velocity (rad, m; per second).
     M : ndarray, (n, n)
@@ -227,12 +230,12 @@ class State:
     moment_arms: np.ndarray
 
     def __post_init__(self) -> None:
-        # Compiled kernels trust shapes and layouts: with others they would read beyond an array,
-        # or stop to be compiled anew.
+        # Compiled kernels trust shapes and memory layouts. A wrong shape would let them read beyond
+        # an array; another layout would make Numba compile them again.
         for name, shape in _shapes(self.model).items():
             value = array(name, getattr(self, name), shape, finite=False)
             if name == "B" and self.model.tendons.spatial:
-                value = np.asfortranarray(value)  # as the model hands it out
+                value = np.asfortranarray(value)  # the layout of the model's own B
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
@@ -244,22 +247,22 @@ class State:
 
     @staticmethod
     def trusted(**terms: Any) -> State:
-        """A State of its model and of read-only arrays by name, which are right as they are.
+        """Make a State from its model and read-only arrays by name, without any check.
 
-        Further terms, such as `g`, need not be computed on first use.
+        Further terms, such as `g`, may be given; they are then not computed on first use.
         """
         state = object.__new__(State)
         state.__dict__.update(terms)
         return state
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # NumPy's copies come back writeable, and B in another memory order
+        # unpickled arrays are writable, and B has another memory layout
         return State._restored, (self.__dict__,)
 
     @staticmethod
     def _restored(terms: dict[str, Any]) -> State:
         known = {name: terms[name] for name in terms if name not in State.__match_args__}
-        for value in known.values():  # C and g, where they were computed
+        for value in known.values():  # C and g too, if they were computed
             value.flags.writeable = False
         state = State(**{name: terms[name] for name in State.__match_args__})
         state.__dict__.update(known)
@@ -272,7 +275,7 @@ class State:
 
     @cached_property
     def g(self) -> np.ndarray:
-        """Gravity force (n,); where `SoftModel.state` does not know it, computed on first use."""
+        """Gravity force (n,); computed on first use unless `SoftModel.state` gave it."""
         return self.model.gravity(self.q)
 
 

@@ -1,6 +1,6 @@
-"""A model whose coordinates determine those of a tree: its dynamics, projected.
+"""A model whose coordinates determine those of a tree: the tree's dynamics, projected.
 
-With q the coordinates, S (tree, n) constant and of full rank,
+The coordinates are q. S (tree, n) is constant and of full rank. Then
 
     q_tree = S q + offset,    v_tree = S v,    a_tree = S a,
 
@@ -25,14 +25,14 @@ from softdyn.dynamics.tree import TreeModel, tree_of
 
 
 class Projection(SoftModel):
-    """Every term of a tree's dynamics, projected; how q stands for the tree's is a subclass's.
+    """Every term of a tree's dynamics, projected; a subclass maps q to the tree's coordinates.
 
     Attributes
     ----------
     tree : TreeModel
-        The model whose terms they are.
+        The model of the tree.
     S : ndarray, (tree.nv, nv)
-        Velocities of the tree from those of the robot.
+        It maps the robot's velocities to the tree's.
     """
 
     tree: TreeModel
@@ -102,12 +102,12 @@ class Projection(SoftModel):
 
 
 def underlying_tree(model: SoftModel) -> tuple[TreeModel, np.ndarray | None]:
-    """The tree whose engine makes the model's terms, and S; None where it is the model itself."""
+    """The tree that computes the model's terms, and S; S is None if the model is the tree."""
     if isinstance(model, Projection):
         return model.tree, model.S
     return tree_of(model), None
 
 
 def project(S: np.ndarray | None, matrix: np.ndarray) -> np.ndarray:
-    """Sᵀ A S, and A itself where there is no S."""
+    """Sᵀ A S, or A if S is None."""
     return matrix if S is None else S.T @ matrix @ S

@@ -1,8 +1,8 @@
-"""Fewer coordinates for a robot: `reduce`, its dynamics on a subspace of its joints' motions.
+"""Fewer coordinates for a robot: `reduce` restricts its dynamics to a subspace of joint motions.
 
-What is assumed is kinematic: joints move as q = S ξ, as under ideal constraints. A basis of
-piecewise constant strains makes the chain of a rod the PCC or PCS model of it, up to the chain's
-own discretisation (`softdyn.design.strain_basis`).
+The only assumption is kinematic: ideal constraints keep the joints at q = S ξ. With a basis of
+piecewise constant strains (`softdyn.design.strain_basis`), a rod's chain of joints becomes its PCC
+or PCS model, up to the chain's own discretisation.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class Basis:
     Attributes
     ----------
     matrix : ndarray, (joints, n)
-        S: joints' coordinates (rad, m) for one unit of each reduced one.
+        S: the joints' coordinates (rad, m) for one unit of each reduced coordinate.
     joints : tuple of str
         Names of the rows.
     names : tuple of str
-        Of the reduced coordinates.
+        Names of the columns, the reduced coordinates.
     """
 
     matrix: np.ndarray
@@ -46,14 +46,15 @@ def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic and continuous joints whose base does not float.
+        A model of a robot with a fixed base, without mimic and continuous joints.
     basis : Basis or array_like, (nv, n)
         S, of full rank.
 
     Raises
     ------
     InputError
-        Another robot, names of other joints, a matrix of another shape or of lower rank.
+        For any other robot, for a basis of other joints, and for a matrix of the wrong shape or of
+        lower rank.
     """
     check_model(model)
     if not isinstance(basis, Basis):
@@ -73,9 +74,9 @@ def reduce(model: SoftModel, basis: Basis | np.ndarray | Sequence[Sequence[float
 class ReducedModel(Projection):
     """A robot's dynamics in fewer coordinates; made by `reduce`.
 
-    `stiffness`, `damping`, `armature` are the diagonals of Sᵀ diag(·) S: all there is where columns
-    share no joint, as those of constant strains; K, D and M of a State have the rest. A limit of a
-    reduced coordinate is one of a joint that it alone moves.
+    `stiffness`, `damping` and `armature` are the diagonals of Sᵀ diag(·) S. They are the whole
+    matrices if columns share no joint, as with constant strains. K, D and M of a State are always
+    complete. A reduced coordinate has the limits of the joints that only it moves.
 
     Attributes
     ----------
@@ -93,11 +94,11 @@ class ReducedModel(Projection):
             raise InputError("model", expected, full.name)
         S = self.S = basis.matrix
         self.nq = self.nv = S.shape[1]
-        # NumPy 2.0 knows no rank of a matrix without columns
+        # NumPy 2.0 cannot compute the rank of a matrix without columns
         rank = int(np.linalg.matrix_rank(S / np.abs(S).max())) if S.any() else 0
         if rank < self.nv or self.nv == 0:
             raise InputError("basis", "a matrix of full column rank", f"rank {rank} of {S.shape}")
-        # another robot to a law's guard: its States have other shapes
+        # a new xml lets a controller's guard see another robot, because States have other shapes
         kind = hashlib.sha256(S.tobytes() + repr(basis.names).encode()).hexdigest()
         self.robot = replace(full.robot, xml=f"{full.robot.xml}<!-- on the basis {kind} -->")
         self.bundled, self.name, self.nu = None, f"{full.name}, reduced", full.nu
@@ -113,7 +114,7 @@ class ReducedModel(Projection):
         self.rest = read_only(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
         self.tendons, self.tendon_rest = full.tendons, full.tendon_rest
         self.tendon_stiffness, self.tendon_damping = full.tendon_stiffness, full.tendon_damping
-        # the ξ nearest to q, in the energy of the springs
+        # for the ξ nearest to q, measured by the springs' energy
         weight = full.stiffness if (full.stiffness > 0).all() else np.ones(full.nv)
         self._nearest = np.linalg.solve(S.T @ (weight[:, None] * S), S.T * weight)
 
@@ -137,22 +138,22 @@ class ReducedModel(Projection):
     def project(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reduced coordinates and velocities nearest to those of the robot.
 
-        In the energy of its springs: what is left over stores the least.
+        They minimise the springs' energy of the difference.
 
         Parameters
         ----------
         q, v : array_like, (full.nq,), (full.nv,)
-            Of the robot.
+            The robot's configuration and velocity.
         """
         full = self.full
         return self._nearest @ vector("q", q, full.nq), self._nearest @ vector("v", v, full.nv)
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """The reduced coordinates (nv,) themselves."""
+        """Return the reduced coordinates (nv,) unchanged."""
         return np.asarray(q, float)
 
     def configuration(self, coordinates: np.ndarray) -> np.ndarray:
-        """The same numbers (nq,)."""
+        """Return the coordinates unchanged, as a configuration (nq,)."""
         return vector("coordinates", coordinates, self.nv)
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:

@@ -1,22 +1,22 @@
 """Tendon geometry: lengths, moment arms ∂ℓ/∂q and their gradients ∂²ℓ/∂q², all analytic.
 
-A spatial tendon is a chain of straight segments between sites. A segment with unit direction d
-through the point p pulls its two ends along one line, so both ends see the same wrench
-w = (d, p × d) about the world's origin, and with the joint Jacobian column S_k = (v_k, ω_k)
-in that frame
+A spatial tendon is a chain of straight segments between sites. A segment has the unit direction d
+through the point p and pulls its two ends along one line. Both ends therefore get the same wrench
+w = (d, p × d) about the world's origin. With the joint Jacobian column S_k = (v_k, ω_k) in that
+frame
 
     ∂ℓ/∂q_k = Σ_segments (χ_k(end) - χ_k(start)) · (v_k · d + ω_k · (p × d)),
 
-χ_k(x) being 1 where joint k moves x. Only joints *between* the two ends of a segment count, which
-`Segments` lists once; a segment within one body only adds a constant length.
+where χ_k(x) is 1 if joint k moves x, else 0. Only joints *between* the two ends of a segment count;
+`Segments` lists them once. A segment within one body adds a constant length only.
 
-For the gradient of the moment arms, with c_k the difference of the two ends' Jacobian columns and s
-the segment's length, the segment's entry (j, k) of ∂²ℓ/∂q² is
+Let c_k be the difference of the two ends' Jacobian columns and s the segment's length. Then the
+segment's entry (j, k) of the moment arms' gradient ∂²ℓ/∂q² is
 
-    c_j · (I - ddᵀ) c_k / s  +  d · (ω_j × c_k)
+    c_j · (I - ddᵀ) c_k / s  +  d · (ω_j × c_k).
 
-where the second term counts if joint j, the one before, moves the same end as joint k: it carries
-the column c_k along as a rigid vector.
+Joint j is the one nearer to the base. The second term counts only if both joints move the same end
+of the segment, because joint j then rotates the column c_k.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ import numpy as np
 from softdyn.compiled import compiled
 from softdyn.description.robot import Tendon
 
-TINY = 2.2250738585072014e-308  # a segment shrunk to a point has no direction: zero is unbiased
+TINY = 2.2250738585072014e-308  # avoids 0/0: a segment of length zero gets the direction zero
 
 
 class Segments(NamedTuple):
-    """The segments that move, and which degree of freedom changes which: segment by segment.
+    """The segments that change, and the degrees of freedom that change them, segment by segment.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class Segments(NamedTuple):
     offsets : ndarray, (segments, 6)
         Start and end in their bodies' frames.
     pairs : ndarray of int, (pairs, 2)
-        A degree of freedom, proximal ones first, and a segment that it changes.
+        A degree of freedom, those near the base first, and a segment that it changes.
     signs : ndarray, (pairs,)
-        1 where it moves the segment's end, -1 where it moves the start.
+        1 if it moves the segment's end, -1 if it moves the start.
     """
 
     bodies: np.ndarray
@@ -62,13 +62,13 @@ class Tendons:
     Attributes
     ----------
     names : tuple of str
-        In the file's order.
+        Names in the file's order.
     coefficients : ndarray, (tendons, nv)
         The constant moment arms of the fixed tendons.
     offset : ndarray, (tendons,)
         The lengths that never change.
     segments : Segments
-        Of the spatial tendons.
+        The segments of the spatial tendons.
     spatial : bool
         Whether any tendon's moment arms depend on q.
     """
@@ -134,7 +134,7 @@ class Tendons:
         rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
             The bodies' poses.
         force : ndarray, (tendons,)
-            f, along each tendon.
+            The force f along each tendon.
         v : ndarray, (nv,)
             Velocity.
         """
@@ -162,7 +162,7 @@ class Tendons:
 def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pairs, signs):
     """Add the spatial tendons' moment arms to `arms` (nt, nv) and lengths to `lengths` (nt,).
 
-    `Tendons.moment_arms` segment by segment and pair by pair.
+    It computes `Tendons.moment_arms` in loops over segments and pairs.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
 
 @compiled
 def _curvature(jacobian, start, direction, norms, bodies, pairs, signs, force, v):
-    """`Tendons.curvature`: only joints between the ends of a segment bend its tendon."""
+    """Compute `Tendons.curvature`; only joints between a segment's ends contribute."""
     nv = jacobian.shape[1]
     total, rates = np.zeros((nv, nv)), np.zeros((len(force), nv))
     columns, along = np.empty((len(pairs), 3)), np.empty(len(pairs))

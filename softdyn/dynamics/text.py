@@ -1,4 +1,4 @@
-"""The text of a model or a State, which ``print`` shows. It solves nothing."""
+"""The text of a model or a State, which ``print`` shows. It solves no equation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softdyn.description.robot import Robot
 if TYPE_CHECKING:
     from softdyn.dynamics.model import SoftModel, State
 
-LISTED = 12  # joints or inputs at most that a text has a line for
+LISTED = 12  # most joints or inputs that get a line each
 
 
 def model_text(model: SoftModel) -> str:
@@ -40,7 +40,7 @@ def head(model: SoftModel) -> str:
 
 
 def joint_lines(robot: Robot) -> Iterator[str]:
-    """The number of joints of each kind, springs and dampers; each joint where they are few."""
+    """The number of joints of each kind, springs and dampers; a line for each joint if few."""
     joints = robot.moving_joints
     kinds = [f"{n} {kind}" for kind, n in Counter(joint.kind for joint in joints).items()]
     if robot.followers:
@@ -87,12 +87,12 @@ def state_text(state: State) -> str:
 
 
 def numbers(values: np.ndarray) -> str:
-    """Numbers of four decimals with spaces between; no minus before zeros."""
+    """Numbers with four decimals, separated by spaces; zero has no minus sign."""
     return " ".join(f"{x:.4f}" for x in np.round(values, 4) + 0.0)
 
 
 def short(texts: Sequence[str]) -> str:
-    """All of a few texts; of many the first ones and the last."""
+    """All texts if they are few, else the first ones and the last."""
     return ", ".join(texts if len(texts) <= LISTED else [*texts[:3], "…", texts[-1]])
 
 

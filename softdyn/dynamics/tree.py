@@ -1,4 +1,4 @@
-"""TreeModel: Pinocchio's model of a tree, the robot's compliance and its tendons, composed."""
+"""TreeModel: Pinocchio's model of a tree with the robot's compliance and tendons."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from softdyn.exceptions import InputError
 
 
 class TreeModel(SoftModel):
-    """The model of a robot whose joints all move by themselves.
+    """The model of a robot without mimic joints.
 
     Parameters
     ----------
     robot : Robot
-        The parsed description, without mimic joints: one with them is for `softdyn.build`.
+        The parsed description, without mimic joints. `softdyn.build` accepts mimic joints too.
     bundled : str, optional
         Name among the bundled robots, None for any other file.
 
@@ -34,18 +34,18 @@ class TreeModel(SoftModel):
     pin_model : pinocchio.Model
         The engine's model of the same file.
     pin_data : pinocchio.Data
-        Its scratch memory, of the thread that asks.
+        Its scratch memory in the calling thread.
     gear : ndarray, (m,)
-        Of each input: force along its tendon for an input of 1.
+        Force of each input along its tendon for u = 1.
     actuated : ndarray of int, (m,)
         The tendon of each input.
 
     Raises
     ------
     InputError
-        A robot with mimic joints, which are no degrees of freedom of their own.
+        For a robot with mimic joints, which are no degrees of freedom of their own.
     UrdfError
-        When Pinocchio refuses the file or reads another robot in it than the strict parse did.
+        If Pinocchio refuses the file or reads another robot than the strict parse.
     """
 
     def __init__(self, robot: Robot, bundled: str | None = None) -> None:
@@ -60,8 +60,8 @@ class TreeModel(SoftModel):
         self.u_min = read_only([actuator.lower for actuator in robot.actuators])
         self.u_max = read_only([actuator.upper for actuator in robot.actuators])
 
-        # the base's six degrees of freedom have no spring, damper, armature or limit, whatever
-        # the file's joints are called
+        # The base's six degrees of freedom have no spring, damper, armature or limit, even if a
+        # joint of the file has the name of one of them.
         joints = {joint.name: joint for joint in robot.joints}
         ordered = [free_joint(robot)] * len(base)
         ordered += [joints[name] for name in self.joint_names[len(base) :]]
@@ -101,10 +101,10 @@ class TreeModel(SoftModel):
         self._pack(moves)
 
     def _pack(self, moves: np.ndarray) -> None:
-        """Gather what the State's kernel reads, in as few arrays as possible."""
+        """Pack the arguments of the State's kernel in as few arrays as possible."""
         model, tendons, bodies = self.pin_model, self.tendons, self._bodies
         tip, offset = self._anchor(self.robot.task, np.zeros(3))
-        # after a joint's first degree of freedom its others add to the same body
+        # a joint's first degree of freedom adds to the parent's twist, its others to its own body's
         before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
         beyond = [model.idx_vs[j] + self.pin_data.nvSubtree[j] for j in bodies]
         constants = kernels.Constants(
@@ -140,7 +140,7 @@ class TreeModel(SoftModel):
         return self._assemble(q, here, v, scratch)
 
     def _by_kernel(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
-        """The rest of a State, by a kernel from what Pinocchio leaves in its memory."""
+        """The rest of a State by a kernel, from Pinocchio's results in its memory."""
         pin.computeCentroidalMap(self.pin_model, scratch.data, here)
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
@@ -167,7 +167,7 @@ class TreeModel(SoftModel):
         )  # fmt: skip
 
     def _in_numpy(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
-        """The same through Pinocchio's accessors and NumPy, with nothing compiled."""
+        """The same through Pinocchio's accessors and NumPy, without compiled kernels."""
         model, data = self.pin_model, scratch.data
         M = pin.crba(model, data, here, pin.Convention.WORLD).reshape(self.nv, self.nv)
         pin.computeJointJacobiansTimeVariation(model, data, here, v)
@@ -191,7 +191,7 @@ class TreeModel(SoftModel):
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
         }  # fmt: skip
         kept = {name: read_only(value) for name, value in terms.items()}
-        B.flags.writeable = False  # as it is: in Fortran's order where it changes with q
+        B.flags.writeable = False  # no copy: B keeps its memory order
         return State.trusted(model=self, B=B, **kept)
 
     def coriolis(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -267,7 +267,7 @@ class TreeModel(SoftModel):
     # -- configurations ------------------------------------------------------------------------
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """Joint coordinates (n,): q itself but for continuous joints, in (-π, π]."""
+        """Joint coordinates (n,): the numbers of q, but an angle in (-π, π] if continuous."""
         return self.chart.of(np.asarray(q, float))
 
     def configuration(self, coordinates: np.ndarray) -> np.ndarray:
@@ -292,14 +292,14 @@ class TreeModel(SoftModel):
 
     @property
     def pin_data(self) -> pin.Data:
-        """Pinocchio's scratch memory, of the thread that asks."""
+        """Pinocchio's scratch memory in the calling thread."""
         return self._scratch.data
 
     def about_base(self, q: np.ndarray) -> np.ndarray:
-        """q (nq,) with a floating base at the world's origin, where all engine work is done.
+        """q (nq,) with a floating base moved to the world's origin, for all work in the engine.
 
-        Nothing but positions depends on where the base is, and rounding does: columns about an
-        origin 1000 km away have lost eight digits.
+        The base's place changes positions only, but a distant base costs digits: Jacobian columns
+        about an origin 1000 km away lose eight.
         """
         if not self.chart.floating:
             return q
@@ -310,7 +310,7 @@ class TreeModel(SoftModel):
     def placements(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (bodies, 3, 3), translations (bodies, 3) of the engine's last kinematics.
 
-        Seen from a floating base's origin: see `about_base`.
+        Their origin is that of a floating base, if there is one: see `about_base`.
         """
         scratch = self._scratch
         if not scratch.in_view:
@@ -318,13 +318,13 @@ class TreeModel(SoftModel):
         return scratch.memory.rotations, scratch.memory.translations
 
     def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Joint Jacobian columns (v; ω) about the world's origin, or a floating base's (6, n)."""
+        """Joint Jacobian columns (v; ω) (6, n) about the world's or a floating base's origin."""
         q = self.about_base(vector("q", q, self.nq))
         jacobian = pin.computeJointJacobians(self.pin_model, self.pin_data, q)
         return np.reshape(jacobian, (6, self.nv))
 
     def _anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
-        """Moving body that carries a point of a link, and the point in the body's frame."""
+        """The moving body that carries a point of a link, and the point in the body's frame."""
         model = self.pin_model
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         return frame.parentJoint, frame.placement.act(np.array(xyz))
@@ -343,12 +343,12 @@ class TreeModel(SoftModel):
 
 
 def tree_of(model: SoftModel) -> TreeModel:
-    """`model` itself, for what asks for the engine.
+    """Return `model` as a `TreeModel`, for code that needs the engine.
 
     Raises
     ------
     InputError
-        A robot with mimic joints or a reduced one, whose model is a projection.
+        For a robot with mimic joints or a reduced one, because its model is a projection.
     """
     if not isinstance(model, TreeModel):
         raise InputError("model", "a robot without mimic joints, not reduced", model.name)
