@@ -1,21 +1,23 @@
-"""Statics: where a robot rests, how firmly, and which inputs hold its tip at a given point.
+"""Statics: a robot's equilibria, their stability, and the inputs that hold its tip at a point.
 
-Everything is analytic: Pinocchio's gravity derivatives and the tendons' Hessians, no simulation.
+Everything is analytic, from Pinocchio's gravity derivatives and the tendons' Hessians. Nothing is
+simulated.
 
     from softdyn import load, statics
 
     model = load("finger")
-    print(statics.diagnose(model))                              # what its file amounts to
+    print(statics.diagnose(model))                              # explains the robot's file
     rest = statics.rest(model)                                  # under the least input
-    here = statics.settle(model, u=[-0.2, -0.1])                # downhill, always stable
+    here = statics.settle(model, u=[-0.2, -0.1])                # the potential falls: stable
     search = statics.inputs_for_tip(model, [0.13, 0.0, -0.13])  # many starts
     search.nearest.u, search.nearest.stable, search.nearest.eigenvalues[0]
 
-For a controller: `approach` moves from one equilibrium to the next along a path of targets (the
-feed-forward input is its `u`, ∂y/∂u its `tip_sensitivity`), `stiffness` linearises the forces.
+For a controller: `approach` moves from one equilibrium to the next along a path of targets. The
+equilibrium's `u` is the feed-forward input, and its `tip_sensitivity` is ∂y/∂u. `stiffness`
+linearises the forces.
 
-Which file holds what
----------------------
+Files
+-----
 equilibrium
     An equilibrium: balance, stiffness, stability, poles, sensitivities.
 stops
@@ -23,21 +25,21 @@ stops
 equilibria
     Solvers: `settle`, `balance`, `ramp`, `rest`.
 branch
-    `approach`: along a branch of equilibria towards a point for the tip.
+    `approach`: follows a branch of equilibria until the tip is near a point.
 explore
-    Equilibria near a point from arbitrary shapes.
+    Finds equilibria with the tip near a point, from arbitrary shapes.
 samples
-    Random inputs and shapes; where a robot can rest at all.
+    Random inputs and shapes, and stable equilibria from them.
 reachable
     Targets that a robot can reach: points, paths, rates.
 tip_search
-    `inputs_for_tip`: all of these together.
+    `inputs_for_tip`: uses `approach`, `explore` and random shapes.
 zero_dynamics
-    Rank of B, stiffness against gravity where no input acts; the zero dynamics' poles.
+    Rank of B, stiffness against gravity in directions without an input, poles of the zero dynamics.
 suspicious_values
     Numbers in a file that look wrong.
 diagnosis
-    `diagnose`: both of these as a text.
+    `diagnose`: the findings of the last two files as a text.
 """
 
 from softdyn.dynamics.derivatives import gravity_stiffness, stiffness

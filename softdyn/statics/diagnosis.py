@@ -1,4 +1,4 @@
-"""A robot's file explained: joints, tendons, inputs, stiffness against gravity, doubtful numbers.
+"""Explain a robot's file: joints, tendons, inputs, stiffness against gravity, doubtful numbers.
 
 print(diagnose(softdyn.load("finger")))
 """
@@ -28,20 +28,21 @@ INPUT = ("name", "tendon", "gear", "lower", "upper")
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The findings of `diagnose`; printed, they explain themselves.
+    """The findings of `diagnose`; ``print`` shows them as a text.
 
     Attributes
     ----------
     model : SoftModel
         The robot.
     poses : tuple of Pose
-        All that were examined, q = 0 first.
+        All examined poses, q = 0 first.
     boundary : tuple of float and Pose, or None
-        The pose at which gravity begins to win on the way to the weakest pose, and its share.
+        The pose on the way from q = 0 to the weakest pose from which gravity wins, and its share of
+        the way.
     equilibrium : Equilibrium or None
-        Under the least input, downhill of q = 0; None where there is none.
+        The equilibrium from q = 0 under the least input; None if there is none.
     warnings : tuple of str
-        Remarks of the file's readers.
+        Warnings from reading the file.
     doubts : tuple of str
         Numbers that look wrong.
     """
@@ -80,7 +81,7 @@ class Diagnosis:
 
     @property
     def softest(self) -> dict[str, float]:
-        """The unactuated direction of least stiffness at q = 0: the joints with a share of it."""
+        """The unactuated direction of least stiffness at q = 0: each joint's part, if not small."""
         pairs = zip(self.model.joint_names, self.rest.softest.tolist(), strict=True)
         return {name: share for name, share in pairs if abs(share) > 0.05}
 
@@ -165,7 +166,7 @@ class Diagnosis:
         if found is None:
             return "no equilibrium was found from q = 0 under the least input"
         given = "the least input" if found.u.any() else "no input"
-        firmly = "" if found.stable else ", in no firm balance"
+        firmly = "" if found.stable else ", not stable"
         return f"rests with its tip at {numbers(found.y)} m under {given}{firmly}"
 
     def _tendon_lines(self) -> Iterator[str]:
@@ -198,8 +199,8 @@ class Diagnosis:
         rest = self.rest
         verdict = "dominates" if rest.dominates else "does NOT dominate"
         yield (
-            f"  at q = 0 stiffness {verdict}: least {rest.least:.3g} in all, "
-            f"gravity takes up to {rest.gravity.max(initial=-math.inf):.3g}"
+            f"  at q = 0 stiffness {verdict}: the least is {rest.least:.3g} with gravity, "
+            f"which takes up to {rest.gravity.max(initial=-math.inf):.3g}"
         )
         shares = ", ".join(f"{value:+.2f} {name}" for name, value in self.softest.items())
         yield f"  softest direction: {shares}"
@@ -210,7 +211,7 @@ class Diagnosis:
         if self.boundary is not None:
             share, pose = self.boundary
             where = f"{100 * share:.0f} % of the way from q = 0 to {pose.name}"
-            yield f"  it ceases to dominate {where}"
+            yield f"  stiffness stops dominating {where}"
 
 
 def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
@@ -219,18 +220,18 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
     Parameters
     ----------
     model : SoftModel
-        Of a fixed base and independent joints.
+        A model with a fixed base and without mimic joints.
     samples : int
-        Random poses, besides q = 0 and all joints at either limit.
+        Number of random poses, besides q = 0 and all joints at either limit.
     seed : int
-        Of the random poses.
+        Seed of the random poses.
 
     Raises
     ------
     InputError
-        A floating base, or mimic joints.
+        For a floating base or mimic joints.
     UrdfError
-        A number in a visual shape that is none.
+        For a visual shape with an invalid number.
     """
     robot = check_model(model).robot
     if robot.floating or robot.followers:
@@ -239,7 +240,7 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
     poses = tuple(sample_poses(model, samples, seed))
     outsize, unreadable = suspicious_shapes(robot)
     equilibrium = None
-    with suppress(SoftdynError), np.errstate(all="ignore"):  # of a joint that nothing holds
+    with suppress(SoftdynError), np.errstate(all="ignore"):  # no force may hold a joint
         equilibrium = rest(model)
     fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
     return Diagnosis(

@@ -1,4 +1,4 @@
-"""Legal numbers of a robot's description that look wrong, each with its likely cause."""
+"""Find valid numbers in a robot's file that look wrong, and name the likely cause of each."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from softdyn.description.robot import Robot, moving_bodies
 from softdyn.description.visuals import triangles, visuals
 from softdyn.dynamics.model import SoftModel
 
-PLANT_STEP = 5e-4  # s, the coarsest of closed loops
+PLANT_STEP = 5e-4  # s, the coarsest plant step of the closed loops
 
 DENSE, LIGHT = (
     25_000.0,
     1.0,
-)  # kg/m³: denser than gold, or lighter than any solid foam: a unit error
+)  # kg/m³; denser than gold, or lighter than any solid foam: probably a unit error
 SMALLEST, LARGEST = 1e-4, 50.0  # m from the root to the farthest joint or tip
 DEGREES = 3 * 2 * math.pi  # rad: three turns
 OUTSIZE = 20.0  # width of a mesh over the robot's length
@@ -30,12 +30,12 @@ def suspicious_values(robot: Robot) -> tuple[str, ...]:
 
 
 def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The same for visual shapes, and one line for each shape that cannot be read.
+    """One line for each mesh that looks too large, and one for each shape that cannot be read.
 
     Raises
     ------
     UrdfError
-        For a number in a shape that is none.
+        For a shape with an invalid number.
     """
     shapes, unreadable = visuals(robot)
     size = max(robot.length, *(float(np.linalg.norm(j.origin.xyz)) for j in robot.joints), 0.05)
@@ -54,9 +54,9 @@ def suspicious_shapes(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def fast_springs(model: SoftModel, M: np.ndarray, timestep: float = PLANT_STEP) -> str | None:
-    """One line about the spring that swings fastest, if plant steps (s) cannot follow it.
+    """One line about the spring with the highest frequency, if plant steps (s) cannot follow it.
 
-    Explicit springs are unstable from λ h² = 4 on, λ = k (M⁻¹)_ii the square of the frequency.
+    With λ = k (M⁻¹)_ii, the square of the frequency, an explicit step h is unstable if λ h² > 4.
     """
     with np.errstate(all="ignore"):
         squares = model.stiffness * np.diag(np.linalg.inv(M)) * timestep**2
@@ -92,7 +92,7 @@ def _limits(robot: Robot) -> Iterator[str]:
         if joint.lower == joint.upper:
             yield f"joint {joint.name!r} cannot move: lower = upper = {joint.lower:g}"
         elif not joint.lower <= 0 <= joint.upper:
-            yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose the file draws"
+            yield f"joint {joint.name!r} is beyond its limits at q = 0, the pose in the file"
 
 
 def _bodies(robot: Robot) -> Iterator[str]:
@@ -104,7 +104,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
     for name, body in bodies.items():
         if body.mass <= 0:
             continue
-        # a solid ellipsoid with these moments: semi-axes from a² = 5/2m (b + c - a)
+        # semi-axes of a solid ellipsoid with these moments a, b, c: 5 (b + c - a) / 2m is a square
         moments = np.linalg.eigvalsh(body.tensor)
         squares = 2.5 / body.mass * (moments.sum() - 2 * moments)
         axes = np.sqrt(np.maximum(squares, 0.0))
@@ -118,7 +118,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
         if volume > 0 and not LIGHT < body.mass / volume < DENSE:
             yield (
                 f"link {name!r}: as a solid ellipsoid it would weigh "
-                f"{body.mass / volume:.2g} kg/m³: mass and inertia do not fit each other"
+                f"{body.mass / volume:.2g} kg/m³: mass and inertia do not match"
             )
         com = float(np.linalg.norm(body.com))
         if com > BULKY * max(size, 0.01):
@@ -130,8 +130,8 @@ def _springs(robot: Robot) -> Iterator[str]:
     elastic = any(j.stiffness > 0 for j in free) or any(t.stiffness > 0 for t in robot.tendons)
     if not elastic and 0 < len(robot.actuators) < len(free):
         yield (
-            "no springs at all: where no input acts only gravity holds it; stiffness stands in "
-            "<gazebo><springStiffness>, or in a file for --annotations"
+            "no springs at all: only gravity holds the directions without an input; write stiffness"
+            " in <gazebo><springStiffness>, or in a file for --annotations"
         )
     for tendon in robot.tendons:
         pulled = any(actuator.tendon == tendon.name for actuator in robot.actuators)
@@ -141,7 +141,7 @@ def _springs(robot: Robot) -> Iterator[str]:
         if joint.stiffness > 0 and not joint.lower <= joint.rest <= joint.upper:
             yield f"joint {joint.name!r}: its spring rests at {joint.rest:g}, beyond its limits"
         if joint.stiffness > 0 and joint.damping == 0:
-            yield f"joint {joint.name!r} has a spring and no damping: it will ring for ever"
+            yield f"joint {joint.name!r} has a spring and no damping: it will oscillate for ever"
     for actuator in robot.actuators:
         tendon = next(t for t in robot.tendons if t.name == actuator.tendon)
         if actuator.gear == 0 or actuator.lower == actuator.upper:
