@@ -1,23 +1,23 @@
 """The robot in the browser.
 
-Which file holds what
----------------------
+Files
+-----
 scene
     A robot as plain data: links, shapes, cables; the colour of a cable by its tension (`TENSION`).
 tendon_paths
-    Where to draw a fixed tendon, which has a length but no path.
+    The drawn path of a fixed tendon, which has a length but no path of its own.
 rest_sweep
-    The motion that ``scripts/view.py`` shows: at rest, then what each input does.
+    The motion that ``scripts/view.py`` shows: rest, then the response to each input.
 show
     `softdyn.show`: one pose at a time, in a notebook, a file or the browser.
 page
     One HTML page of robots in motion, replayed or live.
 loopback
-    A socket on this machine, and which requests are its own.
+    A socket on this machine, and the test that a request comes from this machine.
 server
-    The page on this machine's loopback; the one file that imports Meshcat.
+    Serves a page on loopback; the only file that imports Meshcat.
 web
     The browser's part: page, style, player.
 live
-    The page and the server of a robot that runs elsewhere; rests by slider.
+    The page and the server of a robot that runs elsewhere; equilibria by slider.
 """

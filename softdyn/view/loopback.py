@@ -1,4 +1,4 @@
-"""What every server of pages keeps to: this machine alone, by its own name."""
+"""Rules for every server of pages: it serves this machine only, under this machine's own name."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from softdyn.exceptions import InputError
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
 PORTS = range(7000, 7100)
-MAX_BODY = 0  # bytes of a request: pages send none, and a body would be kept before it is judged
+MAX_BODY = 0  # bytes; pages send no body, and Tornado would store one before it is checked
 
 
 class Served(AbstractContextManager):
-    """What serves a page at `url` until it is closed; a context manager."""
+    """Serves a page at `url` until it is closed; a context manager."""
 
     url: str
 
     @abstractmethod
     def close(self) -> None:
-        """End it."""
+        """Stop serving."""
 
     def __exit__(self, *_error: object) -> None:
         self.close()
 
     def open(self) -> None:
-        """Show the page in the user's browser, where there is one."""
+        """Show the page in the user's browser, if there is one."""
         with suppress(webbrowser.Error):
             webbrowser.open(self.url, new=2)
 
 
 def is_local(request: Any) -> bool:
-    """Whether a request came by this machine's own name (else it may be DNS rebinding)."""
+    """Whether a request names this machine as its host; another name may be DNS rebinding."""
     return request.host_name in NAMES
 
 
 def listener(port: int | None) -> socket.socket:
-    """A socket that listens on `port`, or on the first one of `PORTS` that nobody has.
+    """A socket that listens on `port`, or on the first free one of `PORTS`.
 
-    A port that is only looked up would be another's before it is used.
+    The socket is opened at once, so that no other program can take the port.
 
     Raises
     ------
     InputError
-        When there is none.
+        If no port is free.
     """
     reason: Exception | None = None
     for candidate in PORTS if port is None else (port,):

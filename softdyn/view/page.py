@@ -52,18 +52,18 @@ def scene_page(
     Parameters
     ----------
     template : str
-        Text with the places ``head``, ``library`` (Meshcat's script), ``script`` and ``scene``.
+        Text with the placeholders ``head``, ``library`` (Meshcat's script), ``script``, ``scene``.
     style, script : str
-        Its style sheet and its own script.
+        The page's style sheet and script.
     scene : mapping
-        Plain data for the script; ``title`` is the page's.
+        Plain data for the script; ``title`` is the page's title.
     library : str, optional
-        URL of Meshcat's script, which is inside the page by default.
+        URL of Meshcat's script; by default the script is inside the page.
 
     Raises
     ------
     InputError
-        When Meshcat is not installed.
+        If Meshcat is not installed.
     """
     if library is None:
         meshcat = f"<script>\n{library_file().read_text(encoding='utf-8')}\n</script>"
@@ -84,25 +84,25 @@ class Track:
     figure : int
         Index of the robot among the page's figures.
     frames : ndarray, (N, 1 + nv + nu + 6)
-        As `frames` makes them; empty for what comes live.
+        Rows from `frames`; empty for a live robot.
     label, note : str
-        Text in the legend; `note` e.g. why the run failed.
+        Text in the legend; `note` says, for example, why the run failed.
     colour : str or None
         CSS colour of the trail and in the legend; the page's own by default.
     tint : bool
-        Whether the robot itself takes that colour.
+        Whether the robot is drawn in that colour too.
     opacity : float
-        Of the robot.
+        Opacity of the robot.
     offset : tuple of float, (3,)
-        Where it stands (m).
+        Position of its base on the page (m).
     aims : bool
         Whether it has a target, an error and a trail.
     path : ndarray or None, (K, 3)
-        The reference's path, None where there is none.
+        The reference's path, None if there is none.
     failed : bool
         Whether it ended before its time.
     full : ndarray or None, (nu,)
-        Input that cables show as full tension; by default its bound.
+        Input at which cables have the colour of full tension; by default its bound.
     balls : tuple of tuple of float, (4,)
         Obstacles, (x, y, z, radius) each (m).
     """
@@ -134,7 +134,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class PlayedRun:
-    """Tracks that are shown together; `notes` are (time (s), text) shown from then on."""
+    """Tracks that are shown together; `notes` are pairs (time (s), text shown from then on)."""
 
     title: str
     tracks: tuple[Track, ...]
@@ -149,20 +149,19 @@ class PlayedRun:
 
 
 class Drawn(Protocol):
-    """What a page can show: a `Figure`, or anything else that says the same of itself."""
+    """Anything that a page can show: a `Figure`, or another class with the same method."""
 
     @property
     def data(self) -> dict[str, Any]:
-        """As `Figure.data`."""
+        """The same data as `Figure.data`."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """Robots and their runs; a live one connects to the server that it came from.
+    """Robots and their runs; a live page connects to its server.
 
-    `rows` are a table beside them, its title first.
-    With `sliders` one moves the joints by hand.
+    `rows` are a table beside the robots, its title first. With `sliders` the user moves the joints.
     """
 
     title: str
@@ -178,7 +177,7 @@ class Page:
         Raises
         ------
         InputError
-            When Meshcat is not installed.
+            If Meshcat is not installed.
         """
         scene = {
             "title": self.title,
@@ -198,7 +197,7 @@ class Page:
         Raises
         ------
         InputError
-            When nothing can be written there, or Meshcat is not installed.
+            If the file cannot be written, or Meshcat is not installed.
         """
         write_text(path, self.html())
 
@@ -221,7 +220,7 @@ def frames(
     Parameters
     ----------
     q : ndarray, (N, nq)
-        Configurations; the others accordingly.
+        Configurations; the other arrays have one row for each of them.
     """
     coordinates = np.array([model.coordinates(row) for row in q]).reshape(len(q), model.nv)
     columns = (np.reshape(t, (-1, 1)), coordinates, u, y, y_ref)
@@ -230,12 +229,12 @@ def frames(
 
 @cache
 def library_file() -> Path:
-    """Meshcat's script, found without importing Meshcat.
+    """Find the file of Meshcat's script without importing Meshcat.
 
     Raises
     ------
     InputError
-        When Meshcat is not installed.
+        If Meshcat is not installed.
     """
     spec = find_spec("meshcat")
     for folder in (spec and spec.submodule_search_locations) or ():
@@ -247,5 +246,5 @@ def library_file() -> Path:
 
 @cache
 def asset(name: str, room: str = "softdyn.view") -> str:
-    """A file of a package's folder web."""
+    """The text of a file in a package's folder ``web``."""
     return (files(room) / "web" / name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What each input does: the robot's own response, from its rest, to one input after the other."""
+"""The robot's response, from its equilibrium, to one input after the other."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 
 STEP = 0.005  # s
-SETTLE = 8.0  # s, the longest wait for rest
+SETTLE = 8.0  # s, the longest wait until the robot rests
 RAMP, HOLD = 0.9, 0.5  # s
-TRAVEL = 0.25  # of the robot's length that the tip should move
-BEND = 0.5  # rad, the largest that a joint should turn
-LIMIT_RATE = 400.0  # rad/s of a joint against its stop: hard beside gravity, damped by the step
+TRAVEL = 0.25  # the tip's travel over the robot's length
+BEND = 0.5  # rad, the largest turn of a joint
+LIMIT_RATE = 400.0  # rad/s, frequency of a stop: stiff beside gravity, and the step damps it
 
 
 @dataclass(frozen=True, eq=False)
 class RestSweep:
-    """`t` (N,), `q` (N, nq), `u` (N, nu), `y` (N, 3), and what begins when."""
+    """`t` (N,), `q` (N, nq), `u` (N, nu), `y` (N, 3), and notes (time (s), text)."""
 
     t: np.ndarray
     q: np.ndarray
@@ -31,9 +31,9 @@ class RestSweep:
 
 
 def rest_page(model: SoftModel) -> Page:
-    """The robot at rest and its response to one input after the other, as a page.
+    """A page with the robot at rest and its response to one input after the other.
 
-    Warns of shapes that cannot be shown.
+    A shape that cannot be shown gives a warning.
     """
     figure = Figure.of(model)
     for problem in figure.problems:
@@ -54,10 +54,10 @@ def rest_page(model: SoftModel) -> Page:
 def rest_sweep(model: SoftModel) -> RestSweep:
     """Let the robot come to rest without input, then raise and lower each input in turn.
 
-    A robot with inputs follows its analytic dynamics, joint limits as stiff springs; amplitudes
-    are such that the tip should move `TRAVEL` of the robot's length and no joint turn more than
-    `BEND`, by the stiffness at rest, within the bounds. One without inputs, or with nothing to hold
-    it, is at q = 0, and each joint moves in turn.
+    A robot with inputs follows its analytic dynamics, with stiff springs as joint limits. The
+    stiffness at rest gives the amplitudes, within the bounds: the tip moves about `TRAVEL` of the
+    robot's length, and no joint turns by more than about `BEND`. A robot without inputs, or with a
+    floating base, stays at q = 0 and each joint moves in turn.
     """
     if not model.nu or model.robot.floating:
         return _joints(model)
@@ -88,7 +88,7 @@ def rest_sweep(model: SoftModel) -> RestSweep:
 def _step(
     model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Linearly implicit Euler, (M + h D + h² K') a = B u - h(q + h v, v) to first order."""
+    """Linearly implicit Euler: (M + h D + h² K') a = B u - h(q + h v, v), right side linearised."""
     state = model.state(q, v)
     x = model.coordinates(q)
     beyond = np.minimum(x - model.lower, 0) + np.maximum(x - model.upper, 0)
@@ -111,7 +111,7 @@ def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:
         step = np.eye(model.nv)[j] * eps
         change = model.gravity(model.integrate(q, step)) - model.gravity(model.integrate(q, -step))
         stiffness[:, j] += change / (2 * eps)
-    # where nothing holds a joint, some response is better than an infinite one
+    # a small extra stiffness keeps the response finite if no force holds a joint
     soft = 1e-6 * float(np.abs(np.diag(stiffness)).max()) or 1.0
     response = np.linalg.lstsq(stiffness + soft * np.eye(model.nv), state.B, rcond=None)[0]
     size = TRAVEL * max(model.robot.length, 1e-3)
@@ -123,13 +123,13 @@ def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:
 
 
 def _turning(model: SoftModel) -> np.ndarray:
-    """(nv,) bool, coordinates that are no strokes."""
+    """Whether each coordinate is an angle, (nv,) bool."""
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
     return np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
 
 
 def _joints(model: SoftModel) -> RestSweep:
-    """Each joint of a robot without inputs, there and back."""
+    """Move each joint of a robot without inputs out and back."""
     lower, upper = (np.clip(b, -1e3, 1e3) for b in (model.lower, model.upper))
     rest = np.clip(model.coordinates(model.q0), lower, upper)
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
@@ -137,7 +137,7 @@ def _joints(model: SoftModel) -> RestSweep:
     rows, notes, t = [], [], 0.0
     shape = np.concatenate((_ramp(RAMP / 2), _ramp(RAMP / 2)[::-1]))[::6]
     for j, name in enumerate(model.joint_names):
-        if name not in kinds:  # a floating base
+        if name not in kinds:  # a coordinate of a floating base
             continue
         notes.append((t, name))
         up, down = upper[j] - rest[j], rest[j] - lower[j]

@@ -1,7 +1,7 @@
 """A robot as the viewer draws it: links, joints, shapes and cables as plain data.
 
-The page poses it from the coordinates alone (`SoftModel.coordinates`), so a frame is as short as
-(q, u), and cables follow from their sites.
+The page computes all poses from the coordinates (`SoftModel.coordinates`), and the cables from
+their sites. A frame therefore holds little more than (q, u).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.view.skin import skins
 from softdyn.view.tendon_paths import Path, fixed_path
 
-# Colours of a cable over its tension, from full on one side of a signed input over slack to full on
-# the other: dark blue, grey, dark red; lightness tells them apart for every kind of colour vision.
+# Colours of a cable over its tension: dark blue for full tension of one sign, grey for slack, dark
+# red for full tension of the other sign. They differ in lightness, for every kind of colour vision.
 TENSION = (
     (-1.0, (8, 48, 107)), (-0.5, (43, 123, 186)), (0.0, (150, 162, 176)), (0.5, (239, 138, 43)),
     (1.0, (150, 20, 30)),
 )  # fmt: skip
-WORLD = ""  # the link of what stands around the robot
+WORLD = ""  # the link of shapes around the robot
 STICK = (0.45, 0.52, 0.6, 1.0)
 
 
@@ -35,8 +35,8 @@ STICK = (0.45, 0.52, 0.6, 1.0)
 class DrawnCable:
     """A polyline over `sites`, each a link and a point (3,) in its frame.
 
-    Its tension is ``weights · u``, positive where it pulls, at most `limit`. `side` is +1 or -1
-    where it shows only that sign of it (two antagonists that one signed input stands for), else 0.
+    Its tension is ``weights · u``, positive if it pulls, at most `limit`. A signed input may stand
+    for two antagonists. Each of them shows one sign of the tension: `side` is +1 or -1, else 0.
     """
 
     name: str
@@ -46,7 +46,7 @@ class DrawnCable:
     side: int
 
     def part(self, u: np.ndarray) -> float:
-        """Tension as a part of full, in [-1, 1], under the input u (nu,)."""
+        """Tension over full tension, in [-1, 1], under the input u (nu,)."""
         force = float(self.weights @ u)
         if self.side:
             force = self.side * max(0.0, self.side * force)
@@ -55,9 +55,9 @@ class DrawnCable:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Everything that the viewer needs to know of a robot; `problems` are shapes left out.
+    """All data that the viewer needs of a robot; `problems` name the shapes left out.
 
-    `scenery` are shapes that stand around it, on the link `WORLD`.
+    `scenery` are shapes around the robot, on the link `WORLD`.
     """
 
     model: SoftModel
@@ -73,7 +73,7 @@ class Figure:
         Raises
         ------
         UrdfError
-            For a shape whose numbers are none.
+            For a shape with an invalid number.
         """
         shapes, problems = visuals(model.robot)
         if not shapes:
@@ -82,7 +82,7 @@ class Figure:
 
     @property
     def size(self) -> float:
-        """A length (m) it fits in: from the base to the tip, or to the farthest link at q = 0."""
+        """The robot's size (m): from the base to the tip, or to the farthest link at q = 0."""
         farthest = max(float(np.linalg.norm(t)) for _, t in poses(self.model.robot).values())
         return max(self.model.robot.length, farthest) or 0.1
 
@@ -92,7 +92,7 @@ class Figure:
 
     @property
     def links(self) -> list[str]:
-        """The links in the order of `data`: by levels from the root."""
+        """The links in the order of `data`: level by level from the root."""
         return list(chain(*levels(self.model.robot.root, self.model.robot.joints)))
 
     @property
@@ -147,7 +147,7 @@ class Figure:
 
 
 def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> dict[str, Any]:
-    """Shapes and the meshes that they need, as JSON; `links` are the numbers of links."""
+    """Shapes and their meshes as JSON; `links` gives the number of each link."""
     meshes = {id(s.shape): s.shape for s in shapes if isinstance(s.shape, Mesh)}
     number = {key: i for i, key in enumerate(meshes)}
     return {
@@ -166,7 +166,10 @@ def shape_data(shapes: Sequence[Visual], links: dict[str, int]) -> dict[str, Any
 
 
 def tension_colour(part: float) -> tuple[float, float, float]:
-    """RGB in 0 … 1 of a tension as a part of full; the cube root, as most are a few per cent."""
+    """RGB in 0 … 1 of a tension over full tension.
+
+    The scale is a cube root, because most tensions are a few per cent of full.
+    """
     at = float(np.cbrt(np.clip(part, -1, 1)))
     stops = [stop for stop, _ in TENSION]
     red, green, blue = (np.interp(at, stops, [rgb[k] for _, rgb in TENSION]) for k in range(3))
@@ -180,7 +183,7 @@ def _pose(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
 
 
 def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
-    """Which of the coordinates moves a joint, and how: q_joint = gain · q[index] + offset."""
+    """The coordinate that moves a joint: q_joint = gain · q[index] + offset."""
     if joint.mimic is None:
         return {"index": order.get(joint.name, -1), "gain": 1, "offset": 0}
     follows = joint.mimic
@@ -188,7 +191,10 @@ def _coordinate(joint: Joint, order: dict[str, int]) -> dict[str, Any]:
 
 
 def _coordinates(model: SoftModel, size: float) -> list[dict[str, Any]]:
-    """Names of the joint coordinates and the ends of their sliders: limits, a turn, a length."""
+    """Names of the joint coordinates and the ends of their sliders.
+
+    The ends are the limits, but at most ±π or ± the robot's size.
+    """
     strokes = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
     if model.robot.floating:
         strokes |= set(model.joint_names[:3])
@@ -200,7 +206,7 @@ def _coordinates(model: SoftModel, size: float) -> list[dict[str, Any]]:
 
 
 def columns(matrix: np.ndarray) -> list[float]:
-    """A matrix column by column, as the page wants it."""
+    """A matrix column by column, as the page needs it."""
     return [round(float(x), 9) for x in matrix.T.ravel()]
 
 
@@ -216,7 +222,7 @@ def _size(shape: Visual, number: dict[int, int]) -> dict[str, Any]:
 
 
 def _packed(mesh: Mesh) -> dict[str, Any]:
-    """Vertices as 16-bit parts of the bounding box, 1/65535 of it exact; faces as 16 or 32 bit."""
+    """Vertices as 16-bit fractions of the bounding box, to 1/65535; faces as 16 or 32 bit."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     span = np.where(high > low, high - low, 1)
     vertices = np.round((mesh.vertices - low) / span * 65535).astype("<u2")
@@ -234,7 +240,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
     robot = model.robot
     for tendon in robot.tendons:
         spatial = bool(tendon.sites)
-        # a spatial tendon pulls with -gear u; a fixed one is drawn on the side where gear u pulls
+        # A spatial tendon pulls with -gear u. A fixed one is drawn on the side where gear u pulls.
         weights = np.array(
             [(-a.gear if spatial else a.gear) * (a.tendon == tendon.name) for a in robot.actuators]
         )
@@ -247,7 +253,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
             continue
         for side in (1, -1):
             if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
-                continue  # nothing ever pulls on that side
+                continue  # no input pulls on that side
             pair = low < 0 < high  # two antagonists; of one cable the pull is positive
             pull = weights if pair else side * weights
             for path in fixed_path(robot, tendon, shapes, side):

@@ -1,8 +1,8 @@
-"""A page with robots, served on this machine alone, and fed with frames while a loop runs.
+"""Serve a page with robots on this machine only, and send it frames while a loop runs.
 
-Meshcat's server listens on every interface; here HTTP, the websocket and ZMQ are bound to
-loopback, and a request that names another host is refused. Through `Viewer.zmq_url` anything that
-speaks Meshcat's protocol can add its own objects to the scene.
+Meshcat's own server listens on every interface. Here HTTP, the websocket and ZMQ are bound to
+loopback, and a request that names another host is refused. Any program that uses Meshcat's protocol
+can add its own objects to the scene at `Viewer.zmq_url`.
 """
 
 from __future__ import annotations
@@ -35,26 +35,26 @@ FLOAT32 = 0x17  # MessagePack's extension that Meshcat reads as a Float32Array
 
 
 class Viewer(Served):
-    """Serves a page from a thread of its own until it is closed; a context manager.
+    """Serves a page from its own thread until it is closed; a context manager.
 
     Parameters
     ----------
     page : Page
-        What to show.
+        The page to show.
     port : int, optional
-        Of HTTP and the websocket; by default a free one from 7000 on.
+        Port of HTTP and the websocket; by default a free one from 7000 on.
 
     Attributes
     ----------
     url : str
-        Where a browser on this machine finds the page.
+        Address of the page for browsers on this machine.
     zmq_url : str
-        Where ``meshcat.Visualizer(zmq_url)`` finds the scene.
+        Address of the scene for ``meshcat.Visualizer(zmq_url)``.
 
     Raises
     ------
     InputError
-        When the port is taken or not to be had.
+        If the port is not free or not allowed.
     """
 
     def __init__(self, page: Page, port: int | None = None) -> None:
@@ -74,11 +74,11 @@ class Viewer(Served):
         raise TypeError("a live page cannot be copied: make another Viewer of its page")
 
     def wait(self, timeout: float) -> bool:
-        """Wait for a browser, at most so long (s); whether there is one."""
+        """Wait for a browser, at most `timeout` (s); return whether one has connected."""
         return self._connected.wait(timeout)
 
     def push(self, frames: np.ndarray) -> None:
-        """Show these frames (see `page.frames`) after those before; returns at once."""
+        """Show these frames (see `page.frames`) after the earlier ones; returns at once."""
         content = np.asarray(frames, "<f4").tobytes()
         self._call(lambda: self._bridge.add_frames(content))
 
@@ -87,13 +87,13 @@ class Viewer(Served):
         self._call(lambda: self._bridge.say(text))
 
     def close(self) -> None:
-        """Send what is left and end the server; a page that is open keeps what it has."""
+        """Send the remaining frames and end the server; an open page keeps its frames."""
         if self._thread.is_alive():
             self._call(self._loop.stop)
             self._thread.join()
 
     def _call(self, function: Any) -> None:
-        with suppress(RuntimeError):  # closed
+        with suppress(RuntimeError):  # the server is closed
             self._loop.call_soon_threadsafe(function)
 
     def _serve(self, listening: socket.socket) -> None:
@@ -102,7 +102,7 @@ class Viewer(Served):
             self._bridge = _Bridge(self._html, listening, self._connected)
             port = listening.getsockname()[1]
             self.url, self.zmq_url = f"http://{HOST}:{port}/", self._bridge.zmq_url
-        except Exception as error:  # ZMQ's are no OSErrors
+        except Exception as error:  # ZMQ's errors are no OSErrors
             self._error = error
             listening.close()
             self._loop.close()
@@ -167,15 +167,15 @@ class _Bridge(ZMQWebSocketBridge):
         for websocket in tuple(websockets):
             with suppress(tornado.websocket.WebSocketClosedError):
                 sent = websocket.write_message(data, binary=True)
-                sent.add_done_callback(lambda done: done.exception())  # it went away: no matter
+                sent.add_done_callback(lambda done: done.exception())  # ignore: the page was closed
 
     async def stop(self) -> None:
-        """Close every socket, after what is being sent."""
+        """Close every socket, after all data are sent."""
         if self._server is not None:
             self._server.stop()
         for websocket in tuple(self.websocket_pool):
             websocket.close()
-        for _ in range(200):  # until they have all that was said
+        for _ in range(200):  # until the pages have received everything
             if not self.websocket_pool:
                 break
             await asyncio.sleep(0.01)
@@ -185,7 +185,7 @@ class _Bridge(ZMQWebSocketBridge):
 
 
 class _Application(tornado.web.Application):
-    """Listens on the socket that there is, whatever it is asked; keeps the server to stop it."""
+    """Listens on the socket of the bridge, whatever port it is given; keeps the server to stop it."""
 
     def __init__(self, bridge: Any, handlers: Any, **settings: Any) -> None:
         super().__init__(handlers, **settings)
@@ -198,7 +198,7 @@ class _Application(tornado.web.Application):
 
 
 class _Local:
-    """Refuses a request that came by another name than this machine's own (DNS rebinding)."""
+    """Refuses a request that names another host than this machine (DNS rebinding)."""
 
     request: Any
 

@@ -1,4 +1,4 @@
-"""A robot to look at from Python: `softdyn.show`."""
+"""Show a robot from Python: `softdyn.show`."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class View:
     Attributes
     ----------
     model : SoftModel
-        As above.
+        The robot.
     q, u : ndarray, (nq,), (nu,)
-        What is displayed.
+        The displayed configuration and input.
     url : str or None
-        Where the live page is; None before `open`.
+        Address of the live page; None before `open`.
 
     Raises
     ------
     InputError
-        What is no model.
+        If `model` is no model.
     UrdfError
-        A shape in the robot's file whose numbers are none.
+        If a shape in the robot's file has an invalid number.
     """
 
     def __init__(self, model: SoftModel) -> None:
@@ -47,12 +47,12 @@ class View:
     def display(self, q: Any = None, u: Any = None) -> View:
         """Show the robot at q (nq,) with the cable tensions of the input u (nu,).
 
-        q = 0 and no input by default. A page that `open` shows follows at once.
+        The default is q = 0 without input. A page shown by `open` is updated at once.
 
         Raises
         ------
         InputError
-            Arrays of another size, numbers that are not finite.
+            For arrays of another size and numbers that are not finite.
         """
         model = self.model
         self.q = model.q0 if q is None else array("q", q, (model.nq,))
@@ -62,41 +62,41 @@ class View:
 
     @property
     def page(self) -> Page:
-        """The robot as it is displayed now, as a page that needs no server."""
+        """The displayed robot as a page that needs no server."""
         return self._page(self._frame(0.0), live=False)
 
     @property
     def url(self) -> str | None:
-        """Where the live page is; None before `open` and after `close`."""
+        """Address of the live page; None before `open` and after `close`."""
         return None if self._server is None else str(self._server.url)
 
     def save(self, path: str | Path) -> None:
-        """Write the page, which needs neither a server nor a network.
+        """Write the page to a file, which needs neither a server nor a network.
 
         Raises
         ------
         InputError
-            When nothing can be written there.
+            If the file cannot be written.
         """
         self.page.save(path)
 
     def open(self, port: int | None = None, browser: bool = True) -> View:
-        """Serve the page on this machine alone, show it in the browser, and let it follow.
+        """Serve the page on this machine only, and show it in the browser; `display` updates it.
 
         Parameters
         ----------
         port : int, optional
-            A free one from 7000 on by default.
+            Port of the page; by default a free one from 7000 on.
         browser : bool
-            Whether to open the user's browser; `url` says where the page is.
+            Whether to open the user's browser; `url` is the page's address.
 
         Raises
         ------
         InputError
-            When the port is taken or not to be had.
+            If the port is not free or not allowed.
         """
         if self._server is None:
-            from softdyn.view.server import Viewer  # a web server: not before it is asked for
+            from softdyn.view.server import Viewer  # a web server, imported only if needed
 
             width = 1 + self.model.nv + self.model.nu + 6
             self._server = Viewer(self._page(np.zeros((0, width)), live=True), port)
@@ -106,7 +106,7 @@ class View:
         return self
 
     def close(self) -> None:
-        """End the server; the page keeps what it has."""
+        """End the server; an open page keeps its last pose."""
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -130,7 +130,7 @@ class View:
         )
 
     def _push(self) -> None:
-        """Let the live page follow: each pose is a little later on its timeline."""
+        """Send the pose to the live page, a little later on its timeline than the one before."""
         if self._server is not None:
             self._shown += 1
             self._server.push(self._frame(0.1 * self._shown))
@@ -146,7 +146,7 @@ def show(model: SoftModel, q: Any = None, u: Any = None) -> View:
     Raises
     ------
     InputError
-        What is no model; arrays of another size, numbers that are not finite.
+        If `model` is no model, for arrays of another size, and for numbers that are not finite.
     """
     return View(model).display(q, u)
 

@@ -1,4 +1,4 @@
-"""Where to draw a fixed tendon, which has a length but no path.
+"""The drawn path of a fixed tendon, which has a length but no path of its own.
 
 It is drawn along the joints that it spans, beside them on the side where a real cable with that
 moment arm would run: one that pulls with force f on a revolute joint with the axis a, on a link in
@@ -23,7 +23,7 @@ CLEARANCE = 1.2
 
 
 def fixed_path(robot: Robot, tendon: Tendon, shapes: Sequence[Visual], side: int) -> list[Path]:
-    """Polylines over (link, point (3,) in its frame), one for each chain of joints it spans.
+    """Polylines of (link, point (3,) in its frame), one for each chain of joints that it spans.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _along(
         scale = max(_distance(robot, joints[-1], n, shapes, placed) for joints, _, _, n in beside)
     before = beside[0][2]
     for joints, along, length, normal in beside:
-        # straight from one link to the next, so that it shortens as the joint gives way to it
+        # straight from one link to the next, so that it visibly shortens when the joint turns
         point = placed[joints[-1].child][1] + normal * scale
         distance = scale * float(np.linalg.norm(normal))
         add(joints[0].parent, point - min(distance, 0.4 * before) * along)
@@ -110,7 +110,7 @@ def _meeting(
 def _direction(
     robot: Robot, joint: Joint, placed: dict[str, tuple[np.ndarray, np.ndarray]]
 ) -> tuple[np.ndarray, float]:
-    """From the joint to the next one that lies elsewhere: unit vector (3,) and distance (m)."""
+    """Unit vector (3,) and distance (m) from the joint to the next one at another point."""
     origin = placed[joint.child][1]
     for link in chain(*levels(joint.child, robot.joints)):
         step = placed[link][1] - origin
@@ -122,7 +122,7 @@ def _direction(
 
 
 def _diagonal(direction: np.ndarray) -> np.ndarray:
-    """A unit vector across `direction`, between the two coordinate axes most across it."""
+    """A unit vector normal to `direction`, between the two coordinate axes most normal to it."""
     a, b = np.eye(3)[np.argsort(np.abs(direction), kind="stable")[:2]]
     across = -(a + b)
     across = across - (across @ direction) * direction
@@ -136,7 +136,7 @@ def _distance(
     shapes: Sequence[Visual],
     placed: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> float:
-    """How far beside the joint the cable clears the shapes of the first link below with any."""
+    """Distance from the joint at which the cable clears the next link that has shapes."""
     origin = placed[joint.child][1]
     for link in chain(*levels(joint.child, robot.joints)):
         rotation, translation = placed[link]

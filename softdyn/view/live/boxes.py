@@ -1,4 +1,4 @@
-"""Short queues of the server: messages that the loop, and news that a page, has not read yet."""
+"""Short queues of the server: unread messages for the loop, and unread news for a page."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from typing import Any
 
 from softdyn.view.live.messages import DRAGS, Message, Release
 
-WAITING = 200  # messages that a loop may have unread
-AGAIN = 0.01  # s until a loop that takes no more is asked again
-ERRORS = 20  # that a page is told of those it has not read
+WAITING = 200  # largest number of unread messages of a loop
+AGAIN = 0.01  # s until the next try, if the loop's socket is full
+ERRORS = 20  # largest number of unread errors of a page
 
 
 class Inbox:
     """Checked messages that the loop has not read yet, in order; of a drag only the last.
 
+    The queue keeps messages while a loop is busy for seconds, for example with a new controller.
+
     Parameters
     ----------
     loop : socket
-        Takes some datagrams, and no more before it has read them: a loop that builds a controller
-        for seconds, or looks for a rest, loses no message meanwhile.
+        The loop's socket, which holds only a few unread datagrams.
     """
 
     def __init__(self, loop: socket.socket) -> None:
@@ -33,7 +34,7 @@ class Inbox:
         self._later: asyncio.TimerHandle | None = None
 
     def put(self, message: Message | None) -> bool:
-        """Hand on a message, or with None the news of the first page; False without room."""
+        """Queue a message; None says that the first page has come. False if there is no room."""
         last = self._waiting[-1] if self._waiting else None
         if isinstance(message, DRAGS) and type(last) is type(message):
             self._waiting.pop()
@@ -54,19 +55,19 @@ class Inbox:
                 self._later = asyncio.get_running_loop().call_later(AGAIN, self._send)
                 return
             except OSError as error:
-                if error.errno == errno.ENOBUFS:  # macOS says so of a full one
+                if error.errno == errno.ENOBUFS:  # macOS reports a full socket so
                     self._later = asyncio.get_running_loop().call_later(AGAIN, self._send)
-                else:  # the loop is gone
+                else:  # the loop has ended
                     self._waiting.clear()
                 return
             self._waiting.popleft()
 
 
 class Outbox:
-    """News that a page has not read yet, in order, and the latest frame behind them.
+    """News that a page has not read yet, in order, followed by the latest frame.
 
-    It is short for a page that reads nothing: a state replaces the one before, points join those
-    before, and of errors the latest few are kept.
+    The queue stays short even if the page reads nothing: a new state replaces the old one, new
+    points join the old ones, and only the latest few errors are kept.
     """
 
     def __init__(self) -> None:
@@ -77,7 +78,7 @@ class Outbox:
         return bool(self._news) or self._frame is not None
 
     def put(self, news: dict[str, Any]) -> None:
-        """Add news; the first member is their kind."""
+        """Add news; the name of the first member is their kind."""
         kind = next(iter(news))
         same = [one for one in self._news if kind in one]
         if kind == "reach" and same:
@@ -88,12 +89,12 @@ class Outbox:
         self._news.append(news)
 
     def show(self, frame: bytes) -> bool:
-        """Set the frame; True if it replaces one that was not read."""
+        """Set the frame; True if it replaces an unread one."""
         before, self._frame = self._frame, frame
         return before is not None
 
     def take(self) -> str | bytes:
-        """The next text, or the frame after all texts."""
+        """The next text; after all texts, the frame."""
         if self._news:
             return json.dumps(self._news.pop(0))
         frame, self._frame = self._frame or b"", None

@@ -1,7 +1,7 @@
-"""A loop's side of its pages: datagrams to and from a server in a process of its own.
+"""The loop's end of its pages: datagrams to and from a server in a separate process.
 
 A loop never waits for a page: a frame that does not fit in the socket's buffer is dropped and
-counted. Messages come from the server checked, as pickles of our own child.
+counted. The server checks the messages and sends them as pickles; it is a child of this process.
 """
 
 from __future__ import annotations
@@ -30,42 +30,42 @@ if TYPE_CHECKING:
     from softdyn.view.scene import Figure
 
 FRAME, STATE, ERROR = b"F", b"S", b"E"  # kinds of datagrams
-DATAGRAM = 1 << 18  # bytes, more than any has
+DATAGRAM = 1 << 18  # bytes, more than any datagram has
 AT_ONCE = 8  # messages that a loop reads between two control steps
-PATIENCE = 30.0  # s for the pages to take what is left when it ends
+PATIENCE = 30.0  # s until the server must have sent the rest and ended
 
 
 class Channel(Served):
-    """Frames out, messages in; starts the server, and ends it when it is closed.
+    """Sends frames and receives messages; it starts the server and ends it on `close`.
 
     Parameters
     ----------
     page : str
         The page that the server shows.
     figure : Figure
-        The robot, for recordings and the reach, which the server makes itself.
+        The robot, for recordings and for the reachable points, which the server computes.
     replayed : int
-        Columns of a frame that a replay shows.
+        Number of columns of a frame that a replay shows.
     title : str
-        Of recordings.
+        Title of recordings.
     limits : Limits or None
-        Of the messages; with None the pages only watch.
+        Limits of the messages; with None the pages only watch.
     port : int, optional
-        By default a free one from 7000 on.
+        Port of the page; by default a free one from 7000 on.
 
     Attributes
     ----------
     url : str
-        Where a browser on this machine finds the page; it contains the token.
+        Address of the page for browsers on this machine; it contains the token.
     dropped : int
-        Frames that the server did not take in time.
+        Number of frames that the server did not take in time.
     ended : bool
-        Whether the server is gone, though nobody has closed it.
+        Whether the server has ended without `close`.
 
     Raises
     ------
     InputError
-        When the port is taken or the server does not start.
+        If the port is taken or the server does not start.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Channel(Served):
         }  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        with suppress(BrokenPipeError):  # it died: its answer says so
+        with suppress(BrokenPipeError):  # the server died: its answer below says so
             pickle.dump(given, self._process.stdin)
             self._process.stdin.flush()
         answer = self._process.stdout.readline().decode().strip()
@@ -111,42 +111,42 @@ class Channel(Served):
         self.url = f"http://{HOST}:{found}/?token={token}"
 
     def wait(self, timeout: float) -> bool:
-        """Wait for the first page, at most so long (s); whether there is one."""
+        """Wait for the first page, at most `timeout` (s); return whether one has come."""
         return bool(select.select([self._socket], [], [], timeout)[0])
 
     def frame(self, row: np.ndarray) -> None:
-        """Show a frame, or drop it."""
-        for kind in tuple(self._late):  # what must not be lost goes first
+        """Send a frame, or drop it if the socket is full."""
+        for kind in tuple(self._late):  # states and errors must not be lost, so they go first
             if self._send(kind, self._late[kind]):
                 del self._late[kind]
         self.dropped += not self._send(FRAME, np.asarray(row, "<f4").tobytes())
 
     def state(self, shown: dict[str, Any]) -> None:
-        """Show what has changed, with the next frame where it does not go at once."""
+        """Send what has changed: at once, or if that fails with the next frame."""
         self._say(STATE, json.dumps(shown).encode())
 
     def error(self, text: str) -> None:
-        """Answer a message that could not be done."""
+        """Answer a message that failed."""
         self._say(ERROR, text.encode()[:LONGEST])
 
     def messages(self) -> Iterator[Message]:
-        """Messages of the commanding page since the last call, a few at a time."""
+        """Messages of the commanding page since the last call, at most `AT_ONCE`."""
         for _ in range(AT_ONCE):
             try:
                 data = self._socket.recv(DATAGRAM)
-            except OSError:  # nothing there, or no server
+            except OSError:  # no message, or no server
                 return
-            if data:  # an empty one says that a page has come
+            if data:  # an empty datagram says that a page has come
                 yield pickle.loads(data)
 
     def leave(self, html: str) -> None:
-        """Give the pages a page to keep when the server is gone; once, at the end."""
+        """Send the pages a final page, which they keep after the server's end; call it once."""
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.write(html.encode())
 
     def close(self) -> None:
-        """End the server, which first hands the pages what they have not got yet."""
+        """End the server; it first sends the pages everything that is left."""
         process = self._process
         with suppress(OSError):
             self._socket.settimeout(1.0)
@@ -156,7 +156,7 @@ class Channel(Served):
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 with suppress(BrokenPipeError):
-                    pipe.close()  # its standard input's end is the server's
+                    pipe.close()  # the server ends when its standard input ends
         try:
             process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
@@ -165,7 +165,7 @@ class Channel(Served):
         self._socket.close()
 
     def _say(self, kind: bytes, content: bytes) -> None:
-        self._late.pop(kind, None)  # what was late is overtaken
+        self._late.pop(kind, None)  # the new content replaces an older one of this kind
         if not self._send(kind, content):
             self._late[kind] = content
 
@@ -175,6 +175,6 @@ class Channel(Served):
         except (ConnectionError, BrokenPipeError):
             self.ended = True
             return False
-        except OSError:  # full, or closed
+        except OSError:  # the socket is full or closed
             return False
         return True

@@ -1,7 +1,8 @@
-"""A robot at rest, explored by slider: joints by hand, or inputs and the rest they lead to.
+"""Explore a robot's equilibria by slider: set the joints, or set inputs and see the equilibrium.
 
-Statics, not simulation: inputs lead to the rest that continues the one before. If that branch has
-lost its stability, the page shows the rest that the robot snaps to and the unstable one beside it.
+Nothing is simulated. New inputs lead to the equilibrium on the same branch as the one before. If
+that branch has lost its stability, the page shows the equilibrium that the robot snaps to, and the
+unstable one beside it.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from softdyn.view.live.pacing import IDLE
 from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
-PARTS = 4  # of a move of the sliders
-OFTEN = 0.25  # s between two frames of a robot that nobody moves
+PARTS = 4  # steps along the branch for one move of the sliders
+OFTEN = 0.25  # s between two frames while no slider moves
 
 
 class Explorer:
@@ -44,9 +45,9 @@ class Explorer:
     q, u : ndarray, (nq,), (nu,)
         The pose and the inputs on the page.
     rest : Equilibrium or None
-        The rest under u; None while the joints are set by hand.
+        The equilibrium under u; None while the user sets the joints.
     unstable : Equilibrium or None
-        The rest on the former branch, if that is unstable.
+        The equilibrium on the former branch, if it is unstable.
     notice : str
         The last error.
     """
@@ -57,11 +58,11 @@ class Explorer:
         self.rest: Equilibrium | None = None
         self.unstable: Equilibrium | None = None
         self._poses = 0
-        with suppress(SoftdynError):  # nothing holds it: joints by hand
+        with suppress(SoftdynError):  # without an equilibrium the user can set joints only
             self._show(statics.rest(model))
 
     def apply(self, message: Message) -> None:
-        """Do a message of a page.
+        """Carry out a message of a page.
 
         Raises
         ------
@@ -95,7 +96,7 @@ class Explorer:
         return self.columns.frame(**values)
 
     def _load(self, u: np.ndarray) -> None:
-        """The rest under u (nu,), from the one before."""
+        """Go to the equilibrium under u (nu,), starting from the last one."""
         before = statics.rest(self.model) if self.rest is None else self.rest
         near = _along(before, u)
         other = near if self.unstable is None else _along(self.unstable, u)
@@ -109,7 +110,7 @@ class Explorer:
 
 
 def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
-    """The equilibrium under u (nu,) on the branch of `here`; None where that cannot be followed."""
+    """The equilibrium under u (nu,) on the branch of `here`; None if the branch ends before."""
     found: Equilibrium | None = here
     for part in np.linspace(0, 1, PARTS + 1)[1:]:
         if found is not None:
@@ -127,7 +128,7 @@ def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
 
 
 def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambda: False) -> None:
-    """Do the messages of an explorer's pages until `over`, which is asked many times a second."""
+    """Carry out the messages of an explorer's pages until `over()`, called many times a second."""
     explorer, next_frame = Explorer(model), 0.0
     while not over():
         if channel.ended:
@@ -135,14 +136,14 @@ def explore(model: SoftModel, channel: Channel, over: Callable[[], bool] = lambd
         said = tuple(channel.messages())
         for i, message in enumerate(said):
             if i + 1 < len(said) and type(said[i + 1]) is type(message):
-                continue  # of a drag the last one
+                continue  # only the last message of a drag counts
             try:
                 explorer.apply(message)
             except InputError as error:
                 channel.error(str(error))
         if said:
             channel.state({"notice": explorer.notice})
-        if said or monotonic() > next_frame:  # a page that has just come waits for one
+        if said or monotonic() > next_frame:  # a new page waits for its first frame
             channel.frame(explorer.frame())
             next_frame = monotonic() + OFTEN
         sleep(IDLE)

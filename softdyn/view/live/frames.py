@@ -8,20 +8,20 @@ from softdyn.dynamics.model import SoftModel
 
 
 class Columns:
-    """The columns of a frame; a value that is missing is NaN.
+    """The columns of a frame; a missing value is NaN.
 
-    A frame is float32: time (s), joint coordinates, inputs, the tip and its target (m), V, the
-    slowest step and the latest wake-up since the last frame (µs), missed periods so far, simulated
-    seconds per second, the pushing force (N) and where it acts (m), the ghost's joint coordinates,
-    its tip's distance from the plant's (m), 1 where a rest is stable and 0 where it is not, and the
-    tip's compliance (m/N), row by row.
+    A frame is float32. It holds: time (s), joint coordinates, inputs, the tip and its target (m),
+    V, the slowest step and the latest wake-up since the last frame (µs), the count of missed
+    periods, simulated seconds per second, the pushing force (N) and its point (m), the ghost's
+    joint coordinates, its tip's distance from the plant's (m), 1 if an equilibrium is stable and
+    else 0, and the tip's compliance (m/N), row by row.
 
     Attributes
     ----------
     places : dict of str to slice
-        By name.
+        Columns by name.
     size : int
-        Of a frame.
+        Number of columns.
     """
 
     def __init__(self, model: SoftModel) -> None:
@@ -34,7 +34,7 @@ class Columns:
         ends = np.cumsum([0, *sizes.values()]).tolist()
         self.places = {name: slice(ends[i], ends[i + 1]) for i, name in enumerate(sizes)}
         self.size = ends[-1]
-        self.replayed = ends[5]  # these come first and are what `page.frames` makes
+        self.replayed = ends[5]  # the first columns are those of `page.frames`
 
     def frame(self, **values: object) -> np.ndarray:
         """A frame of these values, by name."""

@@ -1,8 +1,8 @@
-"""The messages of a page to a live robot: frozen data, read and checked here and nowhere else.
+"""The messages of a page to a live robot, as frozen data; only this file reads and checks them.
 
-A message is one JSON object ``{"do": NAME, ...}`` whose other members are exactly the fields of the
+A message is one JSON object ``{"do": NAME, ...}``. Its other members are exactly the fields of the
 class of that name (`MESSAGES`). Bounds come from the robot and the menu: `Limits`. A page's server
-reads it; the robot's loop gets the checked message.
+reads the message; the robot's loop gets the checked message.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from softdyn.dynamics.model import SoftModel  # a page's server needs no engine
 
 LONGEST = 20_000  # bytes of a message
-OPEN_LOOP = "open loop"  # the entry of the menu that gives the sliders' inputs
-FARTHEST = 3.0  # of a point from the base, in robot lengths
+OPEN_LOOP = "open loop"  # the entry of the menu that applies the sliders' inputs
+FARTHEST = 3.0  # distance of a point from the base, in robot lengths
 SPEEDS = (0.01, 10.0)
 FACTORS = (0.2, 5.0)  # of mass, stiffness, damping
 LARGEST_DELAY, LARGEST_NOISE = 0.1, 0.05  # s, m
@@ -88,7 +88,7 @@ def _joints(limits: Limits, name: str, value: Any) -> np.ndarray:
 
 def _within(name: str, value: Any, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     found = array(name, value, lower.shape)
-    # what a slider's end is in another arithmetic is still its end
+    # JavaScript rounds a slider's end differently, so it may be slightly outside
     margin = 1e-6 * (1 + np.abs(found))
     if (found < lower - margin).any() or (found > upper + margin).any():
         raise InputError(name, f"numbers from {lower.tolist()} to {upper.tolist()}", value)
@@ -130,7 +130,7 @@ class SetInputs:
 
 @dataclass(frozen=True, eq=False)
 class SetJoints:
-    """Sets joint coordinates (nv,) of a robot that is only looked at (rad, m)."""
+    """Sets joint coordinates (nv,) of an explored robot (rad, m)."""
 
     x: np.ndarray = field(metadata=_by(_joints))
 
@@ -146,8 +146,8 @@ class SetController:
 class Mismatch:
     """Differences of the plant from the model, and of its signals from ideal ones.
 
-    Factors on mass, stiffness and damping; whether links touch; delay (s) from a state to the
-    input that answers it; noise (m, standard deviation) of the tip that the controller sees.
+    It has factors on mass, stiffness and damping; whether links touch; the delay (s) from a state
+    to its input; and the noise (m, standard deviation) of the tip that the controller gets.
     """
 
     mass: float = field(default=1.0, metadata=_by(_between(*FACTORS)))
@@ -160,7 +160,7 @@ class Mismatch:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A spring from a point of a link (3,), in the link's axes, to one of the world (3,) (m)."""
+    """A spring from a point (3,) of a link, in the link's frame, to a point (3,) of the world (m)."""
 
     link: str = field(metadata=_by(_choice(lambda limits: limits.links)))
     at: np.ndarray = field(metadata=_by(_point))
@@ -186,45 +186,45 @@ class SingleStep:
 
 @dataclass(frozen=True)
 class Reset:
-    """Puts the robot at rest again, at t = 0."""
+    """Puts the robot at rest, at t = 0."""
 
 
 @dataclass(frozen=True)
 class SetSpeed:
-    """Sets the simulated seconds per second of the clock, at most."""
+    """Sets the clock's largest speed in simulated seconds per second."""
 
     factor: float = field(metadata=_by(_between(*SPEEDS)))
 
 
 @dataclass(frozen=True)
 class ShowGhost:
-    """Runs the analytic model beside the plant under the same input, or ends it."""
+    """Starts or ends the ghost: the analytic model beside the plant under the same input."""
 
     on: bool = field(metadata=_by(_flag))
 
 
 @dataclass(frozen=True)
 class RecordFrames:
-    """Begins a recording, or ends it; then there is a page that replays it."""
+    """Begins a recording, or ends it; its end makes a page that replays it."""
 
     on: bool = field(metadata=_by(_flag))
 
 
 @dataclass(frozen=True)
 class FindReach:
-    """Asks for the stable rests of the tip."""
+    """Asks for the tips of stable equilibria."""
 
 
 @dataclass(frozen=True)
 class Lead:
-    """Makes this page the one that commands; the one before watches."""
+    """Makes this page the commanding one; the former one then watches."""
 
 
 Message = (
     SetTarget | SetInputs | SetJoints | SetController | Mismatch | Push | Release | Pause
     | SingleStep | Reset | SetSpeed | ShowGhost | RecordFrames | FindReach | Lead
 )  # fmt: skip
-DRAGS = (SetTarget, SetInputs, SetJoints, Push)  # each takes the place of the one just before it
+DRAGS = (SetTarget, SetInputs, SetJoints, Push)  # each replaces the one just before it
 MESSAGES: dict[str, Callable[..., Message]] = {
     "target": SetTarget, "inputs": SetInputs, "joints": SetJoints, "law": SetController,
     "mismatch": Mismatch, "push": Push, "release": Release, "pause": Pause, "step": SingleStep,
@@ -240,14 +240,14 @@ def read(text: str | bytes, limits: Limits) -> Message:
     Parameters
     ----------
     text : str or bytes
-        The message as JSON, from anyone.
+        The message as JSON; it may come from anyone.
     limits : Limits
-        The robot's.
+        The robot's limits.
 
     Raises
     ------
     InputError
-        For anything else; the error names the member, what was expected and what was got.
+        For any other text; the error names the member, what was expected and what was got.
     """
     if len(text) > LONGEST:
         raise InputError("message", f"at most {LONGEST} bytes", len(text))

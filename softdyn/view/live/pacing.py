@@ -1,4 +1,4 @@
-"""The clock of a control loop: the begin of periods, delays and missed ones."""
+"""The clock of a control loop: it starts the periods, and counts delays and missed periods."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from time import perf_counter, sleep
 import numpy as np
 
 RATE = 40.0  # frames a second of a clock
-IDLE = 0.02  # s between two looks at the messages
-LATEST = 0.05  # s behind at which a clock stops to catch up and is slower instead
-SPAN = 0.5  # s over which the pace is measured
+IDLE = 0.02  # s between two reads of the messages
+LATEST = 0.05  # s; with a larger delay the clock does not catch up, but runs slower
+SPAN = 0.5  # s, the time over which the pace is measured
 
 
 @dataclass(frozen=True)
 class Kept:
-    """Figures of a clock: misses, delays, step times, pace.
+    """Statistics of a clock: misses, delays, step times, pace.
 
     Attributes
     ----------
     periods, misses : int
-        Control periods, and those whose work ended after the next one was due.
+        Number of control periods, and of those that ended after the next one was due.
     wake_us, step_us : dict of str to float
-        Median, p99 and largest time by which a period began late, and of the control step (µs).
+        Median, p99 and maximum of the delay of a period's start, and of the control step (µs).
     pace : float
         Simulated seconds per second.
     """
@@ -36,25 +36,25 @@ class Kept:
 
 @dataclass
 class Clock:
-    """Wakes a loop once a period, and keeps its delays.
+    """Wakes a loop once a period, and records its delays.
 
     Parameters
     ----------
     period : float
-        Of the control (s, simulated).
+        Control period (s, simulated).
     speed : float
         Simulated seconds per second.
     keep : int
-        Periods whose times are kept for `kept`.
+        Number of periods whose times are stored for `kept`.
 
     Attributes
     ----------
     periods, misses : int
-        Done, and those whose work ended after the next one was due.
+        Number of finished periods, and of those that ended after the next one was due.
     pace : float
         Simulated seconds per second over the last half second.
     worst_wake, worst_step : float
-        Since `frame` was last asked (µs).
+        Largest delay of a start and longest control step since the last frame (µs).
     """
 
     period: float
@@ -75,7 +75,7 @@ class Clock:
         self.begin()
 
     def begin(self) -> None:
-        """Start anew from now, after a pause or work that was no control step."""
+        """Restart the clock now, after a pause or other work."""
         now = perf_counter()
         self._due, self._since = now, (now, self.periods)
         self._began = (now, self.periods)
@@ -91,7 +91,7 @@ class Clock:
             now = perf_counter()
         late = now - self._due
         self._wake = 1e6 * late
-        if late > LATEST:  # the machine cannot: a slower clock, not one that runs after the time
+        if late > LATEST:  # the machine is too slow: give up the lost time
             self._due = now
         self.worst_wake = max(self.worst_wake, self._wake)
         return True
@@ -119,7 +119,7 @@ class Clock:
         return True
 
     def kept(self) -> Kept:
-        """Figures of all periods since the clock began."""
+        """Statistics of all periods since the clock began."""
         count = min(self.periods, self.keep)
         wake, step = (
             {"median": float(np.median(row)), "p99": float(np.percentile(row, 99)),

@@ -1,4 +1,4 @@
-"""The page of a live robot, with all its assets inside: it works without a network."""
+"""The page of a live robot; all its assets are inside, so it works without a network."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.page import asset, scene_page
 from softdyn.view.scene import TENSION, Figure
 
-# what three.js's own controls expect, and what they make
+# text around three.js's own controls: their scope, and their result
 BEFORE, AFTER = "const DRAGGING = (THREE => {\n", "\nreturn THREE;\n})({...MeshCat.THREE});\n"
 
 
@@ -33,22 +33,22 @@ def live_page(
     figure : Figure
         The robot.
     mode : str
-        ``play``, ``watch`` (a run that is only looked at) or ``explore`` (joints and inputs).
+        ``play``, ``watch`` (a run without control by the page) or ``explore`` (joints and inputs).
     title : str
-        Its heading.
+        The heading.
     laws : tuple of str
-        The menu.
+        The menu of controllers.
     period : float
-        Of the control (s).
+        Control period (s).
     pull : float
         Force (N) of the longest arrow.
     path : ndarray, (K, 3), optional
-        The reference's.
+        The reference's path.
 
     Raises
     ------
     InputError
-        When Meshcat is not installed.
+        If Meshcat is not installed.
     """
     model = figure.model
     data = figure.data

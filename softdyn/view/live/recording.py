@@ -1,6 +1,6 @@
-"""Recordings as replay pages, and the stable rests of the tip: the server's own work.
+"""The server's own work: replay pages of recordings, and the tips of stable equilibria.
 
-The engine is imported at its first use: a server is there in half a second.
+The engine is imported at its first use, so that a server starts in half a second.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from softdyn.view.scene import Figure
 
 MOST = 36_000  # frames of a recording
-RAYS = 40  # inputs that are raised for the reach
+RAYS = 40  # random inputs that are raised to find reachable points
 BATCH = 0.4  # s of search between two batches of points
 
 
@@ -27,11 +27,11 @@ class Recording:
     Parameters
     ----------
     figure : bytes
-        The robot's, pickled: most servers never need it.
+        The robot's figure, pickled, because most servers never need it.
     replayed : int
-        Columns of a frame that a replay shows.
+        Number of columns of a frame that a replay shows.
     title : str
-        Of the page.
+        Title of the page.
     """
 
     def __init__(self, figure: bytes, replayed: int, title: str) -> None:
@@ -46,22 +46,22 @@ class Recording:
         return found
 
     def begin(self) -> None:
-        """Keep frames from now on."""
+        """Start to keep frames."""
         self._rows, self.on = [], True
 
     def add(self, frame: bytes) -> bool:
-        """Keep a frame that is later than the one before; True when there is no room for more."""
+        """Keep a frame that is later than the one before; True if the recording is full."""
         if not self.on:
             return False
         row = np.frombuffer(frame, "<f4")[: self._replayed].copy()
         if self._rows and row[0] < self._rows[-1][0]:
-            self._rows = []  # reset: another run
+            self._rows = []  # the time was reset: a new run
         if not self._rows or row[0] > self._rows[-1][0]:
             self._rows.append(row)
         return len(self._rows) >= MOST
 
     def end(self) -> bool:
-        """Keep no more; True if there are frames to replay."""
+        """Stop; True if there are frames to replay."""
         self.on = False
         if self._rows:
             self._done = np.array(self._rows)
@@ -69,7 +69,7 @@ class Recording:
         return bool(self._rows)
 
     def html(self) -> str:
-        """The last recording as a page, empty where there is none."""
+        """The last recording as a page; empty if there is none."""
         if self._done is None:
             return ""
         from softdyn.view.page import Page, PlayedRun, Track
@@ -78,7 +78,7 @@ class Recording:
         return Page(self._title, (self._figure,), (run,)).html()
 
     def rests(self) -> Iterator[list[list[float]]]:
-        """Tips (x, y, z) (m) of stable rests, a batch at a time."""
+        """Tips (x, y, z) (m) of stable equilibria, in batches."""
         from softdyn.statics import sample_rests
 
         model = self._figure.model

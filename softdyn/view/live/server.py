@@ -1,9 +1,9 @@
-"""The server of a live robot: one page, one websocket, one that commands and any number that watch.
+"""The server of a live robot: one page commands, and others may watch.
 
-A program of its own (``python -m softdyn.view.live.server``), started by `channel.Channel`.
+It is a separate program (``python -m softdyn.view.live.server``), which `channel.Channel` starts.
 Everything is on loopback. A request needs the token of the page's address; its Host header must
-name this machine, and an Origin header, if sent, must be our page. A page that does not read loses
-frames and delays nobody: each page has an outbox, and the loop an inbox.
+name this machine, and an Origin header, if sent, must be our page. Each page has an outbox and the
+loop has an inbox, so a slow page loses frames but delays no one.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from softdyn.view.live.recording import Recording
 from softdyn.view.loopback import MAX_BODY, is_local
 
 MOST = 16  # pages at once
-KINDNESS = 5  # the loop's process goes first
-FAREWELL = 10.0  # s for the pages to take what is left
+KINDNESS = 5  # added niceness, so that the loop's process has priority
+FAREWELL = 10.0  # s for the pages to receive the rest
 
 
 class Hub:
@@ -62,7 +62,7 @@ class Hub:
     # -- from the loop -------------------------------------------------------------------------
 
     def heard(self) -> None:
-        """Hand on the loop's datagrams."""
+        """Pass the loop's datagrams to the pages."""
         for _ in range(50):
             try:
                 data = self._loop.recv(DATAGRAM)
@@ -73,7 +73,7 @@ class Hub:
                 for page in self.pages:
                     page.frame(content)
                 if self.recording.add(content):
-                    self._record(False)  # it is full
+                    self._record(False)  # the recording is full
             elif kind == STATE:
                 self._state = json.loads(content)
                 self.tell()
@@ -100,7 +100,7 @@ class Hub:
             page.say({"reach": self._points})
 
     def left(self, page: PageSocket) -> None:
-        """A page is gone; the next one commands, and a push of it ends."""
+        """Remove a page; if it commanded, its push ends and the next page commands."""
         if page in self.pages:
             if page is self.pages[0]:
                 self._let_go()
@@ -108,8 +108,8 @@ class Hub:
             self.tell()
 
     def said(self, page: PageSocket, text: str | bytes) -> None:
-        """Do a message, hand it to the loop, or answer it with an error."""
-        if page not in self.pages:  # it was one too many, or has left
+        """Carry out a message, pass it to the loop, or answer it with an error."""
+        if page not in self.pages:  # there was no room for it, or it has left
             return
         try:
             if self.limits is None:
@@ -137,7 +137,7 @@ class Hub:
             raise InputError("message", "fewer at a time", "more than the loop reads")
 
     def _let_go(self) -> None:
-        """End a push when its page commands no more."""
+        """End a push, because its page no longer commands."""
         if self.limits is not None:
             self._inbox.put(Release())
 
@@ -153,7 +153,7 @@ class Hub:
             self._reach = asyncio.create_task(self._find_reach())
 
     async def _find_reach(self) -> None:
-        """Show rests of the tip as a thread finds them."""
+        """Show tips of stable equilibria while a thread finds them."""
         loop = asyncio.get_running_loop()
         found = self.recording.rests()
         try:
@@ -162,14 +162,14 @@ class Hub:
                 for page in self.pages:
                     page.say({"reach": batch})
         except SoftdynError as error:
-            self._reach = None  # it may be asked again
+            self._reach = None  # a page may ask again
             for page in self.pages[:1]:
                 page.say({"error": str(error)})
 
     # -- the end -------------------------------------------------------------------------------
 
     async def part(self, html: str) -> None:
-        """Send every page all that is left, and a page to keep."""
+        """Send every page everything that is left, and the final page `html`."""
         for _ in range(20):
             self.heard()
         for page in self.pages:
@@ -186,7 +186,7 @@ class Hub:
 
 
 class Checked(tornado.web.RequestHandler):
-    """A request of this machine, with the token."""
+    """A request from this machine, with the token."""
 
     def initialize(self, hub: Hub) -> None:
         """Keep the hub."""
@@ -215,7 +215,7 @@ class Recorded(Checked):
     """The page that replays the last recording."""
 
     async def get(self) -> None:
-        """Send its text; a thread makes it, since that takes a moment."""
+        """Send its text; a thread makes it, because that takes a moment."""
         loop = asyncio.get_running_loop()
         text = await loop.run_in_executor(None, self.hub.recording.html)
         if not text:
@@ -225,14 +225,14 @@ class Recorded(Checked):
 
 
 class PageSocket(tornado.websocket.WebSocketHandler, Checked):
-    """The websocket of a page that is open somewhere."""
+    """The websocket of an open page."""
 
     def check_origin(self, origin: str) -> bool:
         """True for a request from the page that is served here."""
         return urlsplit(origin).netloc == self.request.headers.get("Host")
 
     def open(self, *_arguments: str) -> None:
-        """Join the others, if there is room."""
+        """Join the other pages, if there is room."""
         self._sending: asyncio.Future | None = None
         self._outbox = Outbox()
         self.dropped = 0
@@ -243,15 +243,15 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
         self.hub.joined(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Hand it to the hub."""
+        """Pass the message to the hub."""
         self.hub.said(self, message)
 
     def on_close(self) -> None:
-        """Leave."""
+        """Remove the page from the hub."""
         self.hub.left(self)
 
     def frame(self, content: bytes) -> None:
-        """Send a frame as soon as possible; a later one replaces a frame that waits."""
+        """Send a frame as soon as possible; it replaces an unsent one."""
         self.dropped += self._outbox.show(content)
         self._next()
 
@@ -262,11 +262,11 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
 
     @property
     def behind(self) -> bool:
-        """True while the page has not been sent everything."""
+        """True while some news or a frame is unsent."""
         return bool(self._sending or self._outbox)
 
     def _next(self) -> None:
-        """Send the next text or frame when the one before has left."""
+        """Send the next text or frame; called when the one before is sent."""
         if self._sending or not self._outbox:
             return
         content = self._outbox.take()
@@ -282,7 +282,7 @@ class PageSocket(tornado.websocket.WebSocketHandler, Checked):
 
 
 async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.socket) -> None:
-    """Serve until standard input ends; its text is a page for the pages to keep."""
+    """Serve until standard input ends; its text is the final page for the open pages."""
     hub = Hub(given, loop)
     routes = {"/": Root, "/live": PageSocket, "/record.html": Recorded}
     application = tornado.web.Application(
@@ -303,12 +303,12 @@ async def serve(given: dict[str, Any], loop: socket.socket, listening: socket.so
 def main(*descriptors: int) -> None:
     """Read the page and its settings from standard input, and serve it."""
     os.nice(KINDNESS)
-    given = pickle.load(sys.stdin.buffer)  # from our own parent
+    given = pickle.load(sys.stdin.buffer)  # from the parent process
     loop, listening = (socket.socket(fileno=descriptor) for descriptor in descriptors)
     for one in (loop, listening):
         one.setblocking(False)
     asyncio.new_event_loop().run_until_complete(serve(given, loop, listening))
-    os._exit(0)  # a search of rests may still be going on in a thread
+    os._exit(0)  # a thread may still search equilibria
 
 
 if __name__ == "__main__":
