@@ -23,12 +23,12 @@ class ClfQp(TaskLaw):
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's for a bundled robot by default; required for any other.
+        By default the paper's, for a bundled robot; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = "clf-qp"
@@ -41,8 +41,8 @@ class ClfQp(TaskLaw):
 class Linearisation:
     """The QP in u alone: L_g L_f y = J M⁻¹ B (3, m), L_f² y = J̇ q̇ - J M⁻¹ h.
 
-    With m > 3, or where J M⁻¹ B loses rank, u is not determined by μ and the published objective
-    has no term to choose: of all minimisers the one of least norm is taken, exactly.
+    If m > 3 or J M⁻¹ B loses rank, μ does not determine u, and the published objective has no term
+    that chooses. The controller then takes exactly the minimiser of least norm.
     """
 
     solvers: tuple[DenseQp, ...] = ()
@@ -65,14 +65,14 @@ class Linearisation:
         return guard.accept(self._u, tip.V, delta)
 
     def reset(self) -> None:
-        """Nothing: every state is answered anew."""
+        """Do nothing: no call depends on earlier ones."""
 
 
 @compiled
 def _law(
     M, h, v, Bt, J, Jdot, mu_ref, yddot, row, bound, w1, rho, lower, upper, u
 ):  # fmt: skip
-    """The input into `u` (m,); the residual of its QP, and δ."""
+    """Write the input into `u` (m,); return the residual of its QP, and δ."""
     m, n = Bt.shape
     right, stacked, wanted = np.empty((m + 4, n)), np.zeros((4, m)), np.empty(4)
     for x in range(3):
@@ -82,7 +82,7 @@ def _law(
     put(right[3 + m], h)
     half = cholesky(M, right)[1]
     products = inner(half[:3], half[3:])  # J M⁻¹ [B h]
-    # the residuals √w1 (μ - μ_ref) and √ρ δ as stacked u - wanted
+    # √w1 (μ - μ_ref) and √ρ δ are the rows of stacked u - wanted
     first, second, slack = np.sqrt(w1), np.sqrt(rho), -bound[0]
     along, rest, at_reference = np.zeros(m), slack, slack
     linear = products[:, :m].copy()
@@ -97,7 +97,8 @@ def _law(
     for j in range(m):
         stacked[3, j] = second * along[j]
     wanted[3] = -second * rest
-    # δ = max(0, …) is twice a quadratic objective: the one whose minimiser has its sign is right
+    # With δ = max(0, …) the objective is one of two quadratics, with δ or without it. The right one
+    # has a minimiser with the sign of δ that it assumes.
     residual, delta, late = np.nan, np.nan, at_reference > 0
     for _ in range(2):
         count = 4 if late else 3

@@ -15,7 +15,7 @@ from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
 from softdyn.description.robot import Robot
 
-SILENT = np.errstate(all="ignore")  # as a decorator: overflow is no warning
+SILENT = np.errstate(all="ignore")  # a decorator: overflow gives no warning
 
 
 class Status(Enum):
@@ -28,18 +28,18 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A controller's answer.
+    """The output of a controller.
 
     Attributes
     ----------
     u : ndarray, (nu,)
         The input, held until the next command.
     V : float
-        Value of the Lyapunov function where the controller has one.
+        Value of the Lyapunov function, if the controller has one.
     delta : float
         Slack δ of its decrease condition.
     status : Status
-        Anything but `Status.OK` means that `u` is a fallback.
+        If it is not `Status.OK`, `u` is a fallback.
     """
 
     u: np.ndarray
@@ -49,10 +49,11 @@ class Command:
 
 
 class Controller(Protocol):
-    """One instance a run: it may keep a warm start and counters, never the robot's state.
+    """A controller; each run builds one instance.
 
-    A controller may also have ``reset(period)``, called once before a run with the control period
-    (s): what depends on it, or on the run before, is set there. `validation.simulate` does.
+    It may keep a warm start and counters, but never the robot's state. It may also have
+    ``reset(period)``, which `validation.simulate` calls once before a run with the control period
+    (s). It sets there everything that depends on the period or on an earlier run.
     """
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -61,17 +62,17 @@ class Controller(Protocol):
 
 
 class GuardedController(ABC):
-    """A controller whose only public way in is the call that its guard watches.
+    """A controller whose arguments and input are checked by its guard.
 
-    The call refuses what is no State of its robot or no Reference: compiled kernels would read and
-    write beyond their arrays. It meets any number: overflow is silent, and a breakdown of LAPACK
-    ends in the guard's fallback.
+    The call refuses a State of another robot and anything but a Reference, because compiled kernels
+    would read and write beyond their arrays. It runs without NumPy warnings, and a `LinAlgError`
+    leads to the guard's fallback.
 
     Attributes
     ----------
     guard : InputGuard
-        It knows the robot, counts, and makes the commands; controllers that take turns may share
-        one.
+        It knows the robot, counts, and makes the commands. Controllers that take turns may share
+        it.
     """
 
     guard: InputGuard
@@ -89,16 +90,16 @@ class GuardedController(ABC):
             except np.linalg.LinAlgError:
                 return guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
 
-    if not COMPILES:  # compiled kernels are silent by themselves
+    if not COMPILES:  # compiled kernels give no warnings
         __call__ = SILENT(__call__)
 
     @abstractmethod
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        """The controller's own computation; NumPy's arithmetic in it needs `SILENT`."""
+        """The controller's own computation; if it uses NumPy's arithmetic, decorate it `SILENT`."""
 
 
 def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
-    """The error to raise about arguments that are none for the controller of this guard."""
+    """The error to raise about arguments that this guard's controller refuses."""
     if not isinstance(state, State):
         return InputError("state", "a State, from model.state(q, v)", repr(state))
     if not guard.knows(state):
@@ -110,24 +111,24 @@ def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
 
 
 class InputGuard:
-    """The one place where an input is checked and clipped: always finite, always within bounds.
+    """Checks and clips inputs: its commands are always finite and within the bounds.
 
-    `robot` is the controller's own: States of another one are refused. The one fallback is to hold
-    the last good input; before there is one, the input nearest to 0.
+    `robot` is the controller's own; States of another one are refused. The fallback holds the last
+    good input or, before there is one, the input nearest to 0.
 
     Attributes
     ----------
     not_solved : int
-        Answers whose recomputed residual was too large.
+        Number of answers whose recomputed residual was too large.
     fallbacks : int
-        Commands that held the last good input instead.
+        Number of commands that held the last good input instead.
     max_bound_violation : float
         Largest violation of the bounds by an accepted answer, before clipping.
     held : ndarray, (nu,)
         The last good input, read-only.
     lock : RLock
-        Held while the controller answers, and for a whole run by `softdyn.validation.simulate`:
-        threads that share a controller take turns.
+        A call of the controller holds it, and `softdyn.validation.simulate` holds it for a whole
+        run, so that threads that share a controller take turns.
     """
 
     def __init__(self, u_min: np.ndarray, u_max: np.ndarray, robot: Robot | None = None) -> None:
@@ -140,11 +141,11 @@ class InputGuard:
 
     def __setstate__(self, values: dict[str, Any]) -> None:
         vars(self).update(values, lock=RLock())
-        for values_ in (self.u_min, self.u_max, self.held):  # NumPy's copies come back writeable
+        for values_ in (self.u_min, self.u_max, self.held):  # unpickled arrays are writable
             values_.flags.writeable = False
 
     def knows(self, state: State) -> bool:
-        """Whether a State is of this robot; of a copy of its description too."""
+        """Whether a State belongs to this robot, or to an equal copy of its description."""
         robot = state.model.robot
         if robot is self._robot:
             return True
@@ -153,7 +154,7 @@ class InputGuard:
         return state.model.nu == self.nu
 
     def reset(self) -> None:
-        """Forget everything that was counted and held."""
+        """Reset all counts, and the last good input."""
         self.not_solved = 0
         self.fallbacks = 0
         self.max_bound_violation = 0.0
@@ -161,7 +162,10 @@ class InputGuard:
         self.held.flags.writeable = False
 
     def accept(self, u: np.ndarray, V: float, delta: float, clamped: bool = False) -> Command:
-        """A command from the computed input `u` (nu,); `clamped` laws saturate by design."""
+        """A command from the computed input `u` (nu,).
+
+        A `clamped` controller saturates by design, so its violation of the bounds is not counted.
+        """
         inside, violation = _clip(u, self.u_min, self.u_max)
         if not violation < np.inf:  # NaN is not
             if np.shape(u) != self.u_min.shape:
@@ -174,10 +178,10 @@ class InputGuard:
         return Command(inside, V, delta, Status.OK)
 
     def admit(self, u: Any) -> np.ndarray:
-        """The input (nu,) that acts where any controller, a user's own too, answers `u`.
+        """The input (nu,) that acts if a controller, maybe a user's own, returns `u`.
 
-        The last input of this guard passes as it is; any other is checked, clipped, and its
-        violation of the bounds counted.
+        The last input of this guard passes unchanged. Any other input is checked and clipped, and
+        its violation of the bounds is counted.
 
         Raises
         ------
@@ -186,20 +190,20 @@ class InputGuard:
         """
         if u is self.held:
             return self.held
-        u = array("u", u, self.u_min.shape).copy()  # writeable, as the kernel is compiled for
+        u = array("u", u, self.u_min.shape).copy()  # the kernel is compiled for writable arrays
         inside, violation = _clip(u, self.u_min, self.u_max)
         self.max_bound_violation = max(self.max_bound_violation, violation)
         return inside
 
     def fall_back(self, status: Status, V: float, delta: float) -> Command:
-        """The last good input, counted."""
+        """A command with the last good input; it counts as a fallback."""
         self.fallbacks += 1
         self.not_solved += status is Status.NOT_SOLVED
         return Command(self.held, V, delta, status)
 
 
 def guard_of(controller: object, model: SoftModel) -> InputGuard:
-    """The controller's own guard, or a new one where it has none with this robot's bounds."""
+    """The controller's own guard if it has this robot's bounds, else a new one."""
     own, bounds = getattr(controller, "guard", None), (model.u_min, model.u_max)
     if isinstance(own, InputGuard) and np.array_equal((own.u_min, own.u_max), bounds):
         return own
@@ -207,18 +211,18 @@ def guard_of(controller: object, model: SoftModel) -> InputGuard:
 
 
 def warm_up(law: Any, model: SoftModel, period: float = 0.0) -> None:
-    """Call a law once at rest, so that its kernels are compiled, and reset it."""
+    """Call a controller once at rest, so that its kernels are compiled, and reset it."""
     state = model.state(model.q0, np.zeros(model.nv))
-    with np.errstate(all="ignore"):  # gains beyond all bounds
+    with np.errstate(all="ignore"):  # extreme gains may overflow
         law(state, Reference(state.y))
     law.reset(period)
 
 
 @compiled
 def _clip(u, u_min, u_max):
-    """`u` inside its bounds, and how far outside it was.
+    """Clip `u` to its bounds; return also how far it was outside.
 
-    Infinitely far where u is not finite, or of another length than the bounds.
+    The distance is infinite if u is not finite or has another length than the bounds.
     """
     inside, violation = np.empty(len(u)), 0.0
     if len(u) != len(u_min):

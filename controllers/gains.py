@@ -1,4 +1,4 @@
-"""Gains: the paper's table (tab:controller_params) as data, keyed by bundled file."""
+"""Gains of the paper's controllers: its table (tab:controller_params), by bundled file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from softdyn.exceptions import one_line
 
 @dataclass(frozen=True)
 class Gains:
-    """Parameters of the task-space laws; a law ignores what it does not use.
+    """Parameters of the task-space controllers; a controller ignores those that it does not use.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Gains:
 
 
 def check_fields(table: Any, name: str, positive: Collection[str]) -> None:
-    """Raise `InputError` for a field that is no finite number, negative, or 0 in `positive`."""
+    """Raise `InputError` for a field that is not finite or negative, or 0 and in `positive`."""
     for key, value in vars(table).items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
         above = key in positive
@@ -72,8 +72,8 @@ _SPIROB = {
     "uic": Gains(500, 0.01),
     "ic-qp": Gains(2000, 0.01, 1, 0.2, 0.5, 0.1),
 }
-# w4 of IC-QP is not in the paper's table; the values are the reference code's. The hard ID-CLF-QP
-# is not in it either: it takes the soft one's row.
+# The paper's table lacks w4 of IC-QP; these values are the reference code's. It also lacks the hard
+# ID-CLF-QP, which takes the soft one's row.
 PUBLISHED: dict[str, dict[str, Gains]] = {
     "finger": {
         "clf-qp": Gains(500, 0.05),
@@ -105,23 +105,23 @@ def no_actuator(model: SoftModel) -> InputError:
 def from_table(
     model: SoftModel, controller: str, table: Mapping[str, Any], options: Collection[str] = ()
 ) -> Gains:
-    """Gains from a table; what it leaves out is the published one of a bundled robot.
+    """Gains from a table; for a bundled robot, missing fields take the published values.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     controller : str
-        Its law, as on the command line.
+        Name of the controller, as on the command line.
     table : mapping
         Fields of `Gains`.
     options : collection of str
-        Further parameters of the controller, for the error.
+        Further parameters of the controller, for the message.
 
     Raises
     ------
     InputError
-        An unknown field, a number out of range, or no `Kp` where none is published.
+        For an unknown field, a number out of range, or a missing `Kp` that is not published.
     """
     names = [field.name for field in fields(Gains)]
     unknown = [name for name in table if name not in names]
@@ -147,7 +147,8 @@ def resolve(model: SoftModel, controller: str, gains: Gains | None) -> Gains:
     Raises
     ------
     InputError
-        A robot without inputs or with crossed bounds, or one without published gains given none.
+        For a robot without inputs or with crossed bounds, and if neither given nor published gains
+        exist.
     """
     if check_model(model).nu == 0:
         raise no_actuator(model)

@@ -31,12 +31,12 @@ class IdClfQp(TaskLaw):
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's of the Soft ID-CLF-QP for a bundled robot by default; required for any other.
+        By default the paper's of the Soft ID-CLF-QP, for a bundled robot; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = "id-clf-qp"
@@ -48,7 +48,7 @@ class IdClfQp(TaskLaw):
 
 
 class HardInverseDynamics:
-    """The published objective with q̈ = M⁻¹(B u - h) substituted: the unknowns are u.
+    """The published objective with q̈ = M⁻¹(B u - h) substituted; the only unknown is u.
 
     w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u‖² + w4 ‖N (q̈ + D q̇)‖².
     """

@@ -1,4 +1,4 @@
-"""IC and UIC: the closed-form impedance laws, saturated by clamping."""
+"""IC and UIC: the impedance controllers in closed form, with clamped inputs."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def task_force(
     M : ndarray, (n, n)
     J : ndarray, (3, n)
     row_basis : ndarray, (r, n)
-        R, orthonormal rows that span those of J: what is cut as singular is not in it.
+        R, orthonormal rows that span those of J, without its singular directions.
     ahead : ndarray, (3,)
         a, an acceleration of the tip.
 
     Returns
     -------
     x : ndarray, (r,)
-        (R M⁻¹ Rᵀ)⁻¹ (J Rᵀ)⁺ a; NaN where M is singular.
+        (R M⁻¹ Rᵀ)⁻¹ (J Rᵀ)⁺ a; NaN if M is singular.
     """
     r = len(row_basis)
     half = cholesky(M, row_basis)[1]
@@ -62,10 +62,10 @@ def task_force(
 def _law(
     M, h, bias, g, v, J, Jdot, mu_ref, yddot, span, triangle, rows, project
 ):  # fmt: skip
-    """B⁺(Jᵀ f + D q̇ + K + g) before clamping; `project` removes what no input can give.
+    """B⁺(Jᵀ f + D q̇ + K + g) before clamping; `project` removes torques that no input can give.
 
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
-    (impedance_acc); Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ), which the rows of `row_basis` span.
+    (impedance_acc). Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ); the rows of `row_basis` span that range.
     """
     row_basis, ahead, coriolis = row_space(J), np.empty(3), bias - g
     for x in range(3):
@@ -89,7 +89,7 @@ def _law(
 
 
 class ImpedanceLaw:
-    """u = clamp(B⁺ τ): what IC and UIC share, B⁺ kept while B does not change.
+    """u = clamp(B⁺ τ), the common part of IC and UIC; B⁺ is kept while B does not change.
 
     `project` removes the torques that no input can give.
     """
@@ -124,12 +124,12 @@ class Impedance(TaskLaw):
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's for a bundled robot by default; required for any other.
+        By default the paper's, for a bundled robot; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = "ic"
@@ -148,12 +148,12 @@ class UnderactuatedImpedance(TaskLaw):
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's for a bundled robot by default; required for any other.
+        By default the paper's, for a bundled robot; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = "uic"
@@ -168,9 +168,9 @@ def add_actuated(
 ) -> None:
     """Add (I - N [(I - I_p) N]⁺) t to `torque`, paper (UIC), in at most 3 dimensions.
 
-    With principal vectors t_i of range(Jᵀ) and r_i of range(B), t_i·r_j = cos θ_i δ_ij, both
-    projectors act in the planes of one pair each, where the sum is (t·t_i) r_i / cos θ_i; where
-    cos θ_i counts as zero it is (t·t_i) t_i (`docs/derivations.md`, section 10).
+    Let t_i and r_i be the principal vectors of range(Jᵀ) and range(B), with t_i·r_j = cos θ_i δ_ij.
+    Both projectors act within the plane of each pair. The sum there is (t·t_i) r_i / cos θ_i, or
+    (t·t_i) t_i if cos θ_i counts as zero (`docs/derivations.md`, section 10).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""IC-QP: impedance control wrapped in the soft inverse-dynamics QP."""
+"""IC-QP: impedance control with the soft inverse-dynamics QP."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class ImpedanceQp(TaskLaw):
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's for a bundled robot by default; required for any other.
+        By default the paper's, for a bundled robot; required for any other.
 
     Raises
     ------
     InputError
-        No gains for this robot, or a robot without inputs.
+        If there are no gains for this robot, or the robot has no inputs.
     """
 
     name = "ic-qp"

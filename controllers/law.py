@@ -16,7 +16,7 @@ class InputRule(Protocol):
 
     @property
     def solvers(self) -> tuple[DenseQp, ...]:
-        """The QPs it solves; none for a law in closed form."""
+        """The QPs that it solves; none for a controller in closed form."""
         ...
 
     def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
@@ -24,7 +24,7 @@ class InputRule(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forget what earlier calls left."""
+        """Delete the memory of earlier calls."""
         ...
 
 
@@ -43,11 +43,11 @@ class TaskLaw(GuardedController):
     Attributes
     ----------
     name : str
-        On the command line and in tables.
+        Its name on the command line and in tables.
     options : tuple of str
-        Further parameters of the class, by name; a table of gains may hold them too.
+        Names of further parameters of the class; a table of gains may hold them too.
     solvers : tuple of DenseQp
-        The QPs that the rule solves, for their clocks.
+        The solvers of the rule, so that a caller can time them.
     """
 
     name = ""
@@ -60,7 +60,7 @@ class TaskLaw(GuardedController):
         warm_up(self, model)
 
     def reset(self, period: float) -> None:
-        """Begin a run; nothing of these laws depends on the control period (s)."""
+        """Begin a run; these controllers do not use the control period (s)."""
         self.guard.reset()
         self._rule.reset()
 

@@ -28,17 +28,17 @@ CONTROLLERS: dict[str, Any] = {
     controller.name: controller
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
-# beyond the paper; neither needs gains
+# not in the paper; neither needs gains
 BEYOND: dict[str, Callable[..., Any]] = {Staged.name: best, Mpc.name: Mpc}
 
 
 def find_controller(name: str) -> Callable[..., Any]:
-    """The class behind a command-line name, or behind FILE.py:CLASS.
+    """The class of a command-line name, or of FILE.py:CLASS.
 
     Raises
     ------
     InputError
-        No such name, file or class, or a file that cannot be imported.
+        If there is no such name, file or class, or if the file cannot be imported.
     """
     if instance("controller", name, str, "a name, or FILE.py:CLASS") in CONTROLLERS:
         return CONTROLLERS[name]
@@ -69,18 +69,19 @@ def make_controller(
     Parameters
     ----------
     name : str
-        As for `find_controller`.
+        A name as for `find_controller`.
     model : SoftModel
     parameters : Any
-        Built with besides the model, if not None: for a controller of the paper fields of `Gains`,
-        over the published ones, and its `options`; a table for any other.
+        Second argument of the class, if not None. For a controller of the paper it is a table with
+        its `options` and with fields of `Gains`, which replace the published ones.
     cls : Callable, optional
-        The class behind the name, if it is known already.
+        The class of the name, if it is known already.
 
     Raises
     ------
     InputError
-        No such controller, parameters that it does not take, what a user's own class raises.
+        If there is no such controller, if it refuses the parameters, or if a user's class raises an
+        error.
     """
     make = find_controller(name) if cls is None else cls
     with one_line_errors(name, "a controller"):
@@ -96,10 +97,10 @@ def make_controller(
 
 @contextmanager
 def one_line_errors(name: str, expected: str) -> Iterator[None]:
-    """Turn errors of the code of FILE.py:CLASS, or of FILE.py, into an `InputError`.
+    """Turn errors of the user's code in FILE.py into an `InputError` that names the line.
 
-    It names the line of the file. Errors of softdyn, and of its own controllers, pass, and so does
-    Ctrl-C: a KeyboardInterrupt without the signal is the code's own.
+    Errors of softdyn and of its own controllers pass unchanged. Ctrl-C passes too, but not a
+    KeyboardInterrupt that the user's code raises itself.
     """
     try:
         with _interrupts() as signals:
@@ -108,7 +109,7 @@ def one_line_errors(name: str, expected: str) -> Iterator[None]:
         raise
     except BaseException as error:  # a user's code may raise anything
         file, own, _ = name.partition(".py")
-        ours = type(error).__module__.startswith("softdyn.")  # how a command ends itself
+        ours = type(error).__module__.startswith("softdyn.")  # a command may end itself so
         if not own or signals or ours:
             raise
         frames = traceback.extract_tb(error.__traceback__)
@@ -119,9 +120,10 @@ def one_line_errors(name: str, expected: str) -> Iterator[None]:
 
 @contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """The interrupts (SIGINT) that arrived inside, raised as always; only the main thread gets any.
+    """List the interrupts (SIGINT) in the block; each raises KeyboardInterrupt as usual.
 
-    If somebody else handles them, they raise something else than KeyboardInterrupt.
+    The list stays empty outside the main thread, or if another handler is installed: that one need
+    not raise KeyboardInterrupt.
     """
     arrived: list[int] = []
     main = threading.current_thread() is threading.main_thread()
@@ -146,7 +148,7 @@ def is_own(name: str) -> bool:
 
 
 def _load(path: str) -> Any:
-    """The module in a Python file, which may import its neighbours."""
+    """Import a Python file, which may import its neighbours."""
     file = Path(path).resolve()
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if not file.is_file() or spec is None or spec.loader is None:
@@ -154,7 +156,7 @@ def _load(path: str) -> Any:
     if str(file.parent) not in sys.path:
         sys.path.insert(0, str(file.parent))
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(file.stem, module)  # dataclasses look their module up
+    sys.modules.setdefault(file.stem, module)  # dataclasses look up their module here
     with one_line_errors(path, "a Python file that can be imported"):
         spec.loader.exec_module(module)
     return module

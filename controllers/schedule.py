@@ -1,8 +1,8 @@
-"""Two sets of gains for one law: to approach a target, and to stay with it.
+"""Two sets of gains for one controller: one to approach a target, one to stay there.
 
-What moves an arm fast over half its length chatters when the target is near, and what holds it
-calmly takes long to arrive. `controllers/schedules/ROBOT.toml` has the tuned ones of the bundled
-robots, from `scripts/tune.py`, which writes that of any other robot beside its file.
+Gains that move an arm fast over half its length chatter near the target, and gains that hold it
+calmly arrive late. `controllers/schedules/ROBOT.toml` holds the tuned gains of a bundled robot.
+`scripts/tune.py` made them; for any other robot it writes such a file beside the robot's file.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from softdyn.exceptions import errors_in
 from softdyn.files import read_toml
 
 FOLDER = Path(__file__).parent / "schedules"
-OWN = ("horizon", "u_ref")  # of a stage's table, beside the gains
-ROBOT = "robot"  # the hash of the robot that a file beside a user's robot is for
+OWN = ("horizon", "u_ref")  # keys of a stage's table, besides the gains
+ROBOT = "robot"  # key of the hash of the user's robot for which the schedule was tuned
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Arguments of a `SoftIdClfQp`: gains, horizon (s), the input that costs nothing."""
+    """Arguments of a `SoftIdClfQp`: gains, horizon (s), the input that has no cost."""
 
     gains: Gains
     horizon: float = 0.0
@@ -41,7 +41,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Two stages, and when each of them acts.
+    """Two stages, and the conditions to switch between them.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Schedule:
     Raises
     ------
     InputError
-        A distance that is not positive, `leave` not larger than `arrive`, a negative time.
+        For a distance that is not positive, a `leave` not larger than `arrive`, a negative time.
     """
 
     approach: Stage
@@ -73,13 +73,15 @@ class Schedule:
 
 
 def make_schedule(table: Mapping[str, Any]) -> Schedule:
-    """A `Schedule` from the tables of a TOML file: ``[approach]`` and ``[stay]`` with the fields of
-    `Gains`, ``horizon`` and ``u_ref``, and the other attributes.
+    """A `Schedule` from the content of a TOML file.
+
+    ``[approach]`` and ``[stay]`` have the fields of `Gains`, ``horizon`` and ``u_ref``. The other
+    keys are the other attributes of `Schedule`.
 
     Raises
     ------
     InputError
-        Tables or numbers that are missing, unknown or out of range.
+        For tables or numbers that are missing, unknown or out of range.
     """
     table = {key: value for key, value in table.items() if key != ROBOT}
     names = [field.name for field in fields(Schedule)]
@@ -90,22 +92,22 @@ def make_schedule(table: Mapping[str, Any]) -> Schedule:
 
 
 def read_schedule(file: str | Path) -> Schedule:
-    """The `Schedule` in a TOML file, see `make_schedule`.
+    """The `Schedule` in a TOML file; see `make_schedule`.
 
     Raises
     ------
     InputError
-        A file that cannot be read or holds no schedule.
+        If the file cannot be read or holds no schedule.
     """
     with errors_in(str(file)):
         return make_schedule(read_toml(file))
 
 
 def schedule_path(model: SoftModel) -> Path:
-    """The file of a robot's schedule, beside the file that names its inputs.
+    """The file of a robot's schedule, beside the file that defines its inputs.
 
-    For ``my.urdf`` it is ``my.schedule.toml``; for a URDF with annotations in a file of their own,
-    ``soft_my.xml``, it is ``soft_my.schedule.toml``.
+    For ``my.urdf`` it is ``my.schedule.toml``. For a URDF with annotations in the separate file
+    ``soft_my.xml`` it is ``soft_my.schedule.toml``.
     """
     if model.bundled is not None:
         return FOLDER / f"{model.bundled}.toml"
@@ -114,15 +116,15 @@ def schedule_path(model: SoftModel) -> Path:
 
 
 def tuned(model: SoftModel) -> Schedule | None:
-    """The schedule that was tuned for a robot, see `schedule_path`; None where there is none.
+    """The schedule that was tuned for a robot; None if there is no file `schedule_path`.
 
-    One beside a user's file holds that robot's `Robot.digest`: when the dynamics have changed since
-    it was tuned, it is not used, and a warning says so.
+    A schedule beside a user's file holds the robot's `Robot.digest`. If the dynamics have changed
+    since the tuning, the schedule is not used, and a warning says so.
 
     Raises
     ------
     InputError
-        A file there that is no schedule.
+        If the file is no schedule.
     """
     file = schedule_path(check_model(model))
     if not os.path.isfile(file):

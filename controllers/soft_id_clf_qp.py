@@ -1,4 +1,4 @@
-"""Soft ID-CLF-QP, the paper's law, by default exactly as published."""
+"""Soft ID-CLF-QP, the paper's controller, by default exactly as published."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from softdyn.controllers.qps.task_qp import TaskQp
 
 
 class SoftIdClfQp(TaskLaw):
-    """Paper, "Soft ID-CLF-QP": hard on the actuated dynamics, soft on the unactuated ones.
+    """Paper, "Soft ID-CLF-QP": the actuated dynamics are constraints, the unactuated ones costs.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     gains : Gains, optional
-        The paper's for a bundled robot by default; required for any other.
+        By default the paper's, for a bundled robot; required for any other.
     horizon : float
-        τ (s) of the dynamics, `qps.horizon`; 0 is the published law.
+        τ (s) of the dynamics, see `qps.horizon`; 0 gives the published controller.
     u_ref : float or ndarray, (nu,)
-        The input that costs nothing: w3 ‖u - u_ref‖². Tension in all cables keeps co-contracted
-        shapes from relaxing, `docs/beyond.md`; 0 in the paper.
+        The input that has no cost: w3 ‖u - u_ref‖². A tension in all cables keeps co-contracted
+        shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
-        Obstacles and limits, see `barriers`. They want a horizon: accelerations of damped joints at
-        the start of a hold mislead.
+        Obstacles and limits, see `barriers`. Use them with a horizon, because the accelerations of
+        damped joints at the start of a hold are misleading.
 
     Attributes
     ----------
@@ -42,8 +42,8 @@ class SoftIdClfQp(TaskLaw):
     Raises
     ------
     InputError
-        No gains for this robot, a robot without inputs, a negative horizon, or a u_ref of another
-        shape.
+        If there are no gains for this robot, the robot has no inputs, the horizon is negative, or
+        u_ref has another shape.
     """
 
     name = "soft-id-clf-qp"

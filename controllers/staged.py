@@ -1,4 +1,4 @@
-"""Soft ID-CLF-QP over the hold in two stages: one set of gains to arrive, one to stay."""
+"""Soft ID-CLF-QP with a horizon in two stages: one set of gains to arrive, one to stay."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 
 
 class Staged(GuardedController):
-    """The law of `SoftIdClfQp`, with the gains and the horizon of a schedule's present stage.
+    """`SoftIdClfQp` with the gains and the horizon of a schedule's present stage.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     gains : Schedule or mapping, optional
-        Or the tables that `make_schedule` takes; the tuned one by default.
+        A schedule, or the tables that `make_schedule` takes; by default the tuned one.
     period : float
         Control period (s); `reset` sets another.
 
     Attributes
     ----------
     stages : tuple of SoftIdClfQp
-        To arrive, to stay.
+        The controller to arrive and the controller to stay.
 
     Raises
     ------
     InputError
-        No schedule for this robot, or a robot without inputs.
+        If there is no schedule for this robot, or the robot has no inputs.
     """
 
     name = "best"
@@ -63,7 +63,7 @@ class Staged(GuardedController):
         self.reset(period)
 
     def reset(self, period: float) -> None:
-        """Begin a run with a control period (s): forget the one before."""
+        """Begin a run with a control period (s), in the first stage."""
         self.period = number("period", period, above=0.0)
         self.guard.reset()
         self._near = 0.0  # s
@@ -71,12 +71,12 @@ class Staged(GuardedController):
 
     @property
     def stage(self) -> SoftIdClfQp:
-        """The law that gave the last command."""
+        """The controller that gave the last command."""
         return self.stages[self._staying]
 
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         schedule = self.gains
-        distance = math.dist(state.y.tolist(), reference.y.tolist())  # lists: 1 µs less
+        distance = math.dist(state.y.tolist(), reference.y.tolist())  # lists save 1 µs
         self._near = self._near + self.period if distance < schedule.arrive else 0.0
         if self._staying:
             self._staying = not distance > schedule.leave

@@ -1,13 +1,13 @@
 """The QPs of the controllers and their parts; numbers in brackets are the paper's equations.
 
 - `clf`: the Lyapunov function V (8), its P from the Riccati equation (9), the decrease of V (10);
-- `certificate`: the true rate of V under a law, beside what its QP claims;
-- `tip_error`: the tip's error η (6, 7), μ_ref, and V's condition on μ; every law starts from it;
+- `certificate`: the true rate of V under a controller, beside the rate that its QP assumes;
+- `tip_error`: the tip's error η (6, 7), μ_ref, and V's condition on μ, for every controller;
 - `soft_inverse_dynamics`: the objective of (13) and (22) on the actuated rows (12), condensed;
 - `horizon`: M and h of the dynamics (1) at the end of a horizon instead of now;
 - `task_qp`: an objective in few unknowns, input bounds and the decrease row as one QP;
 - `least_norm`: bounded least squares, the minimiser of least norm, for CLF-QP and `allocate`;
 - `prediction`: the linear model and the condensed QP of predictive control;
-- `qp`: the solver, the one file that imports ProxSuite, with residuals of its own and a clock;
+- `qp`: the solver, the only file that imports ProxSuite, with its own residuals and a clock;
 - `linear_algebra`: ranks, bases and small systems, in compiled loops.
 """

@@ -1,7 +1,7 @@
 """The true rate of V under a controller, with the model's own acceleration.
 
-A QP bounds V̇ by the accelerations that are its own unknowns. Those of the hard ID-CLF-QP and
-of the CLF-QP are the model's, q̈ = M⁻¹(B u - h); those of the Soft ID-CLF-QP are not.
+A QP bounds V̇ with the accelerations of its own unknowns. In the hard ID-CLF-QP and in the CLF-QP
+they are the model's, q̈ = M⁻¹(B u - h); in the Soft ID-CLF-QP they are not.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from softdyn.controllers.qps.clf import make_clf
 
 @dataclass(frozen=True, slots=True)
 class CertifiedCommand(Command):
-    """A command that knows what it does to V.
+    """A command with its true effect on V.
 
     Attributes
     ----------
     Vdot : float
         V̇ at the start of the hold, with q̈ = M⁻¹(B u - h).
     delta_true : float
-        The least δ ≥ 0 with V̇ ≤ -V/ε + δ; the law's own claim is `delta`.
+        The least δ ≥ 0 with V̇ ≤ -V/ε + δ; `delta` is the controller's own value.
     """
 
     Vdot: float = float("nan")
@@ -34,19 +34,19 @@ class CertifiedCommand(Command):
 
 
 class Certified:
-    """A law whose commands are `CertifiedCommand`; a log has both numbers as columns then.
+    """Wraps a controller; its commands are `CertifiedCommand`, and a log has both numbers.
 
-    A solve with M more a step (in NumPy); the law itself, left alone, pays nothing.
+    Each step costs one more solve with M, in NumPy.
 
     Parameters
     ----------
     law : Any
-        A law with ε in its `gains`, or one of `stages`: V is then that of the present `stage`.
+        A controller with ε in its `gains`, or with `stages`; V is then that of the present `stage`.
 
     Raises
     ------
     InputError
-        A law without `Gains`.
+        For a controller without `Gains`.
     """
 
     def __init__(self, law: Any) -> None:
@@ -57,12 +57,12 @@ class Certified:
         self._clf = {each.eps: make_clf(each.eps) for each in gains}
 
     def reset(self, period: float) -> None:
-        """Begin a run of the law with a control period (s)."""
+        """Begin a run of the controller with a control period (s)."""
         self.law.reset(period)
 
     @SILENT
     def __call__(self, state: State, reference: Reference | SetPoint) -> CertifiedCommand:
-        """The law's command, and what it does to V."""
+        """The controller's command, and its true effect on V."""
         command = self.law(state, reference)
         try:
             qdd = np.linalg.solve(state.M, state.B @ command.u - state.h)

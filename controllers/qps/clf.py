@@ -70,7 +70,7 @@ def make_clf(eps: float, Q: np.ndarray | None = None, R: np.ndarray | None = Non
     Raises
     ------
     InputError
-        An ε whose inverse square is not finite.
+        For an ε whose inverse square is not finite.
     """
     P = solve_continuous_are(F, G, np.eye(6) if Q is None else Q, np.eye(3) if R is None else R)
     scale = np.array([1 / eps] * 3 + [1.0] * 3)

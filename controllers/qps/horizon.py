@@ -1,11 +1,12 @@
-"""Inverse dynamics consistent with the hold: the model at the end of a horizon τ, not at its start.
+"""Inverse dynamics consistent with the zero-order hold: the model at the end of a horizon τ.
 
-The input is held while springs and dampers answer, and dampers answer fast: T·λmax(M⁻¹D) is 50 and
-more on soft robots. Evaluating both by backward Euler, at v + τ q̈ and q + τ v + τ² q̈, gives
+The input stays constant for a control period T. Dampers respond much faster than that: T·λmax(M⁻¹D)
+is 50 and more on soft robots. Backward Euler evaluates springs and dampers at v + τ q̈ and
+q + τ v + τ² q̈. This gives
 
     (M + τ D + τ² K') q̈ + h + τ K' v = B u,        K' = ∂K/∂q,
 
-the dynamics (paper, eq. (1)) with another M and another h; `docs/hold.md`.
+the dynamics (paper, eq. (1)) with another M and another h; see `docs/hold.md`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from softdyn.controllers.qps.linear_algebra import dot
 
 
 class Horizon:
-    """M and h of the dynamics over a horizon, in memory that its next call uses again.
+    """M and h of the dynamics over a horizon; the next call overwrites them.
 
     Parameters
     ----------
@@ -33,18 +34,18 @@ class Horizon:
 
     def __init__(self, model: SoftModel, tau: float) -> None:
         self._model, self._tau = model, tau
-        # K' where no tendon is elastic: constant then
+        # without elastic tendons K' is constant
         elastic = model.tendon_stiffness.any()
         self._constant = None if elastic else model.tangent_stiffness(model.q0)
         n = model.nv
         self._M, self._h = np.empty((n, n)), np.empty(n)
-        # kernels are compiled for arrays that are read-only, as a State's are
+        # kernels are compiled for read-only arrays, like a State's
         self._answer = self._M.view(), self._h.view()
         for array in self._answer:
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # copied arrays would be no views of one another
+        # views would become separate arrays in a copy
         return Horizon, (self._model, self._tau)
 
     def __call__(self, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -67,5 +68,5 @@ def _over(M, h, D, v, stiffness, tau, M_over, h_over):
 
 
 def default_horizon(gains: Gains) -> float:
-    """The horizon (s) to use: ε, within which the decrease condition is to act; `docs/hold.md`."""
+    """The default horizon (s): ε, the time in which V must decrease; see `docs/hold.md`."""
     return gains.eps

@@ -1,11 +1,11 @@
-"""Bounded least squares, exactly: of all minimisers the one of least norm.
+"""Exact bounded least squares: the minimiser of least norm.
 
     minimise ‖R Q u - d‖², then ‖u‖², over lower ≤ u ≤ upper
 
-A primal active-set method (Stark and Parker 1995, BVLS) whose step goes to the least-norm minimiser
-on the free inputs and whose multipliers are judged in that order too. No weight on u stands in the
-objective, so nothing is traded for a smaller norm; a library's quadratic program would have to be
-solved twice.
+It is a primal active-set method (Stark and Parker 1995, BVLS). Each step goes to the least-norm
+minimiser over the free inputs, and multipliers are checked in the same order: first those of the
+residual, then those of the norm. The objective has no weight on u, so a smaller norm never costs
+accuracy. A library's QP solver would need two solves.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute_back,
 )
 
-ROUNDING = 1e-13  # a multiplier below this share of the terms that cancel in it is zero
+ROUNDING = 1e-13  # a multiplier below this share of its cancelling terms counts as zero
 
 
 @compiled
@@ -35,7 +35,7 @@ def bounded_least_norm(
     upper: np.ndarray,
     u: np.ndarray,
 ) -> float:
-    """The minimiser into `u` (m,), and its residual.
+    """Write the minimiser into `u` (m,), and return its optimality residual.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def bounded_least_norm(
     Returns
     -------
     float
-        0 where no multiplier is wrong; else the largest wrong one, as a share of the terms that
-        cancel in it; NaN where data are not finite.
+        0 if no multiplier has the wrong sign; else the largest wrong one, as a share of its
+        cancelling terms; NaN if data are not finite.
     """
     (r, m), Qt = Q.shape, Q.T.copy()
     if not np.abs(d).sum() + np.abs(R).sum() < np.inf:
@@ -80,7 +80,7 @@ def bounded_least_norm(
             if share > 0.0:
                 barred[:] = False
             elif blocking == released:
-                barred[blocking] = True  # its multiplier was rounding
+                barred[blocking] = True  # its multiplier was only rounding
             continue
         released, wrong = _leaves(R, Qt, d, u, y, free, barred, lower, upper)
         if released < 0:
@@ -91,9 +91,9 @@ def bounded_least_norm(
 
 @compiled
 def _face(R, Qt, d, u, free, target, y):
-    """The least-norm minimiser over the free inputs, the others held at u, into `target`.
+    """Write the least-norm minimiser over the free inputs into `target`; the others stay at u.
 
-    `y` (r,) then gives it as Qᵀ y.
+    `y` (r,) is filled too: the minimiser is Qᵀ y.
     """
     (m, r), count = Qt.shape, 0
     columns, rest = np.empty((m, r)), np.zeros(r)
@@ -137,9 +137,9 @@ def _face(R, Qt, d, u, free, target, y):
 
 @compiled
 def _leaves(R, Qt, d, u, y, free, barred, lower, upper):
-    """The input that leaves its bound, -1 for none, and how wrong its multiplier is.
+    """The input that leaves its bound (-1 for none), and the size of its wrong multiplier.
 
-    Multipliers of ‖R Q u - d‖² come first, those of ‖u‖² where they are zero.
+    Multipliers of ‖R Q u - d‖² come first; those of ‖u‖² count only if the former are zero.
     """
     m, r = Qt.shape
     reached, left, back, size = np.zeros(r), np.empty(r), np.zeros(r), 0.0

@@ -1,6 +1,6 @@
-"""Ranks, bases and small systems, in loops: at these sizes calls cost more than sums.
+"""Ranks, bases and small systems, in compiled loops; at these sizes calls cost more than sums.
 
-Where nothing is compiled, the innermost of them are calls of NumPy instead.
+Without Numba, the innermost loops are calls of NumPy instead.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ import numpy as np
 
 from softdyn.compiled import compiled, compiled_or
 
-# A row counts while what the larger rows leave of it exceeds this share of the largest row.
+# A row counts if its part outside the span of the larger rows exceeds this share of the largest
+# row.
 RANK_TOLERANCE = 1e-6
-DEPENDENT = 1e-10  # the same for a row that only completes a basis, against the row itself
+DEPENDENT = 1e-10  # the same for a row that completes a basis, as a share of the row itself
 
 
 def _add(row, part, other):
@@ -67,7 +68,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
 
 @compiled_or(_inner)
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); reads the latter once."""
+    """Inner products a bᵀ (k, l) of rows (k, n) with rows (l, n); it reads `b` once."""
     products = np.empty((len(a), len(b)))
     for j in range(len(b)):
         for i in range(len(a)):
@@ -84,7 +85,7 @@ def add(row: np.ndarray, part: float, other: np.ndarray) -> None:
 
 @compiled_or(_put)
 def put(row: np.ndarray, values: np.ndarray) -> None:
-    """row[:] = values, of vectors (n,): an assignment of slices takes Numba 2 s to compile."""
+    """row[:] = values, of vectors (n,); a loop, because Numba compiles an assigned slice in 2 s."""
     for i in range(len(row)):
         row[i] = values[i]
 
@@ -112,10 +113,10 @@ def add_squares(
 
 @compiled
 def project_out(row: np.ndarray, basis: np.ndarray, count: int, along: np.ndarray) -> None:
-    """Take from `row` (n,) its part along the first `count` orthonormal rows of `basis`.
+    """Subtract from `row` (n,) its part along the first `count` orthonormal rows of `basis`.
 
-    Twice, since once loses orthogonality where little is left (Giraud et al. 2005). What is taken
-    is added to `along` (≥ count,).
+    It does so twice, because one pass loses orthogonality if little is left (Giraud et al. 2005).
+    The subtracted coefficients are added to `along` (≥ count,).
     """
     for _ in range(2):
         for i in range(count):
@@ -128,7 +129,8 @@ def project_out(row: np.ndarray, basis: np.ndarray, count: int, along: np.ndarra
 def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:
     """Orthonormal rows (r, n) that span the rows (k, n), r their numerical rank.
 
-    Gram–Schmidt, the largest remaining row first. Where nothing is finite the result is not.
+    It uses Gram–Schmidt, the largest remaining row first. Input that is not finite gives a result
+    that is not finite.
     """
     k, n = rows.shape
     left, along = rows.copy(), np.zeros(k)
@@ -138,7 +140,7 @@ def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray
         pivot, square = 0, -1.0
         for i in range(k):
             size = dot(left[i], left[i])
-            if not size <= square:  # the first that is NaN stays
+            if not size <= square:  # the first NaN stays chosen
                 pivot, square = i, size
         norm = np.sqrt(square)
         if count == 0:
@@ -170,7 +172,7 @@ def lq(rows: np.ndarray, basis: np.ndarray, triangle: np.ndarray) -> None:
 
 @compiled_or(_substitute)
 def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
-    """Solve triangle @ x = right, lower triangular (k, k), in place of `right` (k, c)."""
+    """Solve triangle @ x = right, lower triangular (k, k); x overwrites `right` (k, c)."""
     for i in range(len(right)):
         for j in range(i):
             for c in range(right.shape[1]):
@@ -181,7 +183,7 @@ def substitute(triangle: np.ndarray, right: np.ndarray) -> None:
 
 @compiled_or(_substitute_back)
 def substitute_back(upper: np.ndarray, rows: np.ndarray) -> None:
-    """Solve upper @ x = row, upper triangular (k, k), in place of each of `rows` (c, k)."""
+    """Solve upper @ x = row, upper triangular (k, k); x overwrites each of `rows` (c, k)."""
     k = len(upper)
     for i in range(k - 1, -1, -1):
         for c in range(len(rows)):
@@ -191,9 +193,9 @@ def substitute_back(upper: np.ndarray, rows: np.ndarray) -> None:
 
 @compiled
 def extend(basis: np.ndarray, count: int, rows: np.ndarray) -> int:
-    """Add to the first `count` orthonormal rows of `basis` what they lack of `rows` (k, n).
+    """Extend the first `count` orthonormal rows of `basis` so that they span `rows` (k, n) too.
 
-    Returns their number, at most n or the room in `basis`.
+    Returns their new number, at most n or the number of rows of `basis`.
     """
     room = min(basis.shape)
     along = np.zeros(room)
@@ -229,10 +231,10 @@ def factor(
 def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Upper triangular R (n, n) with RᵀR = M, its lower half unset, and `rows` R⁻¹ (k, n).
 
-    Not finite where M is not positive definite (in NumPy: `LinAlgError`).
+    If M is not positive definite, the result is not finite (in NumPy: `LinAlgError`).
     """
-    # Row by row of [R, R⁻ᵀ rowsᵀ]: what is above is taken off four rows at a time, in sweeps along
-    # the row, which compilers turn into wide instructions; inner products they do not.
+    # The loop fills [R, R⁻ᵀ rowsᵀ] row by row. It subtracts the rows above four at a time, in
+    # sweeps along the row. Compilers vectorise such sweeps, but not inner products.
     n, k = len(M), len(rows)
     R = np.empty((n, n + k))
     for j in range(n):
@@ -256,7 +258,7 @@ def cholesky(M: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled_or(_lu_solve)
 def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
-    """Solve A x = b in place of `b`, by Gauss with row pivots; False where A (n, n) is singular."""
+    """Solve A x = b by elimination with row pivots; x overwrites `b`. False if A is singular."""
     n = len(b)
     for k in range(n):
         pivot, largest = k, abs(A[k, k])
@@ -284,10 +286,11 @@ def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
 
 @compiled
 def jacobi_svd(rows: np.ndarray, turned: np.ndarray) -> None:
-    """Turn the rows (k, n) until they are orthogonal, and those of `turned` (k, k) with them.
+    """Rotate the rows (k, n) until they are orthogonal, and the rows of `turned` (k, k) with them.
 
-    One-sided Jacobi rotations (Hestenes 1958): norms of the rows are then the singular values, each
-    to its own relative accuracy. From the identity, `turned` is the orthogonal matrix applied.
+    These are one-sided Jacobi rotations (Hestenes 1958). The rows' norms become the singular
+    values, each with full relative accuracy. If `turned` starts as the identity, it becomes the
+    product of the rotations.
     """
     for _ in range(30):
         turns = False

@@ -1,9 +1,9 @@
-"""Small dense quadratic programs on ProxQP, with answers that know their own residuals.
+"""Small dense QPs solved by ProxQP; every answer has its own residuals.
 
     minimise ½ xᵀ H x + gᵀ x   subject to   lower ≤ A x ≤ upper
 
-The only file that imports ProxSuite. Bad numbers never reach it: NaN in H, g or A holds it (and
-the GIL) for up to a minute, NaN in a bound is dropped in silence, lower > upper spins.
+Only this file imports ProxSuite. Bad numbers never reach it. NaN in H, g or A would block it (and
+the GIL) for up to a minute; it ignores NaN in a bound silently; lower > upper lets it spin.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from proxsuite import proxqp
 from softdyn.compiled import compiled
 from softdyn.controllers.qps.linear_algebra import add, lu_solve, put
 
-# What ProxQP is asked for, in scaled variables: enough to tell the active set, from which polishing
-# finds the optimum; and where it does not, the optimum itself.
+# ProxQP's tolerances, in scaled variables. The coarse one mostly gives the active set, from which
+# polishing finds the optimum. If polishing fails, ProxQP solves to the fine one.
 COARSE, FINE = 1e-3, 1e-9
-MU_IN = 1e-3  # its initial penalty on inequalities, for problems of this scaling
+MU_IN = 1e-3  # ProxQP's initial penalty on inequalities, for problems of this scaling
 ACCEPTED = 1e-6  # the largest scaled residual of an answer that counts as solved
-# Ordinary problems take up to 32 iterations, one or two inner ones each; what takes more is not
-# going to be solved, and must end within milliseconds.
+# Ordinary problems take up to 32 iterations with one or two inner ones each. A problem that needs
+# more will not be solved, and must end within milliseconds.
 MAX_ITERATIONS, MAX_INNER = 60, 5
 POLISH_STEPS = 8
 NO_GUESS = proxqp.InitialGuess.NO_INITIAL_GUESS
@@ -36,18 +36,18 @@ class QpProblem(NamedTuple):
     H: np.ndarray  # (n, n) symmetric, positive semidefinite
     g: np.ndarray  # (n,)
     A: np.ndarray  # (rows, n)
-    lower: np.ndarray  # (rows,), -inf where open
-    upper: np.ndarray  # (rows,), +inf where open
+    lower: np.ndarray  # (rows,), -inf if open
+    upper: np.ndarray  # (rows,), +inf if open
 
     @classmethod
     def empty(cls, variables: int, rows: int) -> QpProblem:
-        """Room for a problem of this size."""
+        """An empty problem of this size."""
         A, (lower, upper) = np.zeros((rows, variables)), np.zeros((2, rows))
         return cls(np.zeros((variables, variables)), np.zeros(variables), A, lower, upper)
 
 
 class QpSolution(NamedTuple):
-    """An answer with the residuals of its optimality conditions, recomputed from the problem.
+    """An answer with the residuals of its optimality conditions, computed from the problem.
 
     Attributes
     ----------
@@ -67,14 +67,14 @@ class QpSolution(NamedTuple):
 
     @property
     def solved(self) -> bool:
-        """Whether every residual is small enough; NaN is not."""
+        """Whether every residual is small enough; False for NaN."""
         return self.primal <= ACCEPTED and self.dual <= ACCEPTED and self.gap <= ACCEPTED
 
 
 def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, float, float]:
-    """Primal, dual and duality-gap residuals, each over the size of the terms that cancel in it.
+    """Primal, dual and duality-gap residuals, each relative to the size of its cancelling terms.
 
-    A row whose bounds are closer than 1 is judged in units of that width.
+    The primal residual of a row whose bounds are closer than 1 is relative to their distance.
     """
     return _residuals(*problem, x, z)
 
@@ -82,12 +82,12 @@ def residuals(problem: QpProblem, x: np.ndarray, z: np.ndarray) -> tuple[float, 
 def polish(
     problem: QpProblem, x: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The exact optimum on the active set that an approximate (x, z) points at, or None.
+    """The exact optimum for the active set of an approximate (x, z), or None.
 
-    Solves the optimality conditions with the active rows as equalities (as in Stellato et al.
-    2020, OSQP, section 5.2): the answer then depends neither on the warm start nor on the
-    tolerance. Whether it is the optimum is for its residuals to say; where it is not, polishing
-    it again is a step of the primal-dual active set method (Hintermüller et al. 2002).
+    It solves the optimality conditions with the active rows as equalities (as in Stellato et al.
+    2020, OSQP, section 5.2). The answer then depends neither on the warm start nor on the
+    tolerance. Its residuals show whether it is the optimum. If not, polishing it again is a step of
+    the primal-dual active set method (Hintermüller et al. 2002).
     """
     x, z = np.array(x, float), np.array(z, float)
     return (x, z) if _polish(*problem, x, z) else None
@@ -96,11 +96,12 @@ def polish(
 class DenseQp:
     """A persistent ProxQP workspace for problems of one size.
 
-    Variables are scaled to a unit Hessian diagonal, rows to unit norm and the answer to the order
-    of one first: entries of a decrease row are ~1/ε, those of a nearly singular input map larger
-    still, and ProxQP's own test is absolute. ProxQP is asked for a coarse answer, which mostly
-    tells the active set, and goes on to a fine one where the polished answer is not the optimum.
-    Every problem starts from scratch: the answer depends on nothing but the problem.
+    First, variables are scaled to a unit Hessian diagonal, rows to unit norm, and the answer to the
+    order of one. Scaling is necessary, because ProxQP's own test is absolute: entries of a decrease
+    row are ~1/ε, and those of a nearly singular input map are larger still. ProxQP then computes a
+    coarse answer, which mostly gives the active set. If the polished answer is not the optimum,
+    ProxQP computes a fine one. Every problem starts from scratch, so the answer depends on the
+    problem only.
     """
 
     def __init__(self, variables: int, rows: int) -> None:
@@ -113,30 +114,31 @@ class DenseQp:
         settings.max_iter, settings.max_iter_in = MAX_ITERATIONS, MAX_INNER
         settings.default_mu_in = MU_IN
         settings.compute_preconditioner = False
-        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # false alarms; bounds are ordered
+        settings.eps_primal_inf = settings.eps_dual_inf = 0.0  # these tests raise false alarms
         settings.eps_abs, settings.initial_guess = COARSE, NO_GUESS
         self._scaled = QpProblem.empty(variables, rows)
         self._scale, self._norms = np.ones(variables), np.ones(rows)
         _, g, A, lower, upper = self._scaled
         self._qp.init(np.eye(variables), g, None, None, A, lower, upper, False)
         self._qp.solve()
-        # views of ProxQP's memory, which every solve refreshes
+        # views of ProxQP's memory, which every solve updates
         self._x, self._z = self._qp.results.x, self._qp.results.z
         if self._x.flags.owndata or self._x.ctypes.data != self._qp.results.x.ctypes.data:
             raise RuntimeError("this ProxSuite hands out copies of its results")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # a copy's views would be of no solver's memory; a problem needs nothing from the one before
+        # A copy cannot keep views of the solver's memory. It needs only the sizes, because no
+        # problem depends on an earlier one.
         return DenseQp, (len(self._scale), len(self._norms))
 
     def clocked(self) -> QpClock:
-        """Time what ProxQP does from now on; a solver that is not asked to pays nothing for it."""
+        """Start to time ProxQP's calls; solvers without a clock have no cost from it."""
         if not isinstance(self._qp, QpClock):
             self._qp = QpClock(self._qp)
         return self._qp
 
     def solve(self, problem: QpProblem) -> QpSolution | None:
-        """The answer, whatever its quality; None where no solver may see the problem."""
+        """The answer, maybe not solved; None if the problem has invalid numbers."""
         H, g, A, lower, upper = scaled = self._scaled
         sane, size = _scale(*problem, *scaled, self._scale, self._norms)
         if not sane:
@@ -155,14 +157,14 @@ class DenseQp:
 
 
 class QpClock:
-    """Stands in for a ProxQP object and times what it does, from outside and from inside.
+    """Wraps a ProxQP object and times its calls.
 
     Attributes
     ----------
     outside : int
-        ns in ``update`` and ``solve`` as Python sees them.
+        Time in ``update`` and ``solve`` measured in Python (ns).
     inside : float
-        µs of the same by ProxQP's own clocks.
+        The same time by ProxQP's own clocks (µs).
     """
 
     def __init__(self, qp: Any) -> None:
@@ -174,18 +176,18 @@ class QpClock:
         raise TypeError("a clock belongs to one solver: copy the solver, and ask it for its clock")
 
     def reset(self) -> None:
-        """Back to zero."""
+        """Set both times to zero."""
         self.outside, self.inside = 0, 0.0
 
     def update(self, *data: Any) -> None:
-        """As ProxQP's."""
+        """Call ProxQP's ``update``, timed."""
         began = perf_counter_ns()
         self._qp.update(*data)
         self.outside += perf_counter_ns() - began
         self.inside += self._info.setup_time
 
     def solve(self) -> None:
-        """As ProxQP's."""
+        """Call ProxQP's ``solve``, timed."""
         began = perf_counter_ns()
         self._qp.solve()
         self.outside += perf_counter_ns() - began
@@ -196,7 +198,7 @@ class QpClock:
 def _scale(H, g, A, lower, upper, H2, g2, A2, lower2, upper2, scale, norms):
     """Fill the scaled problem and the scales of variables and rows: (sane, size of the answer).
 
-    Sane is what a solver may see: finite data, bounds that are ordered and not NaN.
+    A problem is sane if its data are finite and its bounds are ordered and not NaN.
     """
     n, rows = len(g), len(lower)
     size = 1.0
@@ -246,20 +248,20 @@ def _residuals(H, g, A, lower, upper, x, z):
     for i in range(rows):
         excess = max(0.0, lower[i] - Ax[i], Ax[i] - upper[i])
         width = upper[i] - lower[i]
-        # a narrow row is judged in the units of its own range
+        # for a narrow row the error is relative to the width of its bounds
         primal = _larger(primal, excess / (width if 0 < width < 1 else largest))
         # Lagrangian duality: xᵀHx + gᵀx + Σ (z⁺ upper - z⁻ lower) = 0 at the optimum
         if z[i] != 0:
             support += z[i] * (upper[i] if z[i] > 0 else lower[i])
     gap = abs(quadratic + linear + support)
-    if not gap < np.inf:  # a multiplier on an open bound, or no number
+    if not gap < np.inf:  # a multiplier on an open bound, or NaN
         return primal, dual / dual_scale, np.inf
     return primal, dual / dual_scale, gap / max(1.0, abs(quadratic), abs(linear), abs(support))
 
 
 @compiled
 def _times(A, x):
-    """A x, each sum in its order."""
+    """A x, each sum in the order of its terms."""
     result = np.zeros(len(A))
     for i in range(len(A)):
         for j in range(len(x)):
@@ -269,13 +271,13 @@ def _times(A, x):
 
 @compiled
 def _larger(a, b):
-    """The larger of two, NaN where one is."""
+    """The larger of two; NaN if one is NaN."""
     return b if not b <= a else a
 
 
 @compiled
 def _polish(H, g, A, lower, upper, x, z):
-    """A step of `polish` in place; False where it fails."""
+    """A step of `polish` in place; False if it fails."""
     n, rows = len(x), len(z)
     active, count = np.empty(rows, np.int64), 0
     target = np.empty(n + rows)
@@ -308,11 +310,11 @@ def _polish(H, g, A, lower, upper, x, z):
 
 @compiled
 def _refined(H, g, A, lower, upper, x, z, scale, norms, size):
-    """The polished answer if that is the optimum, else (x, z), unscaled; with its residuals."""
+    """The polished answer if it is the optimum, else (x, z); unscaled, with its residuals."""
     x, z = x.copy(), z.copy()
     primal = dual = gap = np.inf
     if _finite(x) and _finite(z):
-        # an open bound has no multiplier; what is left there counts as a dual residual
+        # an open bound has no multiplier; setting it to zero leaves a dual residual
         for i in range(len(z)):
             if (z[i] > 0 and upper[i] == np.inf) or (z[i] < 0 and lower[i] == -np.inf):
                 z[i] = 0.0

@@ -1,14 +1,15 @@
-"""The soft inverse-dynamics QP, condensed: exact, and of a size that n does not enter.
+"""The soft inverse-dynamics QP, condensed exactly; its size does not depend on n.
 
 Paper, "Soft ID-CLF-QP" and "IC-QP": minimise over q̈ and u
 
     w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u - u_ref‖² + w4 ‖N (q̈ + D q̇)‖²,    μ = J q̈ + J̇ q̇ - ÿ_ref,
 
-subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h) (+ a free null input where B loses
-rank): U (M q̈ + h) = U B u, with the rows of U an orthonormal basis of range(B).
-`docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with c = w4 D / (w2 + w4) and the
-rows of Z an orthonormal basis of the rows of [U M; J]. The actuated rows give the first part of z
-in terms of u; the unknowns are u and the rest, at most three. u_ref is 0 in the paper.
+subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h), plus a free null input if B loses
+rank. As equations they read U (M q̈ + h) = U B u; the rows of U are an orthonormal basis of
+range(B). `docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with
+c = w4 D / (w2 + w4); the rows of Z are an orthonormal basis of the rows of [U M; J]. The actuated
+rows give the first part of z from u. The unknowns are u and the rest of z, at most three numbers.
+u_ref is 0 in the paper.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from softdyn.controllers.qps.tip_error import TipError
 class SoftInverseDynamics:
     """Builds the condensed QP; keeps the range of B while B does not change.
 
-    `size` is the number of unknowns, m + 3: what rank(J) leaves unused is padded.
+    `size` is the number of unknowns, m + 3; if rank(J) < 3, some of them are unused.
     """
 
     def __init__(self, gains: Gains, nu: int, u_ref: np.ndarray | None = None) -> None:
@@ -79,8 +80,8 @@ def _condense(
     r = len(row_basis)
     Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
     if a:
-        # The actuated rows come first: their triangle is no worse conditioned than M, whatever B
-        # is. They read triangle z[:a] = span (B u - h + c M v).
+        # The actuated rows come first, because their triangle is no worse conditioned than M for
+        # any B. They are triangle z[:a] = span (B u - h + c M v).
         actuated = inner(span, M)  # M is symmetric
         lq(actuated, Z, triangle)
         for i in range(a):
@@ -90,8 +91,8 @@ def _condense(
         substitute(triangle, right)
     k = extend(Z, a, row_basis)
 
-    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding): Y = [right 0; 0 I]. Of z[:a],
-    # `along` gives J Zᵀ and R = row_basis Zᵀ.
+    # z = z_0 + Y x in the unknowns x = (u, z[a:], padding), with Y = [right 0; 0 I].
+    # `along` is J Zᵀ, and R is row_basis Zᵀ.
     along, R = inner(J, Z[:k]), inner(row_basis, Z[:k])
     RY, Rz, Rv = np.zeros((r, size)), np.zeros(r), np.zeros(r)
     _through(R, right, a, k, RY, Rz)
@@ -115,12 +116,12 @@ def _condense(
         H[i, i] += 2 * w3
         g[i] -= 2 * w3 * u_ref[i]
     for i in range(m, size):
-        H[i, i] += 2 * both if i < m + k - a else 1.0  # unused: zero at the optimum
+        H[i, i] += 2 * both if i < m + k - a else 1.0  # an unused unknown is zero at the optimum
 
 
 @compiled
 def _through(rows, right, a, k, product, constant):
-    """rows (p, k) times Y into `product` (p, size) and times z_0 into `constant` (p,)."""
+    """Write rows (p, k) times Y into `product` (p, size), and times z_0 into `constant` (p,)."""
     m = right.shape[1] - 1
     for x in range(len(rows)):
         for j in range(product.shape[1]):

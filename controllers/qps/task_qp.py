@@ -14,24 +14,24 @@ from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
 from softdyn.controllers.qps.tip_error import TipError
 
-# The QP's bounds are drawn in by this share of their range, the solver's own accuracy, so
-# that its answer lies inside the true ones without clipping.
+# The QP's bounds are tightened by this share of their range, the solver's own accuracy, so that its
+# answer lies inside the true bounds without clipping.
 BACKOFF = 1e-8
 
 
 class Condensed(NamedTuple):
-    """An objective ½ xᵀHx + gᵀx over unknowns x of which u is the first m.
+    """An objective ½ xᵀHx + gᵀx; the first m unknowns x are u.
 
     Attributes
     ----------
     H : ndarray, (k, k)
-        Of the objective.
+        Quadratic part of the objective.
     g : ndarray, (k,)
-        Of the objective.
+        Linear part of the objective.
     mu_map : ndarray, (3, k)
-        μ = mu_0 + mu_map x.
+        The map in μ = mu_0 + mu_map x.
     mu_0 : ndarray, (3,)
-        Its constant (m/s²).
+        The constant in it (m/s²).
     """
 
     H: np.ndarray
@@ -41,19 +41,19 @@ class Condensed(NamedTuple):
 
     @classmethod
     def empty(cls, size: int) -> Condensed:
-        """Room for `size` unknowns."""
+        """An empty objective in `size` unknowns."""
         return cls(np.zeros((size, size)), np.zeros(size), np.zeros((3, size)), np.zeros(3))
 
 
 class Objective(Protocol):
-    """Turns a state into an objective; `size` unknowns, always."""
+    """Turns a state into an objective, always with `size` unknowns."""
 
     size: int
 
     def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
         """The objective at this state with the dynamics M q̈ + h = B u.
 
-        In memory that the next call may use again.
+        The next call may overwrite it.
         """
         ...
 
@@ -69,11 +69,11 @@ class Restriction(Protocol):
         M: np.ndarray,
         h: np.ndarray,
     ) -> QpSolution | None:
-        """`solution` of `problem` where it meets the rows, else one that does."""
+        """`solution` of `problem` if it meets the rows, else a solution with the rows."""
         ...
 
     def reset(self) -> None:
-        """Forget what was seen."""
+        """Reset all counts."""
         ...
 
 
@@ -87,13 +87,13 @@ class TaskQp:
     model : SoftModel
         The robot.
     gains : Gains
-        Only ρ is read here.
+        The controller's gains; this class uses ρ only.
     objective : Objective
         The rest of the QP.
     decrease : bool
-        Whether the decrease condition is a constraint; V is reported either way.
+        Whether the decrease condition is a constraint; V is reported in both cases.
     horizon : Horizon, optional
-        Its dynamics stand for the state's own.
+        Its dynamics replace the state's own.
     barriers : Restriction, optional
         Further rows on u.
     """
@@ -114,7 +114,7 @@ class TaskQp:
         self._nu, self._size = m, size
         self._qp = DenseQp(size + decrease, m + decrease)
         self.solvers = (self._qp,)
-        # x = (u, …, δ); what the steps do not change is written once
+        # x = (u, …, δ); constant entries are written once here
         self._problem = problem = QpProblem.empty(size + decrease, m + decrease)
         margin = BACKOFF * (model.u_max - model.u_min)
         problem.lower[:m], problem.upper[:m] = model.u_min + margin, model.u_max - margin
@@ -123,7 +123,7 @@ class TaskQp:
             problem.lower[m], problem.A[m, size] = -np.inf, -1.0
 
     def reset(self) -> None:
-        """Forget what the barriers saw; the QP itself remembers nothing."""
+        """Reset the barriers' counts; the QP itself has no memory."""
         if self._barriers is not None:
             self._barriers.reset()
 
@@ -153,7 +153,7 @@ class TaskQp:
 
 @compiled
 def _write(H, g, mu_map, mu_0, row, bound, rho, decrease, m, H2, g2, A, lower, upper):
-    """The objective, and the decrease row·μ - δ ≤ bound below the bounds on u."""
+    """Write the objective and, below the bounds on u, the decrease condition row·μ - δ ≤ bound."""
     k = len(g)
     for i in range(k):
         g2[i] = g[i]

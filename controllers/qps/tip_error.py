@@ -1,4 +1,4 @@
-"""The tip's error, from which every law starts, and the Lyapunov condition on it."""
+"""The tip's error, which every controller of the paper uses, and the Lyapunov condition on it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softdyn.controllers.qps.clf import make_clf
 
 
 class TipError:
-    """Error of the tip, paper section "Input-Output Linearization"; refilled at every step.
+    """Error of the tip, paper section "Input-Output Linearization"; updated at every step.
 
     Attributes
     ----------
@@ -20,9 +20,9 @@ class TipError:
     yddot : ndarray, (3,)
         ÿ_ref (m/s²).
     row : ndarray, (3,)
-        Of the decrease condition row·μ - δ ≤ bound; see `Clf.decrease`.
+        The row of the decrease condition row·μ - δ ≤ bound; see `Clf.decrease`.
     bound : ndarray, (1,)
-        Its other side.
+        The bound of this condition.
     V : float
         Value of the Lyapunov function.
     """
@@ -38,7 +38,7 @@ class TipError:
 
     def update(self, state: State, reference: Reference | SetPoint) -> None:
         """The error of `state` against `reference`."""
-        goal = self._goal  # the kernel meets one kind of array, whatever a reference holds
+        goal = self._goal  # a copy, so that the kernel always gets one kind of array
         goal[0], goal[1], goal[2] = reference.y, reference.ydot, reference.yddot
         self.V = _error(
             state.y, state.ydot, goal, *self._numbers,

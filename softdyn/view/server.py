@@ -185,7 +185,7 @@ class _Bridge(ZMQWebSocketBridge):
 
 
 class _Application(tornado.web.Application):
-    """Listens on the socket of the bridge, whatever port it is given; keeps the server to stop it."""
+    """Listens on the bridge's socket and ignores other addresses; keeps the server to stop it."""
 
     def __init__(self, bridge: Any, handlers: Any, **settings: Any) -> None:
         super().__init__(handlers, **settings)

@@ -160,7 +160,7 @@ class Mismatch:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A spring from a point (3,) of a link, in the link's frame, to a point (3,) of the world (m)."""
+    """A spring from a point (3,) in a link's frame to a point (3,) of the world (m)."""
 
     link: str = field(metadata=_by(_choice(lambda limits: limits.links)))
     at: np.ndarray = field(metadata=_by(_point))
