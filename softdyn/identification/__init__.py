@@ -1,4 +1,4 @@
-"""From measurements to parameters: stiffness, damping, masses and gears of a robot from its data.
+"""Identification: a robot's stiffness, damping, masses and gears from measurements.
 
     from softdyn import identification
 
@@ -6,16 +6,17 @@
     found = identification.identify(model, data, identification.parameters(model, "stiffness"))
     print(found)
 
-`identify` is these steps: `problem_of` finds the stretches that count, `fit` fits them, and what is
-left over gives the intervals.
+`identify` has three steps: `problem_of` finds the stretches of data away from stops, `fit` fits
+them, and the residuals give the intervals.
 
-- `data`: measurements, from arrays or a CSV file, and the samples that a stop spoils;
+- `data`: measurements from arrays or a CSV file, and the samples that a stop disturbs;
 - `parameters`: the kinds of unknowns, their columns in the equations of motion, a model with
   other values;
-- `friction`: dry friction of joints, which the model has not;
+- `friction`: dry friction of joints, which the controllers' model lacks;
 - `trajectory`: the model's motion under the measured input, with its sensitivities;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
-- `problem`: the stretches without a stop, simulated; `blocks`: least squares with unknowns of each;
+- `problem`: simulates the stretches without a stop; `blocks`: least squares with common unknowns
+  and unknowns of each stretch;
 - `output_error`: the fit of the simulated outputs, intervals, parameters not identifiable;
 - `result`: values and intervals; `whiteness`: whether the residuals are white;
 - `rewrite`: the robot's file with the new numbers.

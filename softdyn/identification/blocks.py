@@ -1,7 +1,8 @@
-"""Least squares in which each run of the data has unknowns of its own, solved run by run.
+"""Least squares in which each run of the data has its own unknowns too, solved run by run.
 
-The first state of each run is in no other run's outputs: with 20 s of a robot of 36 joints, 25 runs
-and 1400 unknowns, the whole Jacobian is 1.3 GB, and its reduction below has 72 columns.
+A run's first state affects no other run, so it can be eliminated. This saves memory: for 20 s of a
+robot with 36 joints (25 runs, 1400 unknowns) the whole Jacobian takes 1.3 GB, while the reduced one
+has 72 columns.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 from scipy.optimize import lsq_linear
 
-DONE = 1e-9  # the share of the cost that a step would still take off at the end
+DONE = 1e-9  # the search ends if a step would reduce the cost by a smaller share
 EVALUATIONS = 40
-DAMPING, LARGEST = 1e-8, 1e8  # Marquardt's, at first and when no step helps
+DAMPING, LARGEST = 1e-8, 1e8  # Marquardt's damping: the first value, and the one to give up at
 
 
 class ResidualBlock(NamedTuple):
-    """One run: residuals (rows,), their derivatives by θ (rows, P) and by its own unknowns."""
+    """One run: residuals (rows,), their derivatives by θ (rows, P) and by the run's unknowns."""
 
     residual: np.ndarray
     shared: np.ndarray
@@ -32,14 +33,14 @@ class Reduced(NamedTuple):
     Attributes
     ----------
     R : ndarray, (P, P)
-        Triangular; (RᵀR)⁻¹ is the covariance of θ where residuals have variance 1.
+        Triangular; (RᵀR)⁻¹ is the covariance of θ if residuals have variance 1.
     d : ndarray, (P,)
     cost : float
         Sum of squares at δ = 0.
     gain : float
-        What the runs' own steps alone take off it.
+        Part of it that the runs' own steps remove.
     back : tuple
-        For each run, what gives its own step from δ.
+        Arrays that give each run's own step from δ.
     """
 
     R: np.ndarray
@@ -49,12 +50,12 @@ class Reduced(NamedTuple):
     back: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
     def own(self, delta: np.ndarray) -> list[np.ndarray]:
-        """The runs' own steps that go best with a step δ of θ."""
+        """The best steps of the runs' own unknowns for a step δ of θ."""
         return [-solve_triangular(R, d + A @ delta) for R, d, A in self.back]
 
 
 def reduced(blocks: Iterable[ResidualBlock]) -> Reduced:
-    """Eliminate each run's own unknowns by QR, and gather what is left of all runs by QR."""
+    """Eliminate each run's own unknowns by QR; combine the remaining rows of all runs by QR."""
     back, cost, gain = [], 0.0, 0.0
     rows = np.zeros((0, 0))
     for residual, shared, own in blocks:
@@ -81,19 +82,19 @@ def least_squares(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """θ ≥ `lower` and the runs' own unknowns with the least sum of squares.
 
-    Levenberg and Marquardt's method; each damped linear problem is SciPy's `lsq_linear`. The runs'
-    own unknowns are not damped: an output is nearly linear in them.
+    The method is Levenberg and Marquardt's; SciPy's `lsq_linear` solves each damped linear problem.
+    The runs' own unknowns are not damped, because the outputs are nearly linear in them.
 
     Parameters
     ----------
     blocks : callable
-        (θ, own) → blocks, or None where there are none.
+        (θ, own) → blocks, or None if these values cannot be simulated.
     theta : ndarray, (P,)
     own : sequence of ndarray
-        Run by run.
+        First values of each run's own unknowns.
     lower : ndarray, (P,)
     done : float
-        Share of the cost: where a step promises less, the search ends.
+        The search ends if a step would reduce the cost by a smaller share.
     """
     own = list(own)
     now, damping = reduced(blocks(theta, own) or []), DAMPING
@@ -102,7 +103,7 @@ def least_squares(
         delta = np.zeros(0)
         if theta.size:
             left, right = np.vstack((now.R, scale)), -np.append(now.d, np.zeros(len(scale)))
-            with np.errstate(invalid="ignore"):  # at a bound SciPy weighs a way that is not there
+            with np.errstate(invalid="ignore"):  # at a bound, for a step that it does not take
                 delta = lsq_linear(left, right, (lower - theta, np.inf)).x
         after = now.R @ delta + now.d
         promised = now.gain + float(now.d @ now.d - after @ after)

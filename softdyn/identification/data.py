@@ -1,4 +1,4 @@
-"""Measurements of a robot: inputs, and joints, tip or cables, over time."""
+"""Measurements of a robot over time: inputs, and joint angles, the tip or cable lengths."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from softdyn.exceptions import InputError, errors_in
 from softdyn.files import as_path, read_bytes
 
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
-UNIT = re.compile(r"\s*\(([^()]*)\)$")  # after a column's name, as a log's CSV has it
+UNIT = re.compile(r"\s*\(([^()]*)\)$")  # the unit after a column's name, as in a log's CSV
 UNITS = {"t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",)}
 SLOW = 0.5  # s between samples, from which on times are rather milliseconds
 BESIDE = ("v.", "target.")
 AXES = ("x", "y", "z")
-SHORTEST = 20  # samples of a stretch: each has a first state of its own to be found
-ENOUGH = 0.2  # share of the data in stretches without a stop from which no further joint is held
-NEAR = 0.02  # of a joint's range: what is that close to a stop may be pressed against it
-PRESSED = 4  # samples before and after that a held joint must be there too: arrivals bounce
+SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
+ENOUGH = 0.2  # if this share of the data lies in stretches without a stop, hold no further joint
+NEAR = 0.02  # of a joint's range; a joint this close to a stop may be pressed against it
+PRESSED = 4  # samples before and after at which a held joint must be at its stop; arrivals bounce
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Measurements:
     u : ndarray, (N, m)
         Inputs, each held from its sample to the next one.
     names : tuple of str
-        Of the measured outputs: ``q.JOINT``, ``tip.x``, ``length.TENDON``.
+        Names of the measured outputs: ``q.JOINT``, ``tip.x``, ``length.TENDON``.
     outputs : ndarray, (N, len(names))
         Their values (rad or m, m, m).
 
@@ -78,7 +78,7 @@ class Measurements:
         return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep])
 
     def joints(self, model: SoftModel) -> np.ndarray | None:
-        """Joint coordinates (N, n) where all were measured, else None."""
+        """Joint coordinates (N, n) if all were measured, else None."""
         wanted = [f"q.{name}" for name in check_model(model).joint_names]
         if not set(wanted) <= set(self.names):
             return None
@@ -88,8 +88,8 @@ class Measurements:
 def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
     """Whether each joint (N, n) is so near a stop that the stop may push it.
 
-    Of smoothed joint angles: noise neither hides a stop nor makes one. A sample counts with its two
-    neighbours: a stop is left and met between samples.
+    `joints` are smoothed angles, because noise could hide or feign a stop. A joint reaches and
+    leaves a stop between samples, so the two neighbours of a sample at a stop count too.
     """
     margin = NEAR * (model.upper - model.lower)
     with np.errstate(invalid="ignore"):
@@ -102,23 +102,24 @@ def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
 
 
 def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Joints to hold at their stops, and the stretches where these and no others are there.
+    """Joints to hold at their stops, and the stretches in which only these are at a stop.
 
-    A stop acts on all joints through the inertia, so that a sample is only good where no free joint
-    is at one, and all held ones are. A held joint tells nothing of itself: those that are at their
-    stops most are held, as few as leave stretches of `SHORTEST` samples or more in `ENOUGH` of the
-    data, or else so many that the samples of free joints are the most.
+    A stop acts on all joints through the inertia. A sample is therefore useful only if all held
+    joints and no free ones are at a stop. A held joint gives no information about itself, so few
+    joints are held: those that are most often at a stop. Their number is the smallest one whose
+    stretches of at least `SHORTEST` samples cover `ENOUGH` of the data. If there is none, it is the
+    number that leaves the most samples of free joints.
 
     Parameters
     ----------
     stops : ndarray of bool, (N, n)
-        Of `at_stops`.
+        The result of `at_stops`.
 
     Returns
     -------
     held : ndarray of bool, (n,)
     stretches : list of (begin, end)
-        None where every joint is always at a stop.
+        Empty if every joint is always at a stop.
     """
     shortest = min(SHORTEST, len(stops))
     order = np.argsort(-stops.mean(0), kind="stable")
@@ -167,8 +168,8 @@ def check_data(model: SoftModel, data: Measurements) -> None:
 def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     """Measurements from a CSV file whose header names the columns.
 
-    ``t`` in seconds; ``u.NAME`` for every input; any of ``q.JOINT`` (rad, m), ``tip.x``, ``tip.y``,
-    ``tip.z`` and ``length.TENDON`` (m).
+    The columns are ``t`` in seconds, ``u.NAME`` for every input, and any of ``q.JOINT`` (rad, m),
+    ``tip.x``, ``tip.y``, ``tip.z`` and ``length.TENDON`` (m).
 
     Parameters
     ----------
@@ -195,7 +196,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         raise InputError(str(path), f"at most {MAX_ROWS} rows", "more")
     titles = [title.strip() for title in rows[0]] if rows else []
     header = [_without_unit(path, title) for title in titles]
-    if rows:  # what a log has besides is no measurement
+    if rows:  # other columns of a log are no measurements
         kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
         rows = [[row[k] for k in kept] if len(row) == len(header) else row for row in rows]
         header = [header[k] for k in kept]

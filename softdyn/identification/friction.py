@@ -1,7 +1,7 @@
-"""Dry friction of the joints, which the model itself does not have: Coulomb's, rounded about rest.
+"""Dry friction of the joints: Coulomb's, made smooth near zero velocity.
 
-The controllers' model is smooth. Measurements are of a robot that rubs, so what is fitted to them
-may rub too.
+The controllers' model has no dry friction. A measured robot has some, so the fitted model may have
+it too.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from softdyn.dynamics.model import SoftModel
 
-SLOW = 0.01  # of a joint's range a second: the rate at which friction is 76 % of what it comes to
+SLOW = 0.01  # 1/s, rate over the joint's range at which friction has 76 % of its full size
 
 
 class Friction(NamedTuple):
@@ -31,7 +31,7 @@ class Friction(NamedTuple):
 
 
 def friction_of(model: SoftModel) -> Friction:
-    """The file's friction; a joint without limits has a turn, or a metre, for its range."""
+    """The file's friction; a joint without limits has one turn, or one metre, as its range."""
     sizes = {joint.name: joint.friction for joint in model.robot.moving_joints}
     turns = {joint.name: joint.kind != "prismatic" for joint in model.robot.moving_joints}
     range_ = model.upper - model.lower

@@ -15,15 +15,16 @@ from softdyn.identification.parameters import MotionSample, Parameter, columns_o
 
 MOST = 2000  # samples that the first guess uses
 WINDOW = 500  # samples that choose the smoothing
-LAMBDA = (-16, 2)  # its exponents, for times in seconds
+LAMBDA = (-16, 2)  # range of the exponent of the smoothing λ, for times in seconds
 
 
 def smoothed(data: Measurements, joints: np.ndarray) -> np.ndarray:
     """Joint angles, rates and accelerations (3, N, n) from smoothing splines.
 
-    SciPy's `make_smoothing_spline`. The amount of smoothing is each joint's own, by
-    cross-validation: among the `WINDOW` samples in which it moves most every second one predicts
-    the others. SciPy's generalised cross-validation takes five times as long for the same.
+    The splines are SciPy's `make_smoothing_spline`. Each joint has its own amount of smoothing, by
+    cross-validation: of the `WINDOW` samples in which the joint moves most, every second one
+    predicts the others. SciPy's generalised cross-validation takes five times as long for the same
+    result.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def smoothed(data: Measurements, joints: np.ndarray) -> np.ndarray:
 
 
 def _smoothing(t: np.ndarray, values: np.ndarray) -> float:
-    """λ of the spline with the best forecast of samples that it did not see."""
+    """λ of the spline that best predicts samples to which it was not fitted."""
     begins = range(0, max(1, len(t) - WINDOW + 1), WINDOW)
     parts = [slice(begin, begin + WINDOW) for begin in begins]
     part = max(parts, key=lambda part: float(np.var(values[part])))
@@ -66,9 +67,9 @@ def first_guess(
 ) -> np.ndarray:
     """θ by weighted least squares on r(q, v, a, u; θ) = 0 with the parameters' lower bounds.
 
-    Each joint's equation weighs by the inverse of what it leaves over, in a second pass. A
-    joint's equation is left out where it is at a stop. Rest positions stay where the file has
-    them: they multiply a stiffness.
+    A second pass weights each joint's equation by the inverse of its residual in the first. If a
+    joint is at a stop, its equation is left out of that sample. Rest positions keep the file's
+    values, because they multiply a stiffness and the problem would not be linear.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def first_guess(
     for k in np.unique(np.linspace(1, len(data.t) - 2, MOST).astype(int)):
         use = np.flatnonzero(~stops[k])
         state = model.state(model.configuration(angles[k]), rates[k])
-        # the input changes at a sample, the smoothed acceleration does not: their mean
+        # the input jumps at a sample, the smoothed acceleration does not: take the mean of both
         u = (data.u[k - 1] + data.u[k]) / 2
         sample = MotionSample(state, accelerations[k], u, model)
         Y = columns_of(unknowns, sample, len(unknowns))[:, linear]
@@ -107,5 +108,5 @@ def first_guess(
         count = np.maximum(np.bincount(joint, minlength=model.nv), 1)
         power = np.bincount(joint, left**2, model.nv) / count
         weights = 1 / np.sqrt(np.maximum(power, 1e-12 * max(power.max(), 1e-300)))
-    # a guess far away is worse than the file: the fit starts within a factor of ten of it
+    # a far guess is worse than the file's value, so the fit starts within a factor of ten of it
     return np.clip(guess, theta - 0.9 * np.abs(theta), theta + 9 * np.abs(theta))

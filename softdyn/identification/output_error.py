@@ -1,4 +1,4 @@
-"""The fit of simulated outputs to measured ones, its intervals, parameters not identifiable."""
+"""Fit simulated outputs to measured ones: values, intervals, parameters not identifiable."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from softdyn.identification.result import Estimate, Identified
 from softdyn.identification.trajectory import TrajectoryError
 from softdyn.identification.whiteness import autocorrelation, ljung_box, widening
 
-FEWEST = 10  # samples: every second one must suffice for a smoothing spline
-CUTS = 4  # times that data without joints are cut at a stop of the motion fitted to them
-ROUNDS = 12  # of estimating noise and unknowns in turn
+FEWEST = 10  # samples; a smoothing spline needs half of them
+CUTS = 4  # largest number of times that data without joint angles are cut at a simulated stop
+ROUNDS = 12  # largest number of rounds that estimate noise and unknowns in turn
 PIECE = 100  # samples of the first pieces that are fitted
-ROUGH = 1e-3  # the share of the cost that a step would take off, at which pieces are joined
+ROUGH = 1e-3  # pieces are joined if a step would reduce the cost by a smaller share
 WIDEST = 0.5  # a relative standard deviation above which a parameter is not identified
 
 
@@ -40,25 +40,27 @@ def identify(
 ) -> Identified:
     """Parameters of the model from measurements, by the output-error method.
 
-    Where all joints were measured: a first guess by least squares on smoothed angles; then the
-    simulated outputs are fitted to the measured ones in the stretches without a stop, short pieces
-    of them first, the first state of each unknown too; a joint that is nearly always at a stop
-    does what was measured of it. Else the robot starts at rest under its first input, longer and
-    longer parts are fitted, and the simulated motion says where a joint comes to its stop: that
-    ends the data.
-    The fit is Levenberg and Marquardt's with bounds and analytic derivatives, each output weighted
-    by its noise. The covariance is σ² (JᵀJ)⁻¹ of the whitened outputs, times 1 + 2 Σ ρ² … of
-    coloured residuals (Newey–West).
+    If all joints were measured, least squares on smoothed angles gives a first guess. The simulated
+    outputs are then fitted to the measured ones in the stretches without a stop, in short pieces
+    first. The first state of each piece is unknown too. A joint that is nearly always at a stop
+    follows its measured motion.
+
+    Else the robot starts at rest under its first input, and longer and longer parts are fitted. The
+    data end at the sample where the simulated motion brings a joint to a stop.
+
+    The fit is Levenberg and Marquardt's with bounds and analytic derivatives; each output is
+    weighted by its noise. The covariance is σ² (JᵀJ)⁻¹ of the whitened outputs. Coloured residuals
+    widen it (Newey–West, `whiteness.widening`).
 
     Parameters
     ----------
     model : SoftModel
-        The file's values are the first guess.
+        The model with the first guess, the file's values.
     data : Measurements
     unknowns : sequence of Parameter
-        Of `parameters`.
+        Unknowns from `parameters`.
     hold_out : float
-        The last part of the data, which only tests the result.
+        Share of the data, at the end, that only tests the result.
     step : float
         Longest step (s) of the simulation; the samples' own by default.
 
@@ -111,7 +113,7 @@ def identify(
 
 
 def fit_length(data: Measurements, hold_out: float) -> int:
-    """The number of samples that are fitted where a part from 0 to 1 is held out."""
+    """The number of samples to fit if the share `hold_out` of the data is held out."""
     if not 0 <= number("hold_out", hold_out) < 0.9:
         raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
     instance("data", data, Measurements, "Measurements")
@@ -128,9 +130,10 @@ def least_deviations(
     hold_out: float = 0.2,
     step: float = np.inf,
 ) -> np.ndarray:
-    """Cramér and Rao's bound (P,): what no unbiased fit of the same stretches can undercut.
+    """Cramér and Rao's bound (P,): the least standard deviations of any unbiased fit.
 
-    Infinite for parameters that `identify` would name as not identifiable, were the noise as given.
+    The bound is for the same stretches of data. It is infinite for parameters that `identify` would
+    report as not identifiable with this noise.
 
     Parameters
     ----------
@@ -139,7 +142,7 @@ def least_deviations(
     theta : ndarray, (P,)
         The true values.
     noise : ndarray, (outputs,)
-        The true standard deviation of each output; white.
+        The true standard deviation of each output; the noise is white.
     """
     unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
     split = fit_length(data, hold_out)
@@ -160,20 +163,20 @@ def least_deviations(
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The unknowns of a problem that make its residuals least.
+    """The least-squares solution of a problem.
 
     Attributes
     ----------
     problem : FitProblem
-        Without the unknowns that cannot be identified.
+        The problem without the unknowns that are not identifiable.
     theta : ndarray, (P,)
         Values of its unknowns.
     noise : ndarray, (outputs,)
-        Standard deviations of what the fit leaves.
+        Standard deviations of the residuals.
     simulated : list of Simulated
-        Run by run.
+        The simulation of each run.
     unidentifiable : tuple of str
-        The directions that the data do not tell, as text.
+        The parameters, or combinations of them, that are not identifiable, as text.
     """
 
     problem: FitProblem
@@ -184,14 +187,14 @@ class Fit:
 
 
 def fit(problem: FitProblem) -> Fit:
-    """The output-error fit of a problem: unknowns and noise in turn.
+    """The output-error fit of a problem; it estimates unknowns and noise in turn.
 
     Raises
     ------
     InputError
-        No unknown can be identified.
+        If no unknown is identifiable.
     TrajectoryError
-        No simulation near the first guess.
+        If the first guess cannot be simulated.
     """
     theta, firsts, noise = _starting_point(instance("problem", problem, FitProblem, "a FitProblem"))
     texts: list[str] = []
@@ -204,7 +207,8 @@ def fit(problem: FitProblem) -> Fit:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
             theta = np.delete(theta, sorted(drop))
             if not unknowns:
-                raise InputError("data", "something that tells these parameters", "; ".join(texts))
+                expected = "motion that makes a parameter identifiable"
+                raise InputError("data", expected, f"no information on {'; '.join(texts)}")
             problem = replace(problem, unknowns=unknowns)
         elif (np.abs(noise / before - 1) < 0.1).all():
             break
@@ -222,11 +226,11 @@ def _starting_point(problem: FitProblem) -> tuple[np.ndarray, list[np.ndarray], 
 def _joined(
     problem: FitProblem, theta: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
-    """Parameters, first states and noise, from pieces of the runs that are joined four by four.
+    """Parameters, first states and noise from short pieces of the runs, joined four by four.
 
-    Some motions are so sensitive that in seconds a first guess is out of step with the measured
-    one, and the fit would end in another minimum. A short piece begins at a state of its own and
-    stays in step; what it tells keeps a longer one in step (multiple shooting: Bock,
+    Some motions are sensitive: after seconds the first guess's motion is far from the measured one,
+    and a fit would end in a wrong minimum. A short piece has its own first state and stays near the
+    measured motion. Its fit gives a better guess for a longer piece (multiple shooting: Bock,
     Recent advances in parameter identification techniques for O.D.E., 1983).
     """
     noise, known, length = _first_noise(problem), dict[int, np.ndarray](), PIECE
@@ -257,11 +261,11 @@ def _pieces(runs: Sequence[tuple[int, int]], length: int) -> tuple[tuple[int, in
 
 
 def _fit_growing_part(problem: FitProblem) -> np.ndarray:
-    """θ from the file's values, fitted to a first piece of the run, then twice as much, to a half.
+    """θ from fits of growing parts of the run, each twice as long, up to half of the run.
 
-    After seconds the motion under the file's values is out of step with the measured one, and the
-    sum of squares has a least value in many places. A part is only believed where its θ explains
-    the next part better: the first seconds may tell nothing.
+    After seconds the motion under the file's values is far from the measured one, and the sum of
+    squares has many minima. The first seconds may hold no information, so a part's θ is kept only
+    if it also fits the part of twice the length better.
     """
     theta = np.array([parameter.nominal for parameter in problem.unknowns])
     whole = problem.runs[0][1]
@@ -277,13 +281,13 @@ def _fit_growing_part(problem: FitProblem) -> np.ndarray:
 
 
 def _first_noise(problem: FitProblem) -> np.ndarray:
-    """Weights (outputs,) before anything is known of the noise."""
+    """A first value of the noise (outputs,), from the outputs' ranges."""
     spread = np.ptp(problem.data.outputs, axis=0)
     return 1e-3 * np.maximum(spread, 1e-3 * spread.max())
 
 
 def _misfit(problem: FitProblem, theta: np.ndarray, noise: np.ndarray) -> float:
-    """Sum of squares of a run that began at rest."""
+    """Sum of squares of a run from rest."""
     out = problem.outputs(theta, problem.firsts())[0]
     return float((((out - problem.data.outputs[: len(out)]) / noise) ** 2).sum())
 
@@ -291,7 +295,7 @@ def _misfit(problem: FitProblem, theta: np.ndarray, noise: np.ndarray) -> float:
 def _noise(
     problem: FitProblem, theta: np.ndarray, simulated: Sequence[Simulated], before: np.ndarray
 ) -> np.ndarray:
-    """Standard deviations (outputs,) of what the fit leaves; `before` where nothing counts."""
+    """Standard deviations (outputs,) of the residuals; `before` for outputs that do not count."""
     left = problem.residuals(simulated)
     samples = np.isfinite(left).sum(0)
     spent = (len(theta) + sum(len(run.first) for run in simulated)) / left.shape[1]
@@ -307,10 +311,10 @@ def _solve(
     noise: np.ndarray,
     done: float = DONE,
 ) -> tuple[np.ndarray, list[np.ndarray], list[Simulated]]:
-    """Parameters, first states and outputs with the least sum of squares over the noise."""
+    """Parameters, first states and outputs with the least sum of squares, weighted by the noise."""
     lower = np.array([p.kind.lower for p in problem.unknowns])
     theta = np.maximum(theta, lower)
-    best = problem.simulated(theta, firsts)  # an error at the first guess is the user's to know
+    best = problem.simulated(theta, firsts)  # an error at the first guess reaches the user
     kept = {_key(theta, firsts): best}
 
     def blocks(at: np.ndarray, own: Sequence[np.ndarray]) -> list[ResidualBlock] | None:
@@ -320,7 +324,7 @@ def _solve(
             try:
                 kept[key] = problem.simulated(at, own)
             except TrajectoryError:
-                return None  # no way there
+                return None  # these values cannot be simulated
         return problem.blocks(kept[key], noise)
 
     theta, own = least_squares(blocks, theta, firsts, lower, done)
@@ -333,20 +337,20 @@ def _key(theta: np.ndarray, own: Sequence[np.ndarray]) -> bytes:
 
 
 def _deviations(R: np.ndarray) -> np.ndarray:
-    """Standard deviations (P,) of θ, where residuals have variance 1."""
+    """Standard deviations (P,) of θ if residuals have variance 1."""
     return np.linalg.norm(np.linalg.pinv(R), axis=1)
 
 
 def _moved(found: Fit) -> float:
-    """By how much of its deviation half the simulation's step would move θ, to first order.
+    """Largest change of θ with half the simulation's step, over its deviation, to first order.
 
-    NaN where the model cannot be followed with half the step.
+    It is NaN if the model cannot be simulated with half the step.
     """
     problem, coarse = found.problem, found.simulated
     half = replace(problem, step=min(problem.step, float(np.diff(problem.data.t).max())) / 2)
     try:
         outputs = half.outputs(found.theta, [run.first for run in coarse])
-    except TrajectoryError:  # not known, and nothing is wrong with what was found
+    except TrajectoryError:  # the change is unknown, but the fit is still good
         return float("nan")
     fine = [run._replace(out=out) for run, out in zip(coarse, outputs, strict=True)]
     both = (problem.blocks(runs, found.noise) for runs in (coarse, fine))
@@ -356,9 +360,10 @@ def _moved(found: Fit) -> float:
 
 
 def _unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
-    """Indices of parameters that these outputs do not tell, and the reasons as text.
+    """Indices of parameters that are not identifiable, and the reasons as text.
 
-    All that would not be identifiable even if all else were known; else one of the worst direction.
+    First come all parameters that would not be identifiable even if all others were known. If there
+    are none, it is one parameter of the worst combination.
     """
     scaled = R * np.array([abs(p.nominal) or 1.0 for p in unknowns])
     alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * WIDEST < 1)
@@ -368,7 +373,7 @@ def _unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[i
     if singular[-1] * WIDEST >= 1:
         return set(), []
     share = np.abs(directions[-1]) / np.abs(directions[-1]).max()
-    # the single parameter that is worst, so that a common scale loses one member, not all
+    # drop only the worst parameter, so that a combination such as a common scale loses one member
     worst = int(np.argmax(share))
     terms = [unknowns[int(k)].label for k in np.argsort(-share) if share[k] > 0.3]
     text = " together with ".join(terms[:6]) + (" and others" if len(terms) > 6 else "")
@@ -378,7 +383,7 @@ def _unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[i
 def _held_out(
     problem: FitProblem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
 ) -> float:
-    """Rms over the noise in the rest of the data, whose first states alone are fitted to it."""
+    """Rms residual over the noise in the held-out data; only its first states are fitted."""
     if split > len(data.t) - FEWEST:
         return float("nan")
     if problem.smooth is None:
@@ -390,7 +395,7 @@ def _held_out(
     changed = with_values(problem.base, problem.unknowns, theta)
     try:
         rest = problem_of(changed, data.part(split, len(data.t)), (), problem.step)
-    except InputError:  # nothing moves there, or all is at the stops
+    except InputError:  # no joint moves there, or all samples are at stops
         return float("nan")
     none, firsts, _ = _joined(rest, np.zeros(0))
     _, _, simulated = _solve(rest, none, firsts, noise)

@@ -1,4 +1,4 @@
-"""Parameters that may be unknown: each kind's column in r = M q̈ + h - B u, and its setter."""
+"""The kinds of parameters: each kind's columns in r = M q̈ + h - B u, and its setter."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class MotionSample(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of parameter of which a robot has several members.
+    """A kind of parameter, such as stiffness; a member is one joint's, tendon's or input's.
 
     Attributes
     ----------
     name, unit : str
-        For people.
+        Texts for the user.
     members : callable
         SoftModel → names of the members.
     nominal : callable
@@ -45,9 +45,9 @@ class Kind:
     amended : callable
         (Robot, {name: value}) → the robot with these values; masses are set in the engine.
     lower : float
-        The least value that makes sense.
+        The least possible value.
     measures : str
-        For a kind that moves nothing: the outputs to which it is added, up to the member's name.
+        For a kind that is only added to outputs: their name up to the member's name.
     """
 
     name: str
@@ -150,15 +150,15 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """One unknown number θ: the members of a kind are `weights` · θ where `weights` is not zero.
+    """One unknown number θ; members with a non-zero weight have the value `weights` · θ.
 
     Attributes
     ----------
     kind : Kind
     label : str
-        For people: ``stiffness joint1``, ``damping, all``.
+        Text for the user: ``stiffness joint1``, ``damping, all``.
     weights : ndarray, (members,)
-        One member, or the file's values of all: θ is then a factor.
+        1 for one member; or the file's values of all members, and θ is then a factor.
     nominal : float
         θ in the file.
     """
@@ -174,7 +174,7 @@ class Parameter:
         return "of the file's" if np.count_nonzero(self.weights) > 1 else self.kind.unit
 
     def shift(self, model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
-        """∂output/∂θ (outputs,) at a given motion: 1 where θ is the offset of a measurement."""
+        """∂output/∂θ (outputs,) at a given motion: 1 if θ is the offset of that measurement."""
         shift = np.zeros(len(outputs))
         if self.kind.measures:
             names = [self.kind.measures + name for name in self.kind.members(model)]
@@ -189,16 +189,16 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints and floating base.
+        A model without mimic joints and floating base.
     kind : str
-        Of `KINDS`.
+        A name of `KINDS`.
     shared : bool
-        One factor on the file's values of all members.
+        Whether the unknown is one factor of all members' values in the file.
 
     Raises
     ------
     InputError
-        An unknown kind, or one of which the file gives no value.
+        For an unknown kind, or one without values in the file.
     """
     check_model(model)
     if not isinstance(kind, str) or kind not in KINDS:
@@ -223,7 +223,7 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
 def unknowns_of(
     model: SoftModel, free: Sequence[str] = (), shared: Sequence[str] = ()
 ) -> tuple[Parameter, ...]:
-    """The unknowns of several kinds; stiffness and damping of each joint by default.
+    """The unknowns of several kinds; by default stiffness and damping of each joint.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
 def member_values(
     model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray
 ) -> dict[str, dict[str, float]]:
-    """By kind and member, the values that θ gives; members without an unknown are left out."""
+    """Values from θ, by kind and member; members without an unknown are left out."""
     found: dict[str, dict[str, float]] = {}
     check_model(model)
     unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
@@ -283,7 +283,7 @@ def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarr
     for name, members in values.items():
         robot = KINDS[name].amended(robot, members)
     changed = build(robot)
-    if "mass" in values:  # in the engine: the text of the file stays as it is
+    if "mass" in values:  # set in the engine, so that the file's text stays unchanged
         engine = tree_of(changed).pin_model
         for name, factor in values["mass"].items():
             body = engine.getJointId(name)

@@ -1,4 +1,4 @@
-"""The residuals of a fit: runs of the data without a stop, simulated."""
+"""The residuals of a fit: simulates the runs of the data in which no stop acts."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from softdyn.identification.parameters import MotionSample, Parameter, columns_o
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.statics.equilibria import settle
 
-CLEAR = 10  # a held joint's motion over its noise, above which it follows its measurement
+CLEAR = 10  # a held joint follows its measurement if its motion over its noise is larger
 
 
 class Simulated(NamedTuple):
-    """Outputs of a run (N, outputs), their derivatives by θ and by its own first state."""
+    """Outputs of a run (N, outputs), their derivatives by θ and by the run's first state."""
 
     out: np.ndarray
     by_theta: np.ndarray
@@ -41,12 +41,12 @@ class Simulated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """All that the residuals of a fit depend on, besides the values of its unknowns.
+    """The data of a fit's residuals, without the values of its unknowns.
 
     Attributes
     ----------
     base : SoftModel
-        With the file's values.
+        The model with the file's values.
     unknowns : tuple of Parameter
     data : Measurements
     step : float
@@ -54,10 +54,10 @@ class FitProblem:
     runs : tuple of (begin, end)
         Stretches of samples that are simulated.
     smooth : ndarray, (3, N, n), or None
-        Smoothed angles, rates and accelerations; None where not all joints were measured: the one
-        run then begins at rest.
+        Smoothed angles, rates and accelerations. None if not all joints were measured; there is
+        then one run, which begins at rest.
     stops : ndarray of bool, (N, n)
-        Of `at_stops`.
+        The result of `at_stops`.
     held : ndarray of bool, (n,)
         Joints that are at their stops in all runs.
     """
@@ -82,7 +82,7 @@ class FitProblem:
         return found
 
     def outputs(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Outputs (N, outputs) of each run alone, in half the time."""
+        """Outputs (N, outputs) of each run without derivatives, in half the time."""
         model, found = with_values(self.base, self.unknowns, theta), []
         none = np.zeros((model.nv, 0))
         for run, first in zip(self.runs, firsts, strict=True):
@@ -103,12 +103,12 @@ class FitProblem:
         return out, slope
 
     def blocks(self, simulated: Sequence[Simulated], noise: np.ndarray) -> list[ResidualBlock]:
-        """Residuals over their noise, of the outputs that count, and of the first rates.
+        """Residuals of the counted outputs and of the first rates, over their standard deviations.
 
-        A rate that joint damping ends within one sample time is not in the outputs, and a fit that
-        is free to choose it goes where the motion is no longer near the measured one. So the first
-        rates are known to be near the smoothed ones, within the joint's range in `SHORTEST`
-        samples: tens of times wider than what the outputs say of any other rate.
+        If joint damping stops a first rate within one sample time, the outputs do not show it. A
+        fit could then choose any rate and lose the measured motion. The first rates are therefore
+        kept near the smoothed ones, with the joint's range in `SHORTEST` samples as standard
+        deviation. This is tens of times wider than the outputs' own information on other rates.
         """
         use, found = self.counted(), []
         for (begin, end), run, near in zip(self.runs, simulated, self.firsts(), strict=True):
@@ -129,9 +129,9 @@ class FitProblem:
         return found
 
     def wide(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ranges of the free joints, and how far their first rates may be from the smoothed ones.
+        """Ranges of the free joints, and standard deviations of their first rates.
 
-        Standard deviations, both of as many as there are rates.
+        The deviations are relative to the smoothed rates. Both are empty if no rates are unknown.
         """
         if self.smooth is None:
             return np.zeros(0), np.zeros(0)
@@ -140,7 +140,7 @@ class FitProblem:
         return range_, range_ / (SHORTEST * np.median(np.diff(self.data.t)))
 
     def residuals(self, simulated: Sequence[Simulated]) -> np.ndarray:
-        """Measured less simulated (N, outputs); NaN where it does not count."""
+        """Measured minus simulated outputs (N, outputs); NaN for outputs that do not count."""
         left = np.full(self.data.outputs.shape, np.nan)
         use = self.counted()
         for (begin, end), run in zip(self.runs, simulated, strict=True):
@@ -148,7 +148,7 @@ class FitProblem:
         return left
 
     def counted(self) -> np.ndarray:
-        """Whether each output (outputs,) counts: not where its joint is held."""
+        """Whether each output (outputs,) counts; that of a held joint does not."""
         held = {f"q.{self.base.joint_names[j]}" for j in np.flatnonzero(self.held)}
         return np.array([name not in held for name in self.data.names])
 
@@ -160,7 +160,7 @@ class FitProblem:
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
     def _start(self, model: SoftModel, run: tuple[int, int], first: np.ndarray) -> Start:
-        """From the unknown state of the free joints; `follow` knows where the held ones are."""
+        """The start from the unknown state of the free joints; `follow` sets the held ones."""
         if self.smooth is None:
             return self.at_rest(model)
         free = np.flatnonzero(~self.held)
@@ -171,10 +171,10 @@ class FitProblem:
         return Start(q, v, by_q, by_v)
 
     def _driven(self, run: tuple[int, int]) -> Driven | None:
-        """Motion of the held joints: the measured one where it is clear, else none.
+        """Motion of the held joints: the measured one if it exceeds the noise, else none.
 
-        A stop yields to what pushes it, and without noise this is in all outputs. With noise,
-        the acceleration of smoothed noise would push the others by more than that.
+        A stop yields to the joint that presses it. Without noise all outputs show this motion. With
+        noise, the acceleration of smoothed noise would disturb the other joints more than that.
         """
         joints = np.flatnonzero(self.held)
         if self.smooth is None or not joints.size:
@@ -188,7 +188,7 @@ class FitProblem:
         return Driven(joints, make_interp_spline(self.data.t[slice(*run)], place, k=5))
 
     def at_rest(self, model: SoftModel) -> Start:
-        """In equilibrium under the first input."""
+        """The start in equilibrium under the first input."""
         n, count = model.nv, len(self.unknowns)
         by_q, by_v = np.zeros((2, n, count))
         u = self.data.u[0]
@@ -205,7 +205,7 @@ class FitProblem:
 def measured_outputs(
     model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The outputs (N, outputs) of a path (N, n), and their derivatives from the path's."""
+    """Outputs (N, outputs) of a path (N, n), and their derivatives from the path's."""
     instances("names", names, str, "an output's name")
     for name, value, axes in (("path", path, 2), ("by", by, 3)):
         shape = instance(name, value, np.ndarray, "an array").shape
@@ -233,7 +233,7 @@ def measured_outputs(
 def problem_of(
     model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
 ) -> FitProblem:
-    """The problem of these unknowns: the stretches of the data that no stop spoils."""
+    """The problem of these unknowns on the stretches of the data that no stop disturbs."""
     check_data(check_model(model), instance("data", data, Measurements, "Measurements"))
     unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
     step = number("step", step, above=0.0, finite=False)
@@ -246,14 +246,15 @@ def problem_of(
     held, runs = stretches(stops)
     if not runs:
         raise InputError("data", f"{SHORTEST} samples in a row away from the stops", "none")
-    for begin, end in runs if held.any() else ():  # a held joint moves less than when it got there
+    # at its stop a held joint moves less than on the way there, so each run is smoothed alone
+    for begin, end in runs if held.any() else ():
         part = slice(begin, end)
         smooth[:, part, held] = smoothed(data.part(begin, end), joints[part][:, held])
     return FitProblem(model, unknowns, data, step, tuple(runs), smooth, stops, held)
 
 
 def first_stop(problem: FitProblem, z: np.ndarray) -> int:
-    """The sample at which the run that began at rest comes to a stop, or the run's end."""
+    """The first sample at which a joint of the run from rest is at a stop, or the run's end."""
     model = with_values(problem.base, problem.unknowns, z)
     end, none = problem.runs[0][1], np.zeros((model.nv, 0))
     t, u = problem.data.t[:end], problem.data.u[:end]

@@ -1,4 +1,4 @@
-"""The result of an identification: values, intervals, what is not identifiable."""
+"""The result of an identification: values, intervals, parameters that are not identifiable."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from scipy.stats import norm
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.parameters import Parameter, member_values
 
-COARSE = 0.3  # of a standard deviation: what the simulation's step may move
+COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """One parameter: value, standard deviation, 95 % interval; not identified: the file's value."""
+    """One parameter: value, standard deviation, 95 % interval.
+
+    If it is not identified, the value is the file's.
+    """
 
     parameter: Parameter
     value: float
@@ -26,7 +29,7 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % by the normal distribution."""
+        """The 95 % interval, by the normal distribution."""
         half = norm.ppf(0.975) * self.deviation
         return self.value - half, self.value + half
 
@@ -38,24 +41,24 @@ class Identified:
     Attributes
     ----------
     model : SoftModel
-        With the values found.
+        The model with the identified values.
     estimates : tuple of Estimate
     names : tuple of str
-        Of the outputs.
+        Names of the outputs.
     residuals : ndarray, (N, outputs)
-        Measured less simulated; NaN where a stop may have pushed a joint.
+        Measured minus simulated outputs; NaN if a stop may have pushed a joint.
     noise : ndarray, (outputs,)
-        Standard deviation of each output's residual; NaN of a joint that is held.
+        Standard deviation of each output's residual; NaN for a joint that is held.
     autocorrelation : ndarray, (LAGS, outputs)
-        Of the residuals; white ones stay within 2/√N.
+        Autocorrelation of the residuals; for white ones it stays within 2/√N.
     white : float
         Probability of a larger Ljung–Box statistic if all residuals were white.
     held_out : float
         Rms of the residuals over `noise` in the part of the data that the fit did not see.
     unidentifiable : tuple of str
-        The directions that the data do not tell, as text.
+        The parameters, or combinations of them, that are not identifiable, as text.
     moved : float
-        By how much of its deviation half the simulation's step would move an estimate, at most.
+        Largest change of an estimate with half the simulation's step, over its standard deviation.
     """
 
     model: SoftModel
@@ -84,7 +87,7 @@ class Identified:
         return member_values(self.model, [one.parameter for one in known], theta)
 
     def report(self) -> dict[str, Any]:
-        """The figures as plain data."""
+        """The results as plain data."""
         return {
             "parameters": [
                 {"kind": one.parameter.kind.name, "label": one.parameter.label,

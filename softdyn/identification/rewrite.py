@@ -1,4 +1,4 @@
-"""The robot's file with other numbers in it."""
+"""Write the robot's file with identified numbers."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from softdyn.identification.parameters import KINDS
 
 
 def rewritten(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:
-    """The text of the robot's URDF with `values` in place, rounded to 12 digits.
+    """The text of the robot's URDF with `values`, rounded to 12 digits.
 
     Parameters
     ----------
     robot : Robot
-        The robot with its former numbers.
+        The robot with its old numbers.
     values : mapping
-        By kind (of `KINDS`) and member, as `member_values` gives them. A mass is a factor on the
-        body that the joint of that name moves, its welded links included.
+        Values by kind (of `KINDS`) and member, as from `member_values`. A mass is a factor of the
+        body that the joint of that name moves, with all links fixed to it.
     """
     instance("robot", robot, Robot, "a Robot")
     if not isinstance(values, Mapping):
@@ -40,7 +40,7 @@ def rewritten(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _scaled(robot: Robot, factors: Mapping[str, float]) -> Robot:
-    """Mass and moments of all links times the factor of the joint that moves them."""
+    """Multiply mass and moments of each link by the factor of the joint that moves it."""
     moving, joints = moving_link_of(robot), {joint.child: joint.name for joint in robot.joints}
     links = []
     for link in robot.links:

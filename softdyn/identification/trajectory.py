@@ -15,10 +15,10 @@ from softdyn.exceptions import SoftdynError
 from softdyn.identification.friction import Friction, friction_of
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of
 
-# Five stages of equal diagonal, order 4, L-stable and stiffly accurate (Hairer and Wanner, Solving
-# Ordinary Differential Equations II, table IV.6.5): joint damping is stiff, inputs jump. At the
-# sample time of 5 ms its error in 5 s of the SpiRob is 1e-3 of 5 mrad of noise; that of two
-# stages of order 2 moved a stiffness by five of its standard deviations.
+# Five stages with one diagonal entry, order 4, L-stable and stiffly accurate (Hairer and Wanner,
+# Solving Ordinary Differential Equations II, table IV.6.5), because joint damping is stiff and
+# inputs jump. With samples every 5 ms its error in 5 s of the SpiRob is 1e-3 of 5 mrad of noise. A
+# method with two stages of order 2 moved a stiffness by five standard deviations.
 STAGES = (
     (1 / 4,),
     (1 / 2, 1 / 4),
@@ -31,7 +31,7 @@ TOLERANCE = 1e-9
 
 
 class TrajectoryError(SoftdynError, ArithmeticError):
-    """The model's equations could not be followed: parameters far from anything that moves so."""
+    """The model could not be simulated; its parameters are probably far from the robot's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +73,16 @@ def follow(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joint coordinates (N, n) at the samples, and their derivatives (N, n, P).
 
-    Each interval between samples is one step of a diagonally implicit Runge–Kutta method, or
-    several of at most `step` seconds, under the input of its beginning. The derivatives are those
-    of the discrete equations: with r(q, v, a; θ) = 0 in each stage,
-    (M + hγ ∂r/∂v + h²γ² ∂r/∂q) da = -(∂r/∂q dq + ∂r/∂v dv + ∂r/∂θ). With none asked for, P = 0,
-    it takes half the time.
+    The method is a diagonally implicit Runge–Kutta method. Each interval between samples is one
+    step, or several of at most `step` seconds, under the input of its beginning. The derivatives
+    are those of the discrete equations: with r(q, v, a; θ) = 0 in each stage,
+    (M + hγ ∂r/∂v + h²γ² ∂r/∂q) da = -(∂r/∂q dq + ∂r/∂v dv + ∂r/∂θ). Without derivatives (P = 0) it
+    takes half the time.
 
     Parameters
     ----------
     model : SoftModel
-        With the values of the parameters in place.
+        The model with the parameters' values.
     unknowns : sequence of Parameter
         The first of the P unknowns.
     t : ndarray, (N,)
@@ -91,16 +91,16 @@ def follow(
         Inputs, each held from its sample to the next one.
     start : Start
     driven : Driven, optional
-        Joints that are where they were measured, because stops push them; `start` has the others.
+        Joints that follow their measured motion, because stops push them; `start` has the others.
     step : float
         Longest step (s).
     file : SoftModel, optional
-        With the file's masses, where `model` has others.
+        A model with the file's masses, if those of `model` differ.
 
     Raises
     ------
     TrajectoryError
-        When the equations of a step have no solution.
+        If no solution of a step's equations is found.
     """
     n, count = model.nv, start.by_q.shape[1]
     q, v = start.q.copy(), start.v.copy()
@@ -137,10 +137,10 @@ def _step(
 ) -> tuple[
     np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]:  # fmt: skip
-    """One step: the state at its end, its derivatives, the last stage's acceleration and Newton
-    matrix, which serves the next stage's iterations until it is renewed at their solution.
+    """One step: the state at its end, its derivatives, the last acceleration and Newton matrix.
 
-    `known` (stages, 3, driven) is what the driven joints do.
+    Each stage's iterations use the Newton matrix of the stage before, until it is computed anew at
+    their solution. `known` (stages, 3, driven) is the motion of the driven joints.
     """
     model, file = models
 
@@ -171,7 +171,7 @@ def _step(
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             r = (state.M @ a + state.h - state.B @ u + rub.size * rub.signs(V))[free]
-            if (r @ r) > least:  # past the bend of a friction: half as far
+            if (r @ r) > least:  # the step went too far, past the bend of a friction: halve it
                 change /= 2
                 a[free] += change
                 continue
@@ -179,14 +179,14 @@ def _step(
             small = TOLERANCE * (1 + np.abs(a).max())
             change = inverse @ r if inverse is not None else np.full(len(free), np.nan)
             size = np.abs(change).max(initial=0)
-            if not size <= max(small, last / 5):  # an old matrix that leads away, or nowhere fast
+            if not size <= max(small, last / 5):  # the old matrix converges too slowly or not
                 _, _, inverse = linearised()
                 change = inverse @ r
                 size = np.abs(change).max(initial=0)
             a = a.copy()
             a[free] -= change
             left = size * min(1.0, size / last) if np.isfinite(last) else size
-            if left <= small or not np.isfinite(size):  # what the next change would be
+            if left <= small or not np.isfinite(size):  # `left` estimates the next change
                 break
             last = size
         else:
@@ -195,7 +195,7 @@ def _step(
             raise TrajectoryError("the model's motion is not finite under these parameters")
         dA = np.zeros_like(dq)
         Q, V = reached()
-        if dA.size:  # where the last iteration ended, not where it began
+        if dA.size:  # linearise at the solution, not at the last iteration's start
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             by_q, by_v, inverse = linearised()

@@ -1,17 +1,17 @@
-"""Whether residuals are white, and by how much coloured ones widen an interval."""
+"""Tests whether residuals are white, and widens the intervals if they are not."""
 
 from __future__ import annotations
 
 import numpy as np
 
-LAGS = 20  # of the residuals' autocorrelation
+LAGS = 20  # number of lags of the residuals' autocorrelation
 
 
 def autocorrelation(residuals: np.ndarray) -> np.ndarray:
-    """ρ at lags 1 … LAGS (LAGS, outputs), over the pairs that both count."""
+    """ρ at lags 1 … LAGS (LAGS, outputs), over pairs without NaN."""
     lags = min(LAGS, len(residuals) - 2)
     found = np.zeros((lags, residuals.shape[1]))
-    count = np.maximum(np.isfinite(residuals).sum(0), 1)  # 0 where a joint is held throughout
+    count = np.maximum(np.isfinite(residuals).sum(0), 1)  # avoids 0/0 if a joint is held throughout
     power = np.nansum(residuals**2, axis=0) / count
     for lag in range(1, lags + 1):
         product = residuals[lag:] * residuals[:-lag]
@@ -22,7 +22,7 @@ def autocorrelation(residuals: np.ndarray) -> np.ndarray:
 
 
 def widening(correlation: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """By how much coloured residuals widen the variance, 1 + 2 Σ w ρ (Newey and West 1987)."""
+    """Factor of the variance for coloured residuals, 1 + 2 Σ w ρ (Newey and West 1987)."""
     lags = len(correlation)
     weights = 1 - np.arange(1, lags + 1) / (lags + 1)
     band = 2 / np.sqrt(np.maximum(samples, 1))
