@@ -1,4 +1,4 @@
-"""Along a branch of equilibria, stable or not, towards a point for the tip."""
+"""Follow a branch of equilibria, stable or not, until the tip is near a point."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from softdyn.statics.equilibria import balance, check_stops, move
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.stops import SoftStops
 
-REACHED = 1e-6  # m: the tip is at the target
-LARGEST_STEP = 0.3  # of a joint in one step along a branch (rad, m)
+REACHED = 1e-6  # m; a tip this close is at the target
+LARGEST_STEP = 0.3  # largest motion of a joint in one step along a branch (rad, m)
 
 
 def approach(
@@ -24,23 +24,23 @@ def approach(
 ) -> Equilibrium:
     """Follow the branch of `start` until the tip is as close to `target` as its inputs allow.
 
-    Damped Gauss-Newton on ‖y(u) - y*‖ within the input bounds, every iterate an equilibrium,
-    stable or not. It ends early where the branch folds (∂r/∂q singular).
+    The method is damped Gauss-Newton on ‖y(u) - y*‖ within the input bounds. Every iterate is an
+    equilibrium, stable or not. It ends early if the branch folds (∂r/∂q singular).
 
     Parameters
     ----------
     start : Equilibrium
-        Where to start.
+        The first equilibrium.
     target : ndarray, (3,)
-        In the world (m).
+        The target in the world (m).
     steps : int
-        At most so many.
+        Largest number of steps.
     soft : SoftStops, optional
-        The stops `start` was found with, when they are not exact.
+        The stops of `start`, if they are not exact.
     stay_stable : bool
         End before the branch loses its stability.
     """
-    from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
+    from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
     model, here = instance("start", start, Equilibrium, "an Equilibrium").model, start
     check_stops(model, soft)
@@ -78,7 +78,7 @@ def approach(
 
 
 def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
-    """Size of each input (nu,) that moves a joint by about a radian, within its range."""
+    """Size of each input (nu,) that moves a joint by about a radian, but not above its range."""
     force = np.abs(np.diag(start.stiffness)) * np.minimum(model.upper - model.lower, 1.0)
     arms = np.abs(start.state.B).max(axis=0, initial=0.0)
     needed = force.max() / np.maximum(arms, 1e-300)
@@ -86,7 +86,7 @@ def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
 
 
 def follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None = None) -> Equilibrium | None:
-    """The equilibrium under `u` (nu,) on the same branch, None when Newton's method leaves it."""
+    """The equilibrium under `u` (nu,) on the same branch; None if Newton's method leaves it."""
     change = here.joint_sensitivity @ (u - here.u)
     try:
         after = balance(here.model, u, move(here.model, here.q, change), soft)

@@ -1,4 +1,4 @@
-"""Solvers: the equilibrium downhill of a start, the one nearby, the one that an input leads to."""
+"""Solvers for equilibria: along the falling potential, near a start, or under a rising input."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from softdyn.exceptions import InputError
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential
 from softdyn.statics.stops import HardStops, SoftStops
 
-TOLERANCE = 1e-10  # of the residual, relative to the largest of the forces that balance
-LARGEST_STEP = 0.3  # of a joint in one iteration (rad, m): keeps to the basin it is in
+TOLERANCE = 1e-10  # residual over the largest force
+LARGEST_STEP = 0.3  # largest motion of a joint in one iteration (rad, m), to stay in the basin
 ITERATIONS = 300
 SNAP = 0.3  # a ramp's step that ends this far from its prediction is halved (rad, m)
 SMALLEST_RAMP_STEP = 1e-3
 
 
 def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> Equilibrium:
-    """The stable equilibrium downhill from `start`.
+    """The stable equilibrium reached from `start` along the falling potential.
 
-    Damped Newton on Π with the projection on the joint limits: (∂r/∂q + λ W) d = -r on the free
-    joints, W the Hessian's diagonal, λ such that Π falls; saddles are left along the direction
-    of negative curvature.
+    The method is damped Newton on Π, projected on the joint limits: (∂r/∂q + λ W) d = -r on the
+    free joints. W is the Hessian's diagonal, and λ is chosen so that Π falls. At a saddle the step
+    goes along the direction of negative curvature.
 
     Parameters
     ----------
     u : ndarray, (nu,)
         Input; it need not be within its bounds.
     start : ndarray, (nq,), optional
-        Configuration, the rest position by default; moved within the limits.
+        Configuration, q = 0 by default; joints beyond a limit are moved to it.
 
     Raises
     ------
     StaticsError
-        No convergence: Π has no minimum, or rounding hides it.
+        If the method does not converge: Π has no minimum, or rounding hides it.
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     u = array("u", u, (check_model(model).nu,))
     stops = HardStops.of(model)
@@ -73,7 +73,7 @@ def settle(model: SoftModel, u: np.ndarray, start: np.ndarray | None = None) -> 
             change = potential(model, after, u) - energy
             predicted = step @ here.r + step @ H @ step / 2
             rounding = 1e-13 * (abs(energy) + here.scale)
-            if abs(predicted) <= rounding:  # the energy no longer tells: the residual does
+            if abs(predicted) <= rounding:  # the change is only rounding: compare residuals
                 good = _forces(model, after, u, stops).left < here.left
             else:
                 good = predicted < 0 and change <= 0.1 * predicted
@@ -102,16 +102,16 @@ def balance(
     u : ndarray, (nu,)
         Input; it need not be within its bounds.
     start : ndarray, (nq,)
-        Configuration; moved within the limits.
+        Configuration; joints beyond a limit are moved to it.
     soft : SoftStops, optional
-        Stops that repel instead of hold; the equilibrium's stiffness then contains theirs.
+        Stops that repel a joint instead of holding it; the equilibrium's stiffness includes theirs.
 
     Raises
     ------
     StaticsError
-        No convergence.
+        If the method does not converge.
     InputError
-        Wrong shape or a number that is not finite.
+        For a wrong shape or a number that is not finite.
     """
     u = array("u", u, (check_model(model).nu,))
     check_stops(model, soft)
@@ -146,23 +146,23 @@ def balance(
 def ramp(
     model: SoftModel, u: np.ndarray, start: Equilibrium | None = None
 ) -> tuple[Equilibrium, int]:
-    """The stable equilibrium that raising the input slowly leads to, and the snaps on the way.
+    """Raise the input slowly to `u`; return the stable equilibrium and the number of snaps.
 
-    Continuation along u(s) from the start's input (rest: the one closest to zero within bounds)
-    with the tangent ∂q/∂u as predictor and `settle` as corrector. A step that ends far from its
-    prediction is halved; what remains is a snap to another branch, which the robot does too.
+    The method is continuation along u(s) from the start's input, with the tangent ∂q/∂u as
+    predictor and `settle` as corrector. A step that ends far from its prediction is halved. If the
+    shortest step still ends far away, the robot snaps to another branch, as a real one would.
 
     Parameters
     ----------
     u : ndarray, (nu,)
         Final input.
     start : Equilibrium, optional
-        Where to start; at rest under the least input by default.
+        The first equilibrium; by default `rest`, under the input closest to zero within its bounds.
 
     Raises
     ------
     StaticsError
-        No equilibrium on the way.
+        If there is no equilibrium on the way.
     """
     u = array("u", u, (check_model(model).nu,))
     found = instance(
@@ -193,12 +193,12 @@ def ramp(
 
 
 def rest(model: SoftModel) -> Equilibrium:
-    """The equilibrium downhill of q = 0 under the input closest to zero within its bounds."""
+    """The equilibrium that `settle` finds from q = 0 under the input closest to zero in bounds."""
     return settle(model, np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max))
 
 
 def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """q ⊕ step (nq,), as far as the joint limits let each joint go."""
+    """q ⊕ step (nq,), with each joint's motion cut at its limits."""
     return model.integrate(q, HardStops.of(model).clip(model.coordinates(q), step))
 
 
@@ -218,13 +218,13 @@ class _Forces(NamedTuple):
     """The forces at a configuration."""
 
     r: np.ndarray  # (nv,) K + g - B u
-    scale: float  # size of the forces in it
+    scale: float  # size of the forces in r
     stops: np.ndarray  # (nv,) force of the stops
     held: np.ndarray  # (nv,) bool, joints that a stop holds
 
     @property
     def left(self) -> float:
-        """The largest force that is not balanced."""
+        """The largest unbalanced force."""
         return float(np.abs(self.r - self.stops).max(initial=0.0))
 
 
@@ -232,7 +232,7 @@ def _forces(
     model: SoftModel, q: np.ndarray, u: np.ndarray, stops: HardStops | SoftStops
 ) -> _Forces:
     state = model.state(q, np.zeros(model.nv))
-    # of each cable by itself: where they pull against one another their sum is only rounding
+    # each cable counts alone, because cables that pull against each other sum up to rounding
     forces = (state.K, state.bias, np.abs(state.B) @ np.abs(u))
     scale = max(float(np.abs(force).max(initial=0.0)) for force in forces)
     r = state.K + state.bias - state.B @ u
@@ -240,9 +240,10 @@ def _forces(
 
 
 def _balanced(here: _Forces, H: np.ndarray, times: float = 1.0) -> bool:
-    """Whether what is left is small beside the forces, or beside their change over a milliradian.
+    """Whether the residual is small beside the forces, or beside their change over a milliradian.
 
-    All forces of a robot that hangs straight down vanish; the rest is rounding.
+    The second test is for a robot that hangs straight down: all its forces are zero but for
+    rounding.
     """
     scale = max(here.scale, 1e-3 * float(np.abs(H).max(initial=0.0)))
     return here.left <= times * TOLERANCE * scale
@@ -257,7 +258,7 @@ def _apart(model: SoftModel, a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _placed(model: SoftModel, q: np.ndarray, stops: HardStops | SoftStops) -> np.ndarray:
-    """q (nq,) moved to where the stops allow it."""
+    """q (nq,) with joints beyond a stop moved to it."""
     q = array("start", q, (model.nq,))
     at = model.coordinates(q)
     return model.integrate(q, stops.within(at) - at)
@@ -268,7 +269,7 @@ def _limited(step: np.ndarray) -> np.ndarray:
 
 
 def _newton(H: np.ndarray, r: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """-(H + diag(damping))⁻¹ r, with more damping where that is not positive definite."""
+    """-(H + diag(damping))⁻¹ r, with more damping if this matrix is not positive definite."""
     W = np.diag(damping)
     shift = 0.0
     size = np.abs(np.diag(H)) + 1e-6 * np.abs(H).max(initial=1e-300)

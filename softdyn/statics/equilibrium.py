@@ -1,12 +1,12 @@
-"""An equilibrium under given inputs: what balances, how stiff it is, how stable.
+"""An equilibrium under given inputs: its forces, stiffness and stability.
 
-At rest M q̈ + C q̇ + D q̇ + K + g = B u leaves r(q, u) = K + g - B u = 0, the gradient of the
+At rest M q̈ + C q̇ + D q̇ + K + g = B u becomes r(q, u) = K + g - B u = 0. r is the gradient of the
 potential Π = U(q) + U_s(q) - Σ gear u ℓ(q). A joint at a limit may be pressed against it:
 
-    r_i = 0 inside,   r_i ≥ 0 at the lower limit,   r_i ≤ 0 at the upper one,
+    r_i = 0 inside,   r_i ≥ 0 at the lower limit,   r_i ≤ 0 at the upper one.
 
-which are the stationary points of Π between the limits. The stable ones are its minima: the
-Hessian ∂r/∂q is positive definite on the joints that are free to move.
+These are the stationary points of Π between the limits. The stable ones are its minima: the Hessian
+∂r/∂q is positive definite on the free joints.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from softdyn.exceptions import InputError, SoftdynError
 
 
 class StaticsError(SoftdynError, ArithmeticError):
-    """No equilibrium was found; the text says what was reached.
+    """No equilibrium was found.
 
     Attributes
     ----------
     residual : float
-        Largest force left unbalanced (N m, N).
+        Largest unbalanced force at the end (N m, N).
     """
 
     def __init__(self, text: str, residual: float) -> None:
@@ -81,7 +81,7 @@ class Equilibrium:
 
     @cached_property
     def state(self) -> State:
-        """Everything else the dynamics say at (q, 0)."""
+        """All terms of the dynamics at (q, 0)."""
         return self.model.state(self.q, np.zeros(self.model.nv))
 
     @property
@@ -91,7 +91,7 @@ class Equilibrium:
 
     @cached_property
     def residual(self) -> float:
-        """Largest force that is not balanced (N m, N)."""
+        """Largest unbalanced force (N m, N)."""
         r = self.state.K + self.state.g - self.state.B @ self.u - self.limit_forces
         return float(np.abs(r).max(initial=0.0))
 
@@ -131,7 +131,7 @@ class Equilibrium:
 
     @property
     def tip_compliance(self) -> np.ndarray:
-        """δy/δf (3, 3) = J (∂r/∂q)⁻¹ Jᵀ (m/N): how the tip yields to a force on it."""
+        """Compliance of the tip to a force on it, δy/δf (3, 3) = J (∂r/∂q)⁻¹ Jᵀ (m/N)."""
         J = self.state.J
         return J @ self._free_compliance @ J.T
 
@@ -161,6 +161,6 @@ def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def potential(model: SoftModel, q: np.ndarray, u: np.ndarray) -> float:
-    """Π = U + U_s - Σ gear u ℓ (J), what a robot at rest under constant inputs minimises."""
+    """Π = U + U_s - Σ gear u ℓ (J); its minima are the stable equilibria under constant inputs."""
     forces = tendon_forces(model, array("u", u, (check_model(model).nu,)))
     return model.potential_energy(q) - float(forces @ model.tendon_lengths(q))

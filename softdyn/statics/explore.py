@@ -1,4 +1,4 @@
-"""Equilibria near a point for the tip, from arbitrary shapes: one bounded least-squares problem."""
+"""Find equilibria with the tip near a point, from arbitrary shapes, by bounded least squares."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from softdyn.statics.equilibria import balance, rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.stops import SoftStops
 
-STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # the tip's error against the forces
-SOFTNESS = (1e-2, 1e-3, 1e-4)  # of the stops, relative to a joint's force times its range
+STAGES = (1.0, 0.1, 0.03, 0.01, 0.0)  # weights of the tip's error, relative to the forces
+SOFTNESS = (1e-2, 1e-3, 1e-4)  # softness of the stops over a joint's force times its range
 
 
 def explore(
@@ -24,26 +24,26 @@ def explore(
 ) -> Equilibrium:
     """An equilibrium, stable or not, with its tip near `target`, from an arbitrary shape.
 
-    Bounded least squares on (q, u) (SciPy's reflective trust region): the forces, the tip's error
-    at falling weights until only the forces count, and a little of u so that of many inputs small
-    ones are taken. Meanwhile joint limits are `SoftStops`; `approach` goes on with it, and Newton's
-    method finishes on exact stops.
+    The method is bounded least squares on (q, u) (SciPy's reflective trust region). The residuals
+    are the forces, the tip's error, and u with a small weight, which prefers small inputs. The
+    weight of the tip's error falls until only the forces count. Joint limits are `SoftStops` first.
+    `approach` then continues with falling softness, and ends with exact stops.
 
     Parameters
     ----------
     target : ndarray, (3,)
-        In the world (m).
+        The target in the world (m).
     q, u : ndarray, (nq,), (nu,)
-        Where to start.
+        The first configuration and input.
     steps : int
-        Evaluations at most, for each weight.
+        Largest number of evaluations for each weight.
 
     Raises
     ------
     StaticsError
-        The least squares ended at no equilibrium.
+        If the least squares end at no equilibrium.
     """
-    from scipy.optimize import least_squares  # slow to import, and not every process comes here
+    from scipy.optimize import least_squares  # imported only here, because it is slow to import
 
     target, steps = array("target", target, (3,)), whole("steps", steps, 1)
     q, u = array("q", q, (check_model(model).nq,)), array("u", u, (model.nu,))
@@ -73,15 +73,15 @@ class _TipProblem:
 
     model: SoftModel
     target: np.ndarray
-    scale: np.ndarray  # (nv + nu,) of the unknowns
-    force: np.ndarray  # (nv,) of the residual's rows
-    length: float  # of the tip's error (m)
+    scale: np.ndarray  # (nv + nu,) size of the unknowns
+    force: np.ndarray  # (nv,) size of the residual's rows
+    length: float  # size of the tip's error (m)
     low: np.ndarray
     high: np.ndarray
 
     @classmethod
     def build(cls, model: SoftModel, target: np.ndarray) -> _TipProblem:
-        """Scales from the robot at rest."""
+        """The problem of a robot, with scales from its equilibrium `rest`."""
         start = rest(model)
         span = np.minimum(model.upper - model.lower, 1.0)
         force = np.abs(np.diag(start.stiffness)) * span
@@ -93,14 +93,14 @@ class _TipProblem:
         return cls(model, target, scale, force, length, low, np.maximum(high, low + 1e-12))
 
     def stops(self, softness: float) -> SoftStops:
-        """The stops in units of the problem."""
+        """The soft stops for one of `SOFTNESS`."""
         model = self.model
         return SoftStops(softness * self.force * self.scale[: model.nv], model.lower, model.upper)
 
     def functions(
         self, softness: float, weight: float
     ) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
-        """Residual and Jacobian of x for one softness and one weight of the tip's error."""
+        """Residual and Jacobian as functions of x, for one softness and one weight of the tip."""
         model, n, stops = self.model, self.model.nv, self.stops(softness)
         little = 1e-3
 
@@ -138,7 +138,7 @@ class _TipProblem:
         return bool(((at < self.model.lower + near) | (at > self.model.upper - near)).any())
 
     def to_stops(self, coordinates: np.ndarray) -> np.ndarray:
-        """Joints that only the barrier keeps from a limit put on it."""
+        """Move a joint to its limit if only the soft stop keeps it away."""
         near = 1e-3 * self.scale[: self.model.nv]
         lower, upper = self.model.lower, self.model.upper
         coordinates = np.where(coordinates < lower + near, lower, coordinates)

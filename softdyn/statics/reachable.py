@@ -1,4 +1,4 @@
-"""Targets that a robot can reach: points, paths and rates from its statics alone."""
+"""Targets that a robot can reach: points, paths and rates, computed from its statics only."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.samples import sample_between, sample_rests
 
-RAYS, BETWEEN = 20, 30  # rests that are sampled: along random inputs, and in the gaps
-ROOM = 0.95  # of the bounds that a rest's input may take: a law needs the others
-APART = 0.02  # of the robot's length, at least, between two points
-AXIS = 0.08  # largest semi-axis of a path, as a share of the robot's length
-ON_PATH = 0.01  # of the length: a point that a rest comes so close to is reachable
-SHORTEST, LONGEST = 2.0, 6.0  # s of a cycle
-STATIONS = 12  # points of a path that are tried
+RAYS, BETWEEN = 20, 30  # numbers of sampled random inputs, and of sampled points in the gaps
+ROOM = 0.95  # largest share of the bounds for a target's input; a controller needs the rest
+APART = 0.02  # of the robot's length, the least distance of two points
+AXIS = 0.08  # of the robot's length, the largest semi-axis of a path
+ON_PATH = 0.01  # of the length; a point with an equilibrium this close is reachable
+SHORTEST, LONGEST = 2.0, 6.0  # s, duration of a cycle
+STATIONS = 12  # number of points of a path that are checked
 
 
 def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibrium, ...]:
-    """Stable rests whose tips are spread over the reachable set, the outermost first.
+    """Stable equilibria whose tips are spread over the reachable set, the outermost first.
 
-    Each is the sampled rest (`sample_rests`, `sample_between`) that is farthest from the rest
-    without input and from all before it. Its input has room to all bounds; no joint is at a limit,
-    unless every sample has one there.
+    Each is the sampled equilibrium (`sample_rests`, `sample_between`) whose tip is farthest from
+    that of `rest` and from those chosen before. Its input has room to all bounds. No joint is at a
+    limit, unless every sample has one there.
 
     Parameters
     ----------
     count : int
-        At most so many.
+        Largest number of equilibria.
     seed : int
-        Of the samples.
+        Seed of the samples.
 
     Raises
     ------
     InputError
-        A robot whose inputs move its tip nowhere.
+        If the inputs do not move the robot's tip.
     StaticsError
-        A robot that rests nowhere.
+        If the robot has no equilibrium.
     """
     start, count = rest(model), whole("count", count, 1)
     samples = list(sample_rests(model, RAYS, seed))
     samples += sample_between(samples, BETWEEN, seed)
     stable = [one for one in samples if one.stable and _has_room(one)]
-    # a robot whose strokes end at stops is always at some of them
+    # some robots have a joint at a stop in every equilibrium
     left = [one for one in stable if not one.held.any()] or stable
     found: list[Equilibrium] = []
     distance = np.array([np.linalg.norm(one.y - start.y) for one in left])
@@ -65,7 +65,7 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
 
 
 def _has_room(one: Equilibrium) -> bool:
-    """Whether no input is close to the bound that it moves towards; slack is no such bound."""
+    """Whether no input is near the bound in its direction; an input of zero always has room."""
     model = one.model
     origin = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
     room = np.where(one.u > origin, model.u_max - origin, origin - model.u_min)
@@ -74,7 +74,7 @@ def _has_room(one: Equilibrium) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """An ellipse anywhere in space, y = centre + a cos ωt + b sin ωt.
+    """An ellipse in space, y = centre + a cos ωt + b sin ωt.
 
     Attributes
     ----------
@@ -111,11 +111,11 @@ class Loop:
 
 
 def loop_around(one: Equilibrium) -> Loop | None:
-    """A path about a rest's tip that stable rests follow, its rate that of the robot; None without.
+    """A path around an equilibrium's tip that stable equilibria can follow; None if there is none.
 
-    Its axes are the two directions that the inputs move the tip in most, as the rest's linear
-    response says; they shrink until rests come close to every one of its points. ω is half the
-    rate |s| of the slowest pole there, but a cycle takes `SHORTEST` to `LONGEST`.
+    Its axes are the two directions in which the inputs move the tip most, by the linear response.
+    They are halved until equilibria come close to each of the path's points. ω is half the rate |s|
+    of the equilibrium's slowest pole, but a cycle takes `SHORTEST` to `LONGEST`.
     """
     size = max(instance("one", one, Equilibrium, "an Equilibrium").model.robot.length, 1e-6)
     response = one.tip_sensitivity * input_scale(one.model, one)

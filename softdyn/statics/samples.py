@@ -1,4 +1,4 @@
-"""Samples: inputs, shapes, and the stable equilibria where a robot can rest."""
+"""Random samples of inputs, shapes and stable equilibria."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ STATIONS = 12  # equilibria along a ray of inputs
 
 
 def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilibrium]:
-    """Stable equilibria that raising random inputs from rest leads to, all along the way.
+    """Raise random inputs from rest, and yield the stable equilibria on the way.
 
-    A robot's useful tensions may be a small part of what its bounds allow, so a ray goes from a
-    thousandth of its end to all of it in equal ratios.
+    A robot's useful tensions may be much smaller than its bounds. Each ray of inputs therefore goes
+    from a thousandth of its end to its end in equal ratios.
 
     Parameters
     ----------
     rays : int
-        So many inputs are raised, `STATIONS` equilibria each.
+        Number of random inputs; each gives up to `STATIONS` equilibria.
     seed : int
-        Of the random inputs.
+        Seed of the random inputs.
     """
     rng = np.random.default_rng(whole("seed", seed))
     start = rest(model)
@@ -43,19 +43,20 @@ def sample_rests(model: SoftModel, rays: int, seed: int = 0) -> Iterator[Equilib
 def sample_between(
     samples: Sequence[Equilibrium], count: int, seed: int = 0
 ) -> Iterator[Equilibrium]:
-    """More stable equilibria, with tips where `samples` has few.
+    """More stable equilibria, with tips in the gaps between those of `samples`.
 
-    Each goes from the sample closest to a random point of the box around all tips towards that
-    point as far as it stays stable: points within the reachable set are met, others mark its edge.
+    For each one a random point is drawn in the box around all tips. The search starts at the sample
+    closest to the point, and goes towards the point while it stays stable. It reaches points within
+    the reachable set; for other points it ends at the edge of the set.
 
     Parameters
     ----------
     samples : sequence of Equilibrium
         Stable equilibria to start from.
     count : int
-        So many.
+        Number of equilibria.
     seed : int
-        Of the points.
+        Seed of the points.
     """
     rng = np.random.default_rng(whole("seed", seed))
     known = list(instances("samples", samples, Equilibrium, "an Equilibrium"))
@@ -71,7 +72,7 @@ def sample_between(
 
 
 def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
-    """Inputs (count, nu) on the surface of the box of bounds, seen from the least input."""
+    """Inputs (count, nu) on the surface of the box of bounds, along rays from the least input."""
     rng, count = np.random.default_rng(whole("seed", seed)), whole("count", count)
     origin = np.clip(np.zeros(check_model(model).nu), model.u_min, model.u_max)
     ends = rng.uniform(model.u_min, model.u_max, (count, model.nu)) - origin
@@ -84,8 +85,8 @@ def random_inputs(model: SoftModel, count: int, seed: int = 0) -> np.ndarray:
 def random_shapes(
     model: SoftModel, count: int, seed: int = 0
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Random (q, u): joints within 0.7 rad and their limits, the input that balances them best."""
-    from scipy.optimize import lsq_linear  # slow to import, and not every process comes here
+    """Random (q, u): joints within 0.7 rad and their limits, u the input that balances q best."""
+    from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
     rng = np.random.default_rng(whole("seed", seed))
     check_model(model)

@@ -1,10 +1,10 @@
-"""Inputs that hold the tip at a given point, from many starts.
+"""Find inputs that hold the tip at a given point, from many starts.
 
-Unknown are q and u together: r(q, u) = 0 between the joint limits, u within its bounds, y(q) = y*.
-Two solvers share the work. `explore` treats all of it as one bounded least-squares problem from an
-arbitrary start, so it passes through shapes that are no equilibria and finds buckled and unstable
-branches that no ramp leads to. `approach` then moves along the branch of exact equilibria it ended
-on, with ∂y/∂u = J (∂r/∂q)⁻¹ B, until the tip is as close as the bounds let it.
+The unknowns are q and u: r(q, u) = 0 between the joint limits, u within its bounds, y(q) = y*. Two
+solvers work together. `explore` solves one bounded least-squares problem from an arbitrary start.
+It may pass through shapes that are no equilibria, so it finds buckled and unstable branches that a
+slowly raised input never reaches. `approach` then follows the branch of exact equilibria, with
+∂y/∂u = J (∂r/∂q)⁻¹ B, until the tip is as close as the bounds allow.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.explore import explore
 from softdyn.statics.samples import random_shapes
 
-SAME = 1e-3  # equilibria whose joints are this close are one (rad, m)
-EXPLORED = 4  # of the given starts
+SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
+EXPLORED = 4  # number of the given starts that `explore` uses
 
 
 @dataclass(frozen=True, eq=False)
 class TipSearch:
     """Equilibria that hold the tip at or near a target, the closest first.
 
-    Those within `REACHED` of the target count as equally close; among them the least input ‖u‖
-    comes first.
+    Equilibria within `REACHED` of the target count as equally close; of these the one with the
+    least input ‖u‖ comes first.
 
     Attributes
     ----------
     target : ndarray, (3,)
-        In the world (m).
+        The target in the world (m).
     found : tuple of Equilibrium
         Distinct equilibria, stable or not; at least one.
     """
@@ -51,19 +51,19 @@ class TipSearch:
 
     @property
     def nearest(self) -> Equilibrium:
-        """The closest equilibrium, whatever its stability."""
+        """The closest equilibrium, stable or not."""
         return self.found[0]
 
     @property
     def nearest_stable(self) -> Equilibrium | None:
-        """The closest stable one; None when none was found."""
+        """The closest stable equilibrium; None if none was found."""
         return next((one for one in self.found if one.stable), None)
 
     @property
     def most_stable(self) -> Equilibrium | None:
-        """The stable one with the largest smallest eigenvalue, among those as close as the closest.
+        """The stable equilibrium whose smallest eigenvalue is largest; None if none was found.
 
-        None when no stable one was found.
+        Only those as close to the target as the closest stable one are compared.
         """
         nearest = self.nearest_stable
         if nearest is None:
@@ -73,7 +73,7 @@ class TipSearch:
         return max(close, key=lambda one: one.eigenvalues[0] if one.eigenvalues.size else np.inf)
 
     def distance(self, equilibrium: Equilibrium) -> float:
-        """From its tip to the target (m)."""
+        """Distance of an equilibrium's tip from the target (m)."""
         one = instance("equilibrium", equilibrium, Equilibrium, "an Equilibrium")
         return float(np.linalg.norm(one.y - self.target))
 
@@ -90,30 +90,31 @@ def inputs_for_tip(
 ) -> TipSearch:
     """Inputs within their bounds that hold the tip at `target`, or as near as was found.
 
-    A local search from many starts: what it finds exists; what it does not find may exist.
+    It is a local search from many starts. Every equilibrium that it returns exists, but it may miss
+    some.
 
     Parameters
     ----------
     target : ndarray, (3,)
-        In the world (m).
+        The target in the world (m).
     starts : iterable of Equilibrium
-        Equilibria to start from besides rest, e.g. of `sample_rests`, the nearest first: from each
-        the branch is followed, from the first few shapes are explored too.
+        Equilibria to start from besides `rest`, for example from `sample_rests`, the nearest first.
+        `approach` starts from each of them, `explore` from the first few.
     guesses : iterable of (ndarray, ndarray)
-        (q, u), (nq,) and (nu,), to start from besides: equilibria or not.
+        Further starts (q, u), (nq,) and (nu,), which need not be equilibria.
     shapes : int
-        Random shapes to start from besides those.
+        Number of random shapes to start from.
     seed : int
-        Of the shapes.
+        Seed of the shapes.
     seconds : float
-        After which no further start is tried.
+        Time after which no further start is tried.
 
     Raises
     ------
     StaticsError
-        The robot does not even settle at rest.
+        If the robot has no equilibrium under the least input.
     InputError
-        A target of the wrong shape or not finite; a robot without inputs.
+        For a target of the wrong shape or not finite, and for a robot without inputs.
     """
     latest = perf_counter() + number("seconds", seconds, lower=0.0, finite=False)
     target, shapes = array("target", target, (3,)), whole("shapes", shapes)

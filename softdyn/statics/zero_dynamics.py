@@ -1,9 +1,9 @@
-"""The motions that no input drives: rank of B, stiffness there, poles of the zero dynamics.
+"""Directions without an input: rank of B, stiffness in them, poles of the zero dynamics.
 
 Paper, section "ID-CLF-QP": the zero dynamics are stable if the stiffness in the unactuated
-coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here: with the rows of U an orthonormal basis of
-the directions that no input moves, null(Bᵀ), the smallest eigenvalue of U (∂K/∂q + ∂g/∂q) Uᵀ is
-positive.
+coordinates dominates gravity, ∂K/∂q_u > -∂g/∂q_u. Here the rows of U are an orthonormal basis of
+null(Bᵀ), the directions that no input moves. The test is that the smallest eigenvalue of
+U (∂K/∂q + ∂g/∂q) Uᵀ is positive.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from softdyn.dynamics.derivatives import gravity_stiffness, tangent_dynamics
 from softdyn.dynamics.model import SoftModel, check_model
 
 RANK_TOLERANCE = 1e-6  # singular values of B below this share of the largest count as zero
-UNLIMITED = math.pi  # how far joints without limits are tried
+UNLIMITED = math.pi  # range in which joints without limits are sampled
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,17 +29,17 @@ class Pose:
     Attributes
     ----------
     name : str
-        Which one.
+        Name of the pose.
     coordinates : ndarray, (nv,)
         Joint coordinates (rad, m).
     rank : int
-        Of B.
+        Rank of B.
     unactuated : ndarray, (nv - rank, nv)
         Orthonormal rows that span null(Bᵀ).
     stiffness : ndarray, (nv - rank,)
-        Ascending eigenvalues of U (∂K/∂q + ∂g/∂q) Uᵀ; N m/rad where all joints turn.
+        Ascending eigenvalues of U (∂K/∂q + ∂g/∂q) Uᵀ (N m/rad, if all joints turn).
     gravity : ndarray, (nv - rank,)
-        The same of -U ∂g/∂q Uᵀ, descending: what the springs have to hold.
+        Descending eigenvalues of -U ∂g/∂q Uᵀ, the stiffness that gravity takes away.
     softest : ndarray, (nv,)
         Unit vector along the smallest stiffness.
     """
@@ -54,12 +54,12 @@ class Pose:
 
     @property
     def dominates(self) -> bool:
-        """Whether stiffness dominates gravity wherever no input acts; true where all do."""
+        """Whether stiffness dominates gravity in all directions without an input."""
         return self.least > 0
 
     @property
     def least(self) -> float:
-        """The smallest stiffness where no input acts; infinite where every direction has one."""
+        """The smallest stiffness in directions without an input; infinite if there are none."""
         return float(self.stiffness.min(initial=math.inf))
 
 
@@ -94,10 +94,10 @@ def sample_poses(model: SoftModel, samples: int, seed: int = 0) -> Iterator[Pose
 def find_boundary(
     model: SoftModel, weak: Pose, resolution: float = 1e-3
 ) -> tuple[float, Pose] | None:
-    """The pose between q = 0 and `weak` at which stiffness stops to dominate gravity.
+    """The pose between q = 0 and `weak` at which stiffness stops dominating gravity.
 
-    The share of the way, by bisection to `resolution`, and the pose there, of the same name as
-    `weak`. None where stiffness dominates at both ends, or at neither.
+    Returns the share of the way, by bisection to `resolution`, and the pose there with the name of
+    `weak`. Returns None unless stiffness dominates at q = 0 and does not at `weak`.
     """
     if weak.dominates or not examine(model, np.zeros(model.nv)).dominates:
         return None
@@ -115,16 +115,18 @@ def find_boundary(
 def zero_spectrum(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Poles (2(n - r),) (1/s) of the zero dynamics y ≡ y_d, the largest real part first.
 
-    Linearised at rest, M δq̈ + D δq̇ + K_t δq = B δu with K_t = ∂(h - B u)/∂q. Inputs hold the tip in
-    the r = rank(J M⁻¹ B) directions that they reach, P (3, r); where more inputs than r could, the
-    one of least norm does, δu in the rows of J M⁻¹ B, which B takes to B' (n, r). With N spanning
-    null(Pᵀ J) and W B' = 0, the poles solve det(s² W M N + s W D N + W K_t N) = 0. For r inputs
-    these are the invariant zeros. Exact at an equilibrium; elsewhere those of the pose, frozen.
+    The dynamics are linearised at zero velocity: M δq̈ + D δq̇ + K_t δq = B δu with
+    K_t = ∂(h - B u)/∂q. The inputs can hold the tip in r = rank(J M⁻¹ B) directions, the columns of
+    P (3, r). If there are more than r inputs, the δu of least norm is taken, which lies in the row
+    space of J M⁻¹ B; B maps this space to the columns of B' (n, r). With N spanning null(Pᵀ J) and
+    W B' = 0, the poles solve det(s² W M N + s W D N + W K_t N) = 0. For r inputs they are the
+    invariant zeros. They are exact at an equilibrium; at another pose they belong to the dynamics
+    frozen there.
 
     Parameters
     ----------
     model : SoftModel
-        Of a robot without mimic joints.
+        A model without mimic joints.
     q : array_like, (nq,)
         Configuration.
     u : array_like, (nu,)
@@ -133,7 +135,7 @@ def zero_spectrum(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        Wrong shape, a number that is not finite, or a robot with mimic joints.
+        For a wrong shape, a number that is not finite, or a robot with mimic joints.
     """
     still = np.zeros(check_model(model).nv)
     state = model.state(q, still)
