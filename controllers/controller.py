@@ -105,7 +105,7 @@ def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:
     if not guard.knows(state):
         own = f"a State of the controller's own robot, with {guard.nu} inputs"
         robot = state.model.robot
-        got = f"one of {robot.name!r} with {state.model.nu}"
+        got = f"one of {robot.name!r} with {state.model.nu} inputs"
         return InputError("state", own, f"{got}, of {robot.path}")
     return InputError("reference", "a Reference, e.g. SetPoint(y)", repr(reference))
 

@@ -131,8 +131,8 @@ def tuned(model: SoftModel) -> Schedule | None:
         return None
     table = read_toml(file)
     if model.bundled is None and table.pop(ROBOT, None) != model.robot.digest:
-        said = f"{file} was tuned for another robot than {model.robot.path} is now: it is not used"
-        warnings.warn(f"{said}. `softdyn tune` makes it anew", stacklevel=2)
+        said = f"{file} was tuned for another robot: {model.robot.path} has changed since"
+        warnings.warn(f"{said}, so it is not used. Run `softdyn tune` again", stacklevel=2)
         return None
     with errors_in(str(file)):
         return make_schedule(table)

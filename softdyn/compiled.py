@@ -1,4 +1,4 @@
-"""Small numeric kernels, compiled by Numba where it is installed.
+"""Small numeric kernels, compiled by Numba if it is installed.
 
 A kernel is an ordinary function on arrays in the part of NumPy that Numba knows. Without Numba, or
 with ``SOFTDYN_COMPILE=0`` in the environment, Python runs the same source. Tests compare the two.

@@ -38,8 +38,8 @@ from softdyn.design.chain import (
 
 URDF = Path(__file__).resolve().parent
 SOURCE = "source/reference_models.json"
-# The last line names this file's first place: the bytes of a bundled robot change with its numbers
-# alone, since tuned gains and stored runs belong to its digest.
+# The last line names this file's former path. It stays, so that a bundled robot's bytes change only
+# with its numbers: tuned gains and stored runs belong to its digest.
 CREDIT = """
   Source of the numbers: the paper's reference implementation, CyPhiLab/tendon_clf (MIT license),
   of Pham & Patterson, "Control Lyapunov Functions for Underactuated Soft Robots", collected in
@@ -60,14 +60,14 @@ def facts(robot: str) -> dict[str, Any]:
 
 
 def total(values: Iterable[float]) -> float:
-    """Return a sum from left to right: from Python 3.12 on `sum` keeps digits that files lack."""
+    """Return a sum from left to right; `sum` of Python 3.12 and later rounds in another way."""
     return reduce(add, values, 0.0)
 
 
 def rpy(quat: Sequence[float]) -> list[float]:
     """Return roll, pitch, yaw [rad] of a quaternion (w, x, y, z) that turns about one axis.
 
-    Some turn by 90 degrees of pitch, where a general conversion would lose half of the digits.
+    Some turn by a pitch of 90 degrees; there a general conversion would lose half of the digits.
 
     Raises
     ------
@@ -86,7 +86,8 @@ def tensor(principal: Sequence[float], quat: Sequence[float]) -> np.ndarray:
 
     Entries below 1e-12 of the largest moment are rounding of the quaternion, and become 0.
     """
-    # written out: the committed files hold its last digits, which SciPy's Rotation rounds otherwise
+    # written out, because SciPy's Rotation would round the last digits of the committed files
+    # in another way
     norm = math.sqrt(total(c * c for c in quat))
     w, x, y, z = (c / norm for c in quat)
     r = (
@@ -99,7 +100,7 @@ def tensor(principal: Sequence[float], quat: Sequence[float]) -> np.ndarray:
     for i in range(3):
         for j in range(i, 3):
             entry = total(r[i][k] * principal[k] * r[j][k] for k in range(3))
-            # 15 digits: 3e-06 stays 3e-06 whatever the last bit of the quaternion's norm is
+            # 15 digits, so that the last bit of the quaternion's norm does not show: 3e-06
             full[i][j] = full[j][i] = float(f"{entry:.15g}") if abs(entry) > noise else 0.0
     return np.array(full)
 
@@ -112,8 +113,8 @@ def add_body(
     joints: Sequence[str],
     *looks: str,
 ) -> None:
-    """Add a body of the facts, with these names of its joints and looks."""
-    stiffness = data["stiffness"]  # of all joints, or of bends and of strokes
+    """Add a body of the facts, with these joint names and looks."""
+    stiffness = data["stiffness"]  # of all joints; or a pair, of bends and of strokes
     bend, stroke = stiffness.values() if isinstance(stiffness, dict) else (stiffness, stiffness)
     compliant = []
     for joint_name, joint in zip(joints, body["joints"], strict=True):
@@ -127,7 +128,7 @@ def add_body(
         compliant.append(made)
     moments = tensor(body["inertia_principal"], body["inertia_quat_wxyz"])
     x, y, z = body["pos"]
-    if chain.last == "base":  # the reference lifts its base, which ours has at the origin
+    if chain.last == "base":  # the reference lifts its base; here the base is at the origin
         z = round(z - data["base_height"], 12)
     inertia = Inertia(body["mass"], np.array(body["com"]), moments)
     chain.add(name, inertia, looks, compliant, (x, y, z), rpy(body["quat_wxyz"]))
@@ -190,9 +191,9 @@ HELIX_KINDS = {"bend": (-25, 25), "lat": (-25, 25), "comp": (0, 25)}
 def helix_parts(i: int) -> list[str]:
     """Return the looks and the contact shape of helix segment ``i`` (1 to 12).
 
-    Odd segments are one helicoid cell tall, even ones three cells between plates; the last one
-    reaches to the tip in two cells. Contact shapes leave more than 15 mm between neighbours, the
-    stroke by which a joint can be compressed.
+    Odd segments are one helicoid cell tall. Even ones have three cells between plates, and the last
+    one has two cells up to the tip. A joint can be compressed by 15 mm, so contact shapes leave
+    more than that between neighbours.
     """
     plates: Sequence[float] = ()
     last = i == HELIX_SEGMENTS
@@ -260,7 +261,7 @@ CABLE = Input(-10.0, (0, 100), "u")
 
 
 def spirob() -> str:
-    """Return the log-spiral arm of the paper: 27 DOF, 3 cables, hanging down."""
+    """Return the paper's log-spiral arm: 27 DOF, 3 cables, hanging down."""
     from softdyn.design import log_spiral
 
     data = facts("spirob")
@@ -331,8 +332,9 @@ def spirob48() -> str:
 def helicoid_mesh(strips: int = 4, inner: float = 0.6, thickness: float = 0.16) -> np.ndarray:
     """Return one cell of a trimmed helicoid: strips of both hands about y, of radius and height 1.
 
-    A helicoid sweeps a radial line up a screw; trimmed, only its outer part is left, and two
-    opposite hands make a lattice. A strip turns by 1/``strips`` of a circle, so cells fit together.
+    A helicoid is the surface that a radial line sweeps along a screw. A trimmed one is only the
+    outer part of it. Strips of both hands make a lattice. A strip turns by 1/``strips`` of a
+    circle, so cells fit together.
 
     Parameters
     ----------
@@ -341,7 +343,7 @@ def helicoid_mesh(strips: int = 4, inner: float = 0.6, thickness: float = 0.16) 
     inner : float
         Radius inside which the helicoid is cut away.
     thickness : float
-        Of a strip, along y.
+        Thickness of a strip, along y.
     """
     import numpy as np
 

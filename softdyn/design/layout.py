@@ -107,7 +107,7 @@ class Layout:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """Where each body ends (m)."""
+        """The end of each body (m)."""
         return np.append(self.stations[1:], self.arm.length)
 
     def body_at(self, x: float) -> int:

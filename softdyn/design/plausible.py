@@ -30,7 +30,7 @@ LENGTH = 1e-3, 20.0
 """Length of a section (m)."""
 RADIUS = 1e-4, 1.0
 """Radius of a section (m)."""
-HINT = "or unusual = true for what is meant"
+HINT = "or set unusual = true if it is meant"
 
 
 def check(layout: Layout) -> None:

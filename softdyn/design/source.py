@@ -1,4 +1,4 @@
-"""From a table to a robot's files: an arm of sections, or one of the presets."""
+"""Make a robot's files from a table: an arm of sections, or one of the presets."""
 
 from __future__ import annotations
 

@@ -37,8 +37,8 @@ class Diagnosis:
     poses : tuple of Pose
         All examined poses, q = 0 first.
     boundary : tuple of float and Pose, or None
-        The pose on the way from q = 0 to the weakest pose from which gravity wins, and its share of
-        the way.
+        The point on the way from q = 0 to the weakest pose at which gravity starts to win: its
+        share of the way, and the pose there.
     equilibrium : Equilibrium or None
         The equilibrium from q = 0 under the least input; None if there is none.
     warnings : tuple of str
@@ -215,7 +215,7 @@ class Diagnosis:
 
 
 def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
-    """Explain a robot and name what looks wrong in its file.
+    """Explain a robot and list the numbers in its file that look wrong.
 
     Parameters
     ----------

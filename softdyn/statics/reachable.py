@@ -59,8 +59,8 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
         found.append(left[int(np.argmax(distance))])
         distance = np.minimum(distance, [np.linalg.norm(one.y - found[-1].y) for one in left])
     if not found:
-        expected = f"inputs that move the tip of {model.robot.path} from one stable rest to another"
-        raise InputError("robot", expected, "none that were found")
+        expected = f"two stable equilibria of {model.robot.path} with different tips"
+        raise InputError("robot", expected, "fewer")
     return tuple(found)
 
 

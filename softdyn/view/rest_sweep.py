@@ -152,7 +152,7 @@ def _joints(model: SoftModel) -> RestSweep:
 
 
 def _ramp(seconds: float) -> np.ndarray:
-    """From 0 to 1, smoothly."""
+    """A smooth rise from 0 to 1."""
     return (1 - np.cos(np.linspace(0, np.pi, round(seconds / STEP)))) / 2
 
 

@@ -107,7 +107,7 @@ class Channel(Served):
         answer = self._process.stdout.readline().decode().strip()
         if answer != "ready":
             self.close()
-            raise InputError("pages", "a server of its own process", answer or "one that died")
+            raise InputError("pages", "a running server process", answer or "one that died")
         self.url = f"http://{HOST}:{found}/?token={token}"
 
     def wait(self, timeout: float) -> bool:
