@@ -1,7 +1,8 @@
-"""Arrays from an NPZ file that anyone may have written: judged by their headers before any is read.
+"""Arrays from an NPZ file of any origin: their headers are checked before any array is read.
 
-A header can claim any size and a zip file can grow a thousandfold, so that neither is believed: an
-array has the size its header says or is refused, and all together stay below `MAX_BYTES`.
+A header can claim any size, and a zip file can grow a thousandfold when it is unpacked. So both are
+checked: an array must have the size that its header states, and all arrays together must stay below
+`MAX_BYTES`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.lib import format as npy
 
 from softdyn import InputError
 
-MAX_BYTES = 2**30  # of all arrays of one file: a million control steps of a large robot
+MAX_BYTES = 2**30  # for all arrays of one file: a million control steps of a large robot
 
 
 def read_npz(path: str | Path, expected: str, kind: str = "file") -> dict[str, np.ndarray]:
@@ -26,20 +27,20 @@ def read_npz(path: str | Path, expected: str, kind: str = "file") -> dict[str, n
     ----------
     path : str or Path
     expected, kind : str
-        What the file should be, for the error, and in one word for one that cannot be opened.
+        Description of the file for the error message; `kind` is its one word, used when the file
+        cannot be opened.
 
     Raises
     ------
     InputError
-        A file that cannot be read, is damaged, has pickled objects or more than `MAX_BYTES` of
-        content.
+        The file cannot be read, is damaged, has pickled objects or holds more than `MAX_BYTES`.
     """
     try:
         with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
             return _arrays(archive)
     except OSError as error:
         raise InputError(str(path), f"a readable {kind}", error.strerror or error) from None
-    except Exception as error:  # zipfile, zlib and NumPy raise a dozen kinds for damaged content
+    except Exception as error:  # zipfile, zlib and NumPy raise many exceptions
         raise InputError(str(path), expected, error) from None
 
 
@@ -55,7 +56,7 @@ def _arrays(archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
 
 
 def _check_header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
-    """Refuse an array of another size than its header says."""
+    """Refuse an array whose size differs from the one in its header."""
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("another compression")
     with archive.open(entry) as stream:
@@ -71,5 +72,5 @@ def _check_header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
-    content = io.BytesIO(archive.read(entry))  # to its end, where zipfile checks the sum
+    content = io.BytesIO(archive.read(entry))  # to the end, where zipfile tests the checksum
     return npy.read_array(content, allow_pickle=False)

@@ -1,4 +1,4 @@
-"""Files of a command: what is read is checked, what is written appears whole or not at all."""
+"""Files of a command: input is checked, and an output file appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ MAX_JSON = 64_000_000  # bytes
 
 
 def check_writable(path: str | Path) -> Path:
-    """`path` when a file can be written there, tried out beside it so that nothing changes.
+    """Return `path` if a file can be written there; the test writes beside it, so nothing changes.
 
     Raises
     ------
     InputError
-        For a folder that does not exist or is read-only, a `path` that is a folder, a device that
-        may not be written or is full.
+        The folder does not exist or is read-only, `path` is a folder, or the device is full or not
+        writable.
     """
     path = Path(path)
     if os.path.isdir(path):
@@ -50,13 +50,13 @@ def check_writable(path: str | Path) -> Path:
 
 
 def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> None:
-    """`check_writable` of each file of one command, before any work; None and ``-`` are none.
+    """Check all outputs of a command with `check_writable`; None and ``-`` are skipped.
 
     Raises
     ------
     InputError
-        Also for two outputs that are one file, since the second would replace the first; and for
-        one of the files that the command reads, which `inputs.files_read` finds.
+        Also if two outputs are one file, because the second would replace the first. Also if an
+        output is a file that the command reads; `inputs.files_read` finds these.
     """
     seen: set[Path] = set()
     for path in paths:
@@ -80,13 +80,13 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     ----------
     path : str or Path
     expected : str
-        What the file should be, for the error.
+        Description of the file for the error message.
 
     Raises
     ------
     InputError
-        When it cannot be read, has more than `MAX_JSON` bytes, or is no JSON object that Python can
-        hold, with names that are there once and numbers that are finite.
+        The file cannot be read, has more than `MAX_JSON` bytes or is no JSON object. Also if a name
+        occurs twice or a number is not finite.
     """
     content = read_bytes(path, MAX_JSON)
     try:
@@ -101,7 +101,7 @@ def read_json(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def to_json(value: Any) -> str:
-    """`value` as strict JSON on indented lines; figures that are not finite become null."""
+    """`value` as strict, indented JSON; numbers that are not finite become null."""
     return json.dumps(_finite(value), indent=2, allow_nan=False)
 
 
@@ -122,7 +122,7 @@ def _refuse_constant(name: str) -> None:
 
 
 def _holds_infinity(value: Any) -> bool:
-    """Whether there is a number such as 1e999."""
+    """Whether `value` contains an infinite number, such as Python reads from 1e999."""
     if isinstance(value, dict | list):
         parts = value.values() if isinstance(value, dict) else value
         return any(_holds_infinity(part) for part in parts)
@@ -130,7 +130,7 @@ def _holds_infinity(value: Any) -> bool:
 
 
 def safe_filename(text: str) -> str:
-    """`text` as one path component; a path or a class keeps its last words and gains a hash."""
+    """`text` as one path component; a path or FILE.py:CLASS becomes its last words and a hash."""
     if re.fullmatch(r"[A-Za-z0-9_-]+", text):
         return text
     stem = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(text).name)

@@ -1,4 +1,4 @@
-"""The files that a command reads, directly or not: no output may take the place of one."""
+"""The files that a command reads, directly or not; no output may replace one of them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from softdyn.description import meshes
 from softdyn.exceptions import InputError
 from softdyn.files import followed, is_stream, read_toml
 
-MAX_BYTES = 16_000_000  # of a file that is searched for names; a larger one names nothing
+MAX_BYTES = 16_000_000  # a larger file is not searched for names of other files
 XML = (".urdf", ".xml", ".mjcf")
 QUOTED = re.compile(rb"""=\s*(?:"([^"<>]{1,1000})"|'([^'<>]{1,1000})')""")
 FOLDERS = re.compile(rb"""\b(?:mesh|asset|texture)dir\s*=\s*["']([^"'<>]{1,1000})["']""")
 
 
 def files_read(given: Iterable[Any], opened: dict[Path, bytes] | None = None) -> set[Path]:
-    """Every file that is read where these are: themselves, and those that they name.
+    """All files that a command reads: its arguments, and the files that these name.
 
     A URDF or MJCF names its meshes, textures and includes, a TOML file robots, controllers and
     gains, a Python file the modules beside it.
@@ -28,14 +28,14 @@ def files_read(given: Iterable[Any], opened: dict[Path, bytes] | None = None) ->
     Parameters
     ----------
     given : iterable
-        A command's arguments: paths, FILE.py:CLASS, or anything else, which is no file.
+        A command's arguments: paths, FILE.py:CLASS, or other values, which are ignored.
     opened : dict, optional
-        Takes the content of every URDF and MJCF, so that the command need not open it again.
+        Filled with the content of every URDF and MJCF, so that the command need not open it again.
 
     Returns
     -------
     set of Path
-        Absolute, links followed.
+        Absolute paths, links resolved.
     """
     found: set[Path] = set()
     waiting = [path for value in given for path in _files(value, Path())]
@@ -77,7 +77,7 @@ def _named(path: Path, opened: dict[Path, bytes]) -> Iterator[Path]:
 def _in_toml(path: Path) -> Iterator[Path]:
     try:
         waiting: list[Any] = [read_toml(path)]
-    except InputError:  # the command that reads it says so
+    except InputError:  # the command that reads it reports the error
         return
     while waiting:
         value = waiting.pop()
@@ -99,7 +99,8 @@ def _in_python(path: Path) -> Iterator[Path]:
 def imported(file: Path) -> list[Path]:
     """A Python file and the modules beside it that it imports, and those that these import.
 
-    softdyn is none of them, also where it lies beside the file: it is a part of every fingerprint.
+    softdyn itself is left out, even if it lies beside the file, because every fingerprint contains
+    it.
     """
     root = file.resolve().parent
     found: list[Path] = []
@@ -136,5 +137,5 @@ def _in_xml(path: Path, content: bytes) -> Iterator[Path]:
         if "://" in text:
             try:
                 yield meshes.locate(path, text)
-            except meshes.MeshError:  # the reader of the robot says so
+            except meshes.MeshError:  # the reader of the robot reports the error
                 continue

@@ -1,4 +1,4 @@
-"""A user's values as JSON knows them, the same text in every process."""
+"""A user's values as JSON values, with the same text in every process."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ LARGEST = 2**63
 
 
 def to_plain_data(value: Any) -> Any:
-    """`value` with dataclasses, arrays and sets spelt out, and what JSON has no word for as text.
+    """`value` with dataclasses, arrays and sets as dicts and lists, and other objects as text.
 
-    Addresses in memory are left out of such a text, and sets are sorted: neither is the same twice.
+    Memory addresses are removed from such a text and sets are sorted, because both change from
+    process to process.
     """
     if isinstance(value, int) and abs(value) > LARGEST:
         return hex(value)  # Python refuses to write thousands of digits

@@ -1,4 +1,4 @@
-"""Long work on several processes that end together, whatever ends them."""
+"""Long work in several processes, which all end together."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Result = TypeVar("Result")
 
 
 class WorkerKilled(SoftdynError):
-    """A process that worked is gone; what is done stays done."""
+    """A worker process was killed; finished results are kept."""
 
 
 def in_processes(
@@ -40,7 +40,7 @@ def in_processes(
     Raises
     ------
     WorkerKilled
-        A process was ended from outside.
+        A worker process was killed from outside.
     """
     start = {"initializer": _begin, "initargs": (os.getpid(), os.getcwd())}
     try:
@@ -68,12 +68,12 @@ def in_order(
 def numbered(
     index: int, function: Callable[..., Result], call: tuple[Any, ...]
 ) -> tuple[int, Result]:
-    """A result with its number, for those who need to know which call it is of."""
+    """A result with the number of its call."""
     return index, function(*call)
 
 
 def _begin(parent: int, folder: str) -> None:
-    """First in a worker: leave nothing behind when it is killed, and end when its parent does."""
+    """Set up a worker: it leaves nothing behind when it is killed, and ends with its parent."""
     tqdm.set_lock(RLock())  # its own is a semaphore of the system
     os.chdir(folder)
 
@@ -86,5 +86,5 @@ def _begin(parent: int, folder: str) -> None:
 
 
 def _work(function: Callable[..., Result], call: tuple[Any, ...]) -> Result:
-    with redirect_stdout(sys.stderr):  # what a user's controller prints is not our output
+    with redirect_stdout(sys.stderr):  # prints of a user's controller must not mix with our output
         return function(*call)

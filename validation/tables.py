@@ -10,7 +10,7 @@ from html import escape
 from typing import Any
 
 Column = tuple[str, str, str]
-"""Title, key of the rows, format; a column without a format holds words."""
+"""Title, key of the rows, format; a column without a format holds text."""
 
 _TEX = str.maketrans({
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "_": r"\_", "&": r"\&", "%": r"\%",
@@ -29,12 +29,12 @@ class Table:
     Attributes
     ----------
     titles : sequence of str
-        Empty for a table without a first line.
+        Empty for a table without a title line.
     rows : sequence of sequence
         Values in the order of the titles.
     formats : sequence of str
-        One a column, empty for words; all columns are words by default. `text` aligns the others on
-        the right.
+        One format per column, empty for text, which is the default. `text` aligns the other columns
+        on the right.
     """
 
     titles: Sequence[str]
@@ -43,7 +43,7 @@ class Table:
 
     @classmethod
     def of(cls, columns: Iterable[Column], rows: Iterable[Mapping[str, Any]]) -> Table:
-        """The table of these columns, from rows that hold their keys."""
+        """A table with these columns, from rows that hold their keys."""
         titles, keys, formats = zip(*columns, strict=True)
         return cls(titles, [[row[key] for key in keys] for row in rows], formats)
 
@@ -66,14 +66,14 @@ class Table:
         return "\n".join("  ".join(line).rstrip() for line in zip(*columns, strict=True))
 
     def markdown(self) -> str:
-        """Every cell on one line, shown as it is."""
+        """A Markdown table; every cell is on one line and shown literally."""
         made = [" | ".join(inline(cell).replace("|", r"\|") for cell in line)
                 for line in self.lines]  # fmt: skip
         made[1:1] = [" | ".join("---" for _ in self.titles)]
         return "\n".join(f"| {line} |" for line in made)
 
     def latex(self, sides: str) -> str:
-        """A booktabs table, a rule above each new first cell; `sides` as tabular takes them."""
+        """A booktabs table with a rule above each new first cell; `sides` goes to tabular."""
         titles, *lines = ([cell.translate(_TEX) for cell in line] for line in self.lines)
         made = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", " & ".join(titles) + r" \\"]
         for line, new in _grouped(lines):
@@ -98,7 +98,7 @@ class Table:
         return "<table>" + "\n".join(made) + "\n</table>"
 
     def csv(self) -> str:
-        """The values themselves: numbers in full, None as an empty field."""
+        """The values as CSV: numbers in full, None as an empty field."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.titles)
@@ -108,7 +108,7 @@ class Table:
 
 
 def document(*blocks: str) -> str:
-    """Headings, paragraphs and tables as a Markdown file; empty blocks are left out."""
+    """Headings, paragraphs and tables as Markdown; empty blocks are left out."""
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
@@ -124,7 +124,7 @@ def _cell(value: Any, form: str) -> str:
 
 
 def _grouped(lines: Iterable[Sequence[str]]) -> Iterator[tuple[Sequence[str], bool]]:
-    """Each line, and whether its first cell is another than the one above."""
+    """Each line, and whether its first cell differs from the one above."""
     above = None
     for line in lines:
         yield line, line[0] != above

@@ -1,4 +1,4 @@
-"""Pinocchio against MuJoCo, and what statics says against MuJoCo.
+"""Checks against MuJoCo: the terms of the model, and the equilibria of statics.
 
 Which file holds what
 ---------------------
@@ -7,11 +7,11 @@ crosscheck
 mujoco_terms
     MuJoCo's own answer to each term of the dynamics.
 trajectories
-    Both engines along time, and their ladders of steps.
+    Trajectories in both engines, and how they converge when the step is halved.
 result
-    What a cross-check found, and its text.
+    The result of a cross-check, and its text.
 rests
     Whether the twin stays at an equilibrium.
 rest_report
-    Where a robot can rest, judged by the twin, and its text.
+    The equilibria of a robot, each held in the twin, and their text.
 """

@@ -5,8 +5,8 @@ computed by each, and
 
     error = max|a - b| / max(|a|, |b|, scale),
 
-the norms being largest absolute values and the scale saying what counts as nothing, so that zeros
-compare. Limits, contacts and dry friction are off: they are the plant's, not the model's.
+where the norms are largest absolute values. The scale keeps the error small where both values are
+almost zero. Limits, contacts and dry friction are off, because only the plant has them.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from softdyn.validation.twin.twin import Twin
 
 SPEED = 1.0  # rad/s, or m/s of a prismatic joint, at most
 TOLERANCE = 1e-10
-TOLERANCE_SPATIAL = 1e-9  # where moment arms come from directions between sites
+TOLERANCE_SPATIAL = 1e-9  # wider, because moment arms come from directions between sites
 TOLERANCE_TRAJECTORY = 1e-11
 SCALES = {
     "tip": "length of the robot",
@@ -52,20 +52,20 @@ QUANTITIES = tuple(SCALES)
 
 @dataclass
 class Tally:
-    """Largest error of each quantity so far, and the first thing that went wrong with it."""
+    """The largest error of each quantity so far, and the first failure of each."""
 
     errors: dict[str, float] = field(default_factory=lambda: dict.fromkeys(QUANTITIES, 0.0))
     reasons: dict[str, str] = field(default_factory=dict)
     condition: float = 1.0
 
     def fail(self, reason: str, *quantities: str) -> None:
-        """Give up on quantities, with the reason."""
+        """Mark quantities as failed, with the reason."""
         for quantity in quantities or QUANTITIES:
             self.errors[quantity] = math.nan
             self.reasons.setdefault(quantity, reason)
 
     def compare(self, quantity: str, a: np.ndarray, b: np.ndarray, scale: float) -> None:
-        """Take in one comparison of the model's `a` with the twin's `b`."""
+        """Record one comparison of the model's `a` with the twin's `b`."""
         a, b = np.asarray(a, float), np.asarray(b, float)
         if a.shape != b.shape:
             self.fail(f"shape {a.shape} of the model, {b.shape} of the twin", quantity)
@@ -77,7 +77,7 @@ class Tally:
 
     @contextmanager
     def guard(self, *quantities: str) -> Iterator[None]:
-        """Turn whatever an engine raises into the failure of `quantities`."""
+        """Turn an exception of an engine into a failure of `quantities`."""
         try:
             with np.errstate(all="ignore"):
                 yield
@@ -108,21 +108,21 @@ def crosscheck(
     model : SoftModel
         The analytic model.
     twin : Twin or Scene, optional
-        Built from the model's own file unless given. Only its MuJoCo model is used, a copy of it:
-        no state of the twin changes.
+        By default it is built from the model's own file. A copy of its MuJoCo model is used, so
+        that the twin's state does not change.
     samples : int
         Number of random states.
     seed : int
-        Of the random states and inputs.
+        Seed of the random states and inputs.
     trajectories : bool
-        Whether to compare them too, which takes most of the time.
+        Whether to compare trajectories too, which takes most of the time.
     progress : callable, optional
-        Called with a word on what is being done.
+        Called with a short text about the current step.
 
     Returns
     -------
     CrossCheck
-        Differences, crashes and misfits of the twin are failed checks, never exceptions.
+        Differences, crashes and a twin that does not fit are failed checks, not exceptions.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def crosscheck(
 
 
 def _tolerances(model: SoftModel) -> dict[str, float]:
-    """Tolerance of each quantity; what spatial tendons enter gets the wider one."""
+    """Tolerance of each quantity; a quantity that depends on spatial tendons gets the wider one."""
     found = dict.fromkeys(QUANTITIES, TOLERANCE) | {"trajectory": TOLERANCE_TRAJECTORY}
     spatial = [tendon for tendon in model.robot.tendons if tendon.sites]
     driven = {actuator.tendon for actuator in model.robot.actuators}
@@ -186,7 +186,7 @@ def _tolerances(model: SoftModel) -> dict[str, float]:
 def random_state(model: SoftModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A random configuration q (nq,) inside the limits and velocity v (nv,).
 
-    Unlimited joints, and limits further out than that, are drawn within ±π (rad or m).
+    Coordinates are drawn within ±π (rad or m) where a joint has no limits or wider ones.
     """
     lower, upper = window(model)
     q = model.configuration(rng.uniform(lower, upper))
@@ -195,9 +195,9 @@ def random_state(model: SoftModel, rng: np.random.Generator) -> tuple[np.ndarray
 
 
 def window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper (nv,) coordinates to draw from."""
+    """Lower and upper bounds (nv,) of the random coordinates."""
     lower, upper = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
-    outside = lower > upper  # limits that lie beyond ±π altogether
+    outside = lower > upper  # both limits lie beyond ±π
     return np.where(outside, model.lower, lower), np.where(outside, model.upper, upper)
 
 

@@ -1,7 +1,8 @@
-"""Two files in the engines that read them: each in its own, and one against the other.
+"""Two files of one robot, each in the engine that reads it, and the two engines compared.
 
-What a comparison says about two neutral forms holds for the engines as far as the errors of each
-file in its own engine go. `side_by_side` asks both engines directly, as the cross-check does.
+A comparison works on neutral forms of the two files. `engine_errors` says how closely each engine
+agrees with the neutral form of its file. `side_by_side` compares the two engines directly, as the
+cross-check does.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral
 def engine_errors(
     source: str | Path | Side, *, samples: int = 8, seed: int = 0
 ) -> dict[str, float]:
-    """How far an engine that reads the file is from the neutral form.
+    """Difference between the engine that reads a file and the file's neutral form.
 
     Parameters
     ----------
@@ -46,8 +47,8 @@ def engine_errors(
     Returns
     -------
     dict[str, float]
-        Relative errors of ``M``, ``bias``, ``g``, by the largest entry of each or of M; none for a
-        URDF with mimic joints, which Pinocchio's model has no coordinates for.
+        Errors of ``M``, ``bias``, ``g``, relative to the largest entry of each or of M. Empty for a
+        URDF with mimic joints, because Pinocchio's model has no coordinates for them.
 
     Raises
     ------
@@ -76,8 +77,8 @@ def side_by_side(
 ) -> CrossCheck:
     """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
 
-    What only one file states of its joints (armature, damping, springs) is the URDF's in both, so
-    that the engines agree where the files do. Joints that only the MJCF has stand still.
+    Where only one file states armature, damping or springs, both engines take the URDF's values. So
+    the engines agree where the files agree. Joints that only the MJCF has stand still.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ def side_by_side(
     UrdfError
         For a file that cannot be used.
     InputError
-        For two files of one format, and an MJCF that has not all joints or inputs of the URDF.
+        Both files have one format, or the MJCF lacks joints or inputs of the URDF.
     """
     sides = sorted((Side.of(a), Side.of(b)), key=lambda side: side.is_mjcf)
     if [side.is_mjcf for side in sides] != [False, True]:
@@ -102,13 +103,13 @@ def side_by_side(
     scene = Scene(model, mjcf)
     _settle_one_sided(scene)
     found = crosscheck(model, scene, samples=samples, seed=seed)
-    # what the rest of a scene weighs is in its energy
+    # the energy contains the weight of the rest of the scene
     checks = tuple(check for check in found.checks if check.quantity != "energy")
     return replace(found, checks=checks)
 
 
 def differing(pair: CrossCheck) -> list[str]:
-    """Terms in which two files differ by more than a comparison calls rounding; no motions."""
+    """Terms in which two files differ by more than rounding; motions are left out."""
     return [
         check.quantity
         for check in pair.checks
@@ -117,7 +118,7 @@ def differing(pair: CrossCheck) -> list[str]:
 
 
 def _settle_one_sided(scene: Scene) -> None:
-    """Give the scene what the URDF says where only one file says anything."""
+    """Give the scene the URDF's values where only one of the files states any."""
     model, matched = scene.model, scene.comparison.matched
     sorts = {"damping": ("dof_damping", "dof_dampingpoly"), "armature": ("dof_armature",),
              "stiffness": ("jnt_stiffness", "jnt_stiffnesspoly")}  # fmt: skip
@@ -149,7 +150,7 @@ def _settle_one_sided(scene: Scene) -> None:
 def _silence_drives(
     model: mujoco.MjModel, target: int, sorts: tuple[int, ...], cause: Cause
 ) -> None:
-    """Take from actuators what they add to their target's armature or damping."""
+    """Remove the armature and damping that actuators add to their targets."""
     for k in range(model.nactuator):
         if model.actuator_trnid[k, 0] == target and any(
             model.actuator_trntype[k] == sort for sort in sorts
@@ -182,12 +183,12 @@ def _pinocchio(model: SoftModel, robot: Neutral, q: list[np.ndarray], v: np.ndar
 
 
 class _Mujoco:
-    """A compiled MJCF, asked in the coordinates of the neutral form."""
+    """A compiled MJCF, evaluated in the coordinates of the neutral form."""
 
     def __init__(self, robot: Neutral, model: mujoco.MjModel) -> None:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._parts, self._model, self._data = robot.parts, model, mujoco.MjData(model)
-        # angular velocities of balls and free bases: the body's axes against the root's at zero
+        # angular velocities of balls and free bases: the body's axes relative to the root's at zero
         self._turn = np.eye(model.nv)
         first = 0
         for part in robot.parts:

@@ -1,7 +1,7 @@
-"""MuJoCo's own answer to each term of the dynamics, in the model's order of joints.
+"""Every term of the dynamics as MuJoCo computes it, in the model's order of joints.
 
-Each answer comes from MuJoCo's pipeline alone: forces of unit velocities and unit inputs give D and
-B column by column, the parts of its passive forces give K and D, `mj_jacDot` gives J̇.
+The terms come from MuJoCo's pipeline alone. Forces under unit velocities and unit inputs give D and
+B column by column. The parts of its passive forces give K and D, and `mj_jacDot` gives J̇.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class MujocoTerms:
     Parameters
     ----------
     twin : Twin or Scene
-        Where the MuJoCo model comes from; it is copied. What only a scene has stands still, and
-        actuators that no input drives do nothing.
+        The source of the MuJoCo model, which is copied. Joints that only a scene has stand still,
+        and actuators that no input drives do nothing.
     states : StateMap
         The convention map from the model's states to the twin's.
 
@@ -35,7 +35,7 @@ class MujocoTerms:
     nu, nv : int
         Numbers of actuators and of degrees of freedom.
     mass : float
-        Of all moving bodies (kg).
+        Mass of all moving bodies (kg).
     """
 
     def __init__(self, twin: Twin | Scene, states: StateMap) -> None:
@@ -103,7 +103,7 @@ class MujocoTerms:
         return matrix
 
     def bias(self) -> np.ndarray:
-        """C q̇ + g (nv,), with what M does to the twin's own accelerations at constant v."""
+        """C q̇ + g (nv,), with M times the twin's accelerations at constant v."""
         return self._map.T @ self._data.qfrc_bias + self._turning()
 
     def g(self) -> np.ndarray:
@@ -147,7 +147,8 @@ class MujocoTerms:
     def qdd(self, u: np.ndarray) -> np.ndarray:
         """Acceleration (nv,) under the input u (nu,).
 
-        MuJoCo's own; where followers are held, that of its projected forces and mass matrix.
+        It is MuJoCo's own. For a robot with followers it is solved from MuJoCo's projected forces
+        and mass matrix.
         """
         self._data.ctrl[:] = self._inputs @ u
         mujoco.mj_forward(self._model, self._data)
@@ -181,8 +182,8 @@ class MujocoTerms:
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Integrate each input (nu,) for its number of steps.
 
-        MuJoCo integrates, but where followers are held: there the judge does, by the same schemes,
-        with MuJoCo's forces, mass matrix and update of positions.
+        MuJoCo integrates, except for a robot with followers. That is integrated here by the same
+        schemes, with MuJoCo's forces, mass matrix and update of positions.
 
         Yields
         ------
@@ -205,11 +206,12 @@ class MujocoTerms:
             check_warnings(data)
             yield self.states.coordinates(data.qpos), self.states.from_twin(data.qpos, data.qvel)[1]
 
-    # Velocities of a tied robot, w = v but for a floating base, where w is MuJoCo's velocity in the
-    # world's axes: qvel = E w with E constant, so that qacc = E ẇ and M̃ = Eᵀ M E, f̃ = Eᵀ f.
+    # Velocities of a robot with followers: w = v, except for a floating base, where w is MuJoCo's
+    # velocity in the world's axes: qvel = E w with E constant, so that qacc = E ẇ and M̃ = Eᵀ M E,
+    # f̃ = Eᵀ f.
 
     def _tied_forces(self, qpos: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mass matrix (nv, nv) and all forces (nv,) on the tied robot."""
+        """Mass matrix (nv, nv) and all forces (nv,) of a robot with followers."""
         data, E = self._data, self.states.ties
         data.qpos[:], data.qvel[:] = qpos, E @ w
         mujoco.mj_forward(self._model, data)

@@ -1,4 +1,4 @@
-"""Where a robot can rest, judged: targets for the tip, what holds it there, the twin's verdict.
+"""Equilibria for given targets of the tip, each held in the twin.
 
 report = rests_at(model, {"here": point})
 print(report)
@@ -19,9 +19,9 @@ from softdyn.statics import Equilibrium, TipSearch, inputs_for_tip, sample_betwe
 from softdyn.statics.samples import STATIONS
 from softdyn.validation.crosschecks.rests import Drift, hold
 
-CM = 100.0  # in a metre
-STARTS = 24  # sampled rests that each target is sought from
-NUDGE = 1e-3  # rad, or part of a stroke: what stability is tried with in the twin
+CM = 100.0  # per metre
+STARTS = 24  # sampled equilibria from which the search for each target starts
+NUDGE = 1e-3  # rad, or part of a stroke: the displacement that tests stability in the twin
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,11 @@ class HeldRest:
     Attributes
     ----------
     rest : Equilibrium
-        What was put into the twin.
+        The equilibrium that was put into the twin.
     seconds : float
         Length of its run (s).
     drift, nudged : Drift
-        Of the tip, exactly put there and with the joints nudged by 1e-3 rad.
+        Drift of the tip, from the exact equilibrium and with the joints displaced by 1e-3 rad.
     """
 
     rest: Equilibrium
@@ -80,18 +80,17 @@ class HeldRest:
 
 @dataclass(frozen=True, eq=False)
 class TargetReport:
-    """What was found for one target.
+    """The equilibria that were found for one target.
 
     Attributes
     ----------
-    name : str
-        Of the target.
+    name : str Name of the target.
     search : TipSearch
-        All that was found.
+        All equilibria found.
     closest, closest_stable, most_stable : HeldRest, or None where no stable one was found
-        The search's own, judged.
+        The equilibria of the search, each held in the twin.
     closest_sample : float
-        Distance of the closest sampled rest (m), NaN without samples.
+        Distance of the closest sampled equilibrium (m), NaN without samples.
     """
 
     name: str
@@ -134,7 +133,7 @@ class TargetReport:
 
 @dataclass(frozen=True, eq=False)
 class RestReport:
-    """Where a robot can rest: the stable rests sampled, and a report for each target."""
+    """The stable equilibria that were sampled, and a report for each target."""
 
     robot: str
     samples: tuple[Equilibrium, ...]
@@ -161,7 +160,7 @@ def rests_at(
     seconds: float = 10.0,
     guesses: Iterable[tuple[np.ndarray, np.ndarray]] = (),
 ) -> RestReport:
-    """Sample where a robot can rest, search inputs for each target, hold what is found in the twin.
+    """Sample equilibria, search inputs for each target, hold the equilibria found in the twin.
 
     Parameters
     ----------
@@ -172,20 +171,20 @@ def rests_at(
     rays : int
         Random inputs to raise, see `statics.sample_rests`.
     more : int
-        Stable rests sought where there are few, see `statics.sample_between`.
+        Number of further stable equilibria sought where samples are sparse, see
+        `statics.sample_between`.
     shapes : int
-        Random shapes to start from, for each target.
+        Number of random shapes from which the search for each target starts.
     seed : int
-        Of all that is random.
+        Seed of all random numbers.
     seconds : float
-        Length of the twin's runs (s).
-    guesses : iterable of (ndarray, ndarray)
-        (q, u), (nq,) and (nu,), to start each target from, too.
+        Length of the twin's runs (s). guesses : iterable of (ndarray, ndarray) Further starting
+        points (q, u), (nq,) and (nu,), for each target.
 
     Raises
     ------
     StaticsError
-        The robot does not even settle at rest.
+        The robot does not settle under zero input.
     InputError
         A target of the wrong shape or not finite.
     """

@@ -1,4 +1,4 @@
-"""The twin's verdict on an equilibrium: does the robot stay there with the input frozen?"""
+"""Whether the twin stays at an equilibrium while the input is held."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from softdyn.statics import Equilibrium
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
-SAMPLE = 0.01  # s between looks at the tip
+SAMPLE = 0.01  # s between two readings of the tip
 NUDGE_SEED = 0
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How far the tip went from where it was put (m).
+    """Distance of the tip from its starting point (m).
 
     Attributes
     ----------
     largest, final : float
-        Over the run, and at its end; infinite when the simulation stopped.
+        The largest over the run, and the one at its end; infinite when the simulation stopped.
     """
 
     largest: float
@@ -37,17 +37,18 @@ def hold(
     timestep: float = 5e-4,
     nudge: float = 0.0,
 ) -> Drift:
-    """Put the twin, joint limits on, at an equilibrium at rest and hold the input.
+    """Put the twin, with joint limits, at an equilibrium with zero velocity and hold the input.
 
     Parameters
     ----------
     duration : float
-        Of the run (s).
+        Length of the run (s).
     timestep : float
-        Of the plant (s).
+        Integration step of the plant (s).
     nudge : float
         Standard deviation of random joint displacements at the start, in rad or in parts of a
-        shorter stroke: an exact unstable equilibrium would otherwise only be left through rounding.
+        shorter stroke. Without them the robot would leave an unstable equilibrium only through
+        rounding.
     """
     model = equilibrium.model
     steps = max(1, round(SAMPLE / number("timestep", timestep, above=0.0)))

@@ -1,4 +1,4 @@
-"""What a cross-check found: errors by quantity, trajectories, step halving; its text is a table."""
+"""The result of a cross-check: errors by quantity, trajectories, step halving, as a table."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Check:
     max_error, tolerance : float
         Relative.
     scale : str
-        What counts as nothing.
+        The value below which a difference counts as zero, in words.
     reason : str
-        What went wrong other than a plain difference.
+        A failure other than a difference of numbers.
     """
 
     quantity: str
@@ -57,13 +57,13 @@ class TrajectoryRun:
     Attributes
     ----------
     name, scheme : str
-        What moves the robot, and what integrates it.
+        The name of the trajectory, and of the integration scheme.
     step, duration : float
-        How finely and how far it was followed (s).
+        Integration step, and length of the compared part (s).
     max_error : float
         Relative.
     why : str
-        Why it was followed so far.
+        The reason why the comparison ended there.
     """
 
     name: str
@@ -76,18 +76,19 @@ class TrajectoryRun:
 
 @dataclass(frozen=True)
 class Rung:
-    """One step size of a ladder.
+    """One step size of a step-halving ladder.
 
     Attributes
     ----------
     step : float
         Size (s).
     engine_error : float
-        The engines' difference.
+        Difference between the engines.
     truncation_error : float
-        Our distance from the limit.
+        Difference between our trajectory and the converged one.
     order : float or None
-        Observed, from the rung before; None where rounding hides the truncation error.
+        Observed order, from this rung and the one before. None where rounding hides the truncation
+        error.
     """
 
     step: float
@@ -113,13 +114,13 @@ class CrossCheck:
     Attributes
     ----------
     robot, nv, nu, samples, seed
-        What was compared, at how many random states.
+        The robot, its sizes, the number of random states and their seed.
     checks : tuple of Check
-        One a quantity, in the order of `QUANTITIES`; without the last one where no trajectories
-        were asked for.
+        One per quantity, in the order of `QUANTITIES`. The last one is missing when trajectories
+        are not compared.
     condition : float
-        The largest condition number of M met. Where two engines agree on M to rounding ε, the best
-        they can do on q̈ is about ε times that.
+        The largest condition number of M. If two engines agree on M to rounding ε, they can agree
+        on q̈ to about ε times this number.
     runs : tuple of TrajectoryRun
         The trajectories compared.
     ladders : tuple of StepLadder
@@ -180,5 +181,5 @@ class CrossCheck:
 
 
 def finite(value: float) -> float | None:
-    """`value`, or None where JSON has no word for it."""
+    """`value`, or None for NaN and infinity, which JSON cannot write."""
     return value if math.isfinite(value) else None

@@ -1,10 +1,10 @@
-"""Both engines along time: same scheme, same step, same inputs.
+"""Trajectories of both engines: same scheme, same step, same inputs.
 
-Two exact copies of one system part company at the rate at which it amplifies rounding: an undamped
+Rounding separates two exact copies of one system as fast as the system amplifies it. An undamped
 chain of a dozen links is chaotic and forgets its initial state within seconds. So undamped robots
-are followed for a quarter of a second, and every comparison ends where the system itself, started
-1e-8 apart, has amplified the distance a thousandfold. The ladders say what agreement at one step
-cannot: that both engines converge to the same motion, at the order of the scheme.
+are followed for a quarter of a second. Every comparison ends when two runs of one engine that start
+1e-8 apart have separated a thousandfold. The ladders of halved steps show that both engines
+converge to the same motion, at the order of the scheme. Agreement at one step cannot show this.
 """
 
 from __future__ import annotations
@@ -29,20 +29,18 @@ Start = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Scheme:
-    """A scheme that both engines have: our steps, MuJoCo's name of it.
+    """An integration scheme that both engines have.
 
     Attributes
     ----------
-    name : str
-        For people.
+    name : str The name shown to a reader.
     step, free_step : callable
-        Ours, and of a floating base.
-    integrator : str
-        The twin's.
+        Our step, and our step for a floating base.
+    integrator : str The twin's name of the scheme.
     order : int
-        Expected.
+        Expected order of convergence.
     most_steps : int
-        That a comparison takes.
+        The largest number of steps of a comparison.
     """
 
     name: str
@@ -55,10 +53,10 @@ class Scheme:
 
 IMPLICIT = Scheme("implicit", step_implicit, step_free_implicit, "implicitfast", 1, 2000)
 RK4 = Scheme("rk4", step_rk4, step_free_rk4, "rk4", 4, 400)
-HORIZON = 1.0  # s, of a robot whose every joint is damped
+HORIZON = 1.0  # s, for a robot whose joints are all damped
 HORIZON_UNDAMPED = 0.25
 STEP = 5e-4  # s, at most
-HOLD = 40  # steps an input is held
+HOLD = 40  # steps for which an input is held
 MOST_INPUT = 1e3
 NUDGE = 1e-8
 GROWTH = 1e3
@@ -68,14 +66,14 @@ RUNG_STEPS = 48
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast a robot moves by itself.
+    """How fast a robot moves under its own forces.
 
     Attributes
     ----------
     damping : float
         λmax(M⁻¹D), 1/s.
     motion : float
-        The fastest of all else (springs, gravity, speed), 1/s.
+        The fastest rate of springs, gravity and speed, 1/s.
     damped : bool
         Whether every joint is damped, so that rounding dies out.
     """
@@ -92,24 +90,23 @@ def compare_trajectories(
 
     Parameters
     ----------
-    model : SoftModel
-        Ours.
+    model : SoftModel The analytic model.
     judge : MujocoTerms
         The twin's terms.
     rng : Generator
-        Of the start and the inputs.
+        Draws the initial state and the inputs.
     report : callable
-        Called with a word on what is being done.
+        Called with a short text about the current step.
 
     Raises
     ------
     SimulationError, InputError, LinAlgError
-        A trajectory that left the finite numbers.
+        A trajectory is no longer finite.
     """
     start = _start(model, rng)
     race = _Race(model, judge, start, _rates(model, *start), circles(model))
-    # MuJoCo's implicit schemes drop damping between branches, and of a free body that carries
-    # nothing they treat the gyroscopic force implicitly: no scheme that both engines share
+    # MuJoCo's implicit schemes drop damping between branches. For a free body that carries nothing
+    # they treat the gyroscopic force implicitly. So both engines share no implicit scheme there.
     alone = model.robot.floating and not model.robot.moving_joints
     none = alone or damping_couples_branches(model, *start)
     runs, ladders = [], []
@@ -124,14 +121,14 @@ def compare_trajectories(
 
 
 def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> bool:
-    """Whether tendon damping acts between joints of which neither carries the other.
+    """Whether tendon damping couples two joints on different branches.
 
     MuJoCo's implicit schemes store M + h D in the sparsity of M and drop such terms.
     """
-    if model.robot.followers:  # held there by the judge, who drops nothing
+    if model.robot.followers:  # `MujocoTerms` integrates a robot with followers, and drops nothing
         return False
     parents = {joint.name: joint.parent for joint in model.robot.joints}
-    free = model.nv - len(parents.keys() & set(model.joint_names))  # a floating base carries all
+    free = model.nv - len(parents.keys() & set(model.joint_names))  # the floating base's own
     names = model.joint_names[free:]
     below = [{joint.name for joint in model.robot.chain(parents[name])} for name in names]
     D = model.state(q, v).D[free:, free:]
@@ -143,7 +140,7 @@ def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> 
 
 
 def distance(a: Start, b: Start, circular: np.ndarray) -> float:
-    """Larger of the relative distances of positions and velocities, angles of circles mod 2π.
+    """The larger relative distance of positions and velocities; continuous joints count modulo 2π.
 
     Relative to the largest entry, 1 rad (m) and 1 rad/s (m/s).
     """
@@ -157,13 +154,13 @@ def distance(a: Start, b: Start, circular: np.ndarray) -> float:
 
 
 def input_window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper (nu,) inputs to draw from: the bounds, within ±1000 where they are wider."""
+    """Lower and upper bounds (nu,) of random inputs: the robot's own, at most ±1000."""
     lower, upper = np.clip([model.u_min, model.u_max], -MOST_INPUT, MOST_INPUT)
     return lower, upper
 
 
 def _start(model: SoftModel, rng: np.random.Generator) -> Start:
-    """A state in the middle half of the limits, within ±π/4, moving gently."""
+    """A random state in the middle half of the limits, within ±π/4, with small velocities."""
     lower, upper = np.maximum(model.lower, -np.pi / 4), np.minimum(model.upper, np.pi / 4)
     lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
     middle, half = (lower + upper) / 2, (upper - lower) / 4
@@ -173,7 +170,7 @@ def _start(model: SoftModel, rng: np.random.Generator) -> Start:
 
 
 def _rates(model: SoftModel, q: np.ndarray, v: np.ndarray) -> Rates:
-    """Fastest decay, and fastest of springs, speeds and the pull of gravity."""
+    """The rates of damping and of springs, gravity and speed at one state."""
     state = model.state(q, v)
     damping = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, state.D))).max()
     springs = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, model.tangent_stiffness(q)))).max()
@@ -183,7 +180,7 @@ def _rates(model: SoftModel, q: np.ndarray, v: np.ndarray) -> Rates:
 
 
 def _share(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
-    """Share of the input range that about doubles the forces at work, at most all of it."""
+    """Share of the input range (at most 1) that about doubles the acting forces."""
     if not model.nu:
         return 0.0
     state = model.state(q, v)
@@ -256,7 +253,7 @@ class _Race:
     def _ours(
         self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]
     ) -> Iterator[Start]:
-        """Coordinates and velocities after each hold, by our model."""
+        """Coordinates and velocities after each held input, by our model."""
         q, v = self.start
         advance = scheme.free_step if self.model.robot.floating else scheme.step
         for u, steps in zip(inputs, holds, strict=False):
@@ -272,13 +269,13 @@ class _Race:
         holds: Sequence[int],
         start: Start | None = None,
     ) -> Iterator[Start]:
-        """The same by MuJoCo."""
+        """Coordinates and velocities after each held input, by MuJoCo."""
         self.judge.start(*(start or self.start), scheme.integrator, step)
         return self.judge.follow(inputs, holds)
 
 
 def _until_failure(marks: Iterator[Start]) -> list[Start]:
-    """The states before the one that cannot be simulated any more."""
+    """All states before the simulation fails."""
     reached = []
     with suppress(SimulationError):
         for mark in marks:
@@ -287,13 +284,13 @@ def _until_failure(marks: Iterator[Start]) -> list[Start]:
 
 
 def circles(model: SoftModel) -> np.ndarray:
-    """(nv,) bool, true of continuous joints."""
+    """(nv,) bool, true for continuous joints."""
     kinds = {joint.name: joint.kind for joint in model.robot.joints}
     return np.array([kinds.get(name) == "continuous" for name in model.joint_names])
 
 
 def _with_orders(rungs: list[Rung]) -> tuple[Rung, ...]:
-    """The rungs with log2 of each error over the next; none within reach of rounding."""
+    """The rungs with observed orders: log2 of each error over the next, None near rounding."""
     done = rungs[:1]
     for before, rung in pairwise(rungs):
         measurable = min(before.truncation_error, rung.truncation_error) > 1e-12

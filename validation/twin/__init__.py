@@ -1,11 +1,11 @@
 """The MuJoCo plant, built from the URDF by its own path.
 
-- `twin`: the plant: its state, one hold of an input, what MuJoCo warned of
+- `twin`: the plant: its state, integration under a held input, MuJoCo's warnings
 - `settings`: MuJoCo's settings: solver, integrators, stiffness of stops, disable flags
 - `bodies`: the rigid bodies of a URDF, read by the second parser
 - `build`: the MuJoCo model: bodies, joints, tendons, actuators, collision shapes
 - `plant_errors`: how a plant differs from the model: masses, springs, friction, contacts, stops
-- `borrowed`: a twin with the collision geometry of another MJCF file
+- `borrowed`: a twin with the collision geometry of an MJCF file
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
 """

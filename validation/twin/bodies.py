@@ -1,4 +1,4 @@
-"""Rigid bodies of a URDF, read by yourdfpy: the second parser of the second engine.
+"""Rigid bodies of a URDF, read by yourdfpy, a parser independent of the model's.
 
 Nothing here comes from Pinocchio or from softdyn's own reading of geometry and inertia. Links fixed
 to one another are lumped into one body, whose frame is the frame of the link that its joint moves.
@@ -15,7 +15,7 @@ import yourdfpy
 
 from softdyn.exceptions import UrdfError
 
-STATIC = 0  # index of the body that never moves: the root link's unless that floats
+STATIC = 0  # index of the body that never moves: the root link's, unless the base floats
 FREE = "floating base"
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
@@ -24,7 +24,7 @@ KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 class TwinJoint:
     """A joint at a body's origin: hinge, slide or free; `axis` is a unit vector in its frame.
 
-    A follower stands at multiplier · (its leader's coordinate) + offset.
+    The coordinate of a follower is multiplier · (its leader's coordinate) + offset.
     """
 
     name: str
@@ -47,21 +47,21 @@ class Shape:
 
 @dataclass(eq=False)
 class Body:
-    """Links that move as one.
+    """Links that are fixed to one another and move as one body.
 
     Attributes
     ----------
     link : str
         The link whose frame is the body's.
     parent : int or None
-        Index of the parent body, None of the static body.
+        Index of the parent body; None for the static body.
     pose : np.ndarray, (4, 4)
         In the parent body's frame at q = 0.
     joint : TwinJoint or None
-        What moves it, None of the static body.
+        The joint that moves it; None for the static body.
     mass, moment, second : float, np.ndarray, (3,), (3, 3)
         Mass (kg), Σ m c (kg·m) and Σ of the inertia about the frame's origin (kg·m²), both in the
-        body's frame: sums that need no division while links are added.
+        body's frame. Links are added to these sums without a division.
     shapes : list[Shape]
         Its collision primitives.
     """
@@ -123,7 +123,7 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
     floating : bool
         Whether the root link moves freely.
     mended : str
-        Text to read in its place; none by default.
+        Text to read instead of the file's; none by default.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def read_bodies(path: Path, *, floating: bool, mended: str = "") -> Tree:
             load_meshes=False,
             filename_handler=yourdfpy.filename_handler_null,
         ).robot
-    except Exception as error:  # it raises whatever its parsing code trips over
+    except Exception as error:  # yourdfpy raises many kinds of exceptions
         raise UrdfError(path, "<robot>", "a URDF that yourdfpy reads", error) from error
     links = {link.name: link for link in robot.links}
     below: dict[str, list[yourdfpy.Joint]] = {}
@@ -193,7 +193,7 @@ def _attach(body: Body, link: yourdfpy.Link, pose: np.ndarray, skipped: list[str
 
 
 def _primitive(geometry: yourdfpy.Geometry | None) -> tuple[str, tuple[float, ...]]:
-    """Kind and MuJoCo's sizes of a geometry; no sizes of one that is not a primitive."""
+    """Kind and MuJoCo's sizes of a geometry; the sizes are missing where it is no primitive."""
     if geometry is None:
         return "no geometry", ()
     if geometry.box is not None:

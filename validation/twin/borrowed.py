@@ -1,4 +1,4 @@
-"""A twin whose links touch as those of another MJCF file do."""
+"""A twin with the collision geometry of an MJCF file."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from softdyn.validation.twin.twin import Twin
 class BorrowedShapes(Twin):
     """A twin with the collision geometry of an MJCF file of the same robot in place of its own.
 
-    Its meshes act by their convex hulls. As MuJoCo 3 has it, links touch the static base even where
-    they are its neighbours, and two geoms have one contact point; friction cone and tolerances are
-    the file's. All else stays as in `Twin`.
+    The file's meshes collide as their convex hulls. Links touch the static base even where they are
+    its neighbours, and two geoms have one contact point, as MuJoCo 3 does by default. Friction cone
+    and tolerances are the file's. All else stays as in `Twin`.
 
     Parameters
     ----------
     shapes : Path
         An MJCF file with as many joints, in the same order, and a base that is only shifted.
     *arguments, **options
-        Those of `Twin`.
+        The arguments of `Twin`.
 
     Raises
     ------
     InputError
-        The file cannot be read, or its joints are not as many.
+        The file cannot be read, or has another number of joints.
     """
 
     def __init__(self, shapes: Path, *arguments: Any, **options: Any) -> None:
@@ -70,8 +70,7 @@ def read(shapes: Path) -> mujoco.MjSpec:
 
     Raises
     ------
-    InputError
-        It cannot.
+    InputError The file cannot be compiled.
     """
     try:
         source = mujoco.MjSpec.from_file(str(shapes))
@@ -82,13 +81,13 @@ def read(shapes: Path) -> mujoco.MjSpec:
 
 
 def mesh_files(source: mujoco.MjSpec, shapes: Path) -> list[Path]:
-    """The files of its meshes, in its order."""
+    """The mesh files of an MJCF file, in the order of the file."""
     folder = shapes.parent / source.meshdir
     return [(folder / mesh.file).resolve() for mesh in source.meshes]
 
 
 def content(shapes: Path) -> str:
-    """SHA-256 of an MJCF file, of those that it includes and of its meshes, wherever they are.
+    """SHA-256 of an MJCF file, of the files that it includes and of its meshes.
 
     Raises
     ------
@@ -108,10 +107,10 @@ def _copy(
     joints: list[mujoco.MjsJoint],
     base: np.ndarray,
 ) -> None:
-    """Add a geom of the source to the body of ours that the same joints move."""
+    """Add a geom of the source to our body that the same joints move."""
     body, target = model.geom_bodyid[geom.id], spec.worldbody
     pos, quat, size = (a[geom.id] for a in (model.geom_pos, model.geom_quat, model.geom_size))
-    if geom.meshname:  # compiling has moved it to the mesh's centre, and will here again
+    if geom.meshname:  # the compiler has moved it to the mesh's centre, and will do so again
         mesh, turned, moved = model.geom_dataid[geom.id], np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(turned, model.mesh_quat[mesh])
         mujoco.mju_mulQuat(turned, quat, turned.copy())

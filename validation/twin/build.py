@@ -1,8 +1,8 @@
 """A MuJoCo model of a robot, from its bodies and its annotations.
 
 Every link that a joint moves is one body, massless or not. MuJoCo's compiler refuses a moving body
-without mass, but its engine has no trouble with one: only the sums beyond a joint count. So bodies
-are compiled with a placeholder, and their masses and moments are written afterwards, exactly.
+without mass. Its engine accepts one, because only the total mass beyond a joint counts. So bodies
+are compiled with a placeholder mass, and the exact masses and moments are written afterwards.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def build(
 
 
 def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
-    """Everything but the numbers that MuJoCo's compiler would refuse or reinterpret."""
+    """Specify the robot, except the numbers that MuJoCo's compiler would refuse or change."""
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
 
@@ -84,7 +84,7 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
 
 
 def body_name(robot: Robot, link: str) -> str:
-    """The twin's name of a link that moves: its own, but MuJoCo's own body is called world."""
+    """Name of a moving link's body in the twin: the link's, except `world`, which is MuJoCo's."""
     taken = {"world"} | {other.name for other in robot.links if other.name != link}
     while link in taken:
         link = f"link:{link}"
@@ -114,7 +114,7 @@ def _add_joint(body: mujoco.MjsBody, twin_joint: TwinJoint, joint: Joint) -> Non
     added.springref, added.ref = joint.rest, 0.0
     added.armature, added.frictionloss = joint.armature, joint.friction
     added.limited = int(np.isfinite(joint.lower) and twin_joint.leader is None)
-    added.range = (-1.0, 1.0)  # the file's may be a single point: see _finish
+    added.range = (-1.0, 1.0)  # the file's range may be a single point: see _finish
     added.margin = 0.0
     added.solref_limit, added.solimp_limit = STIFF_SOLREF, STIFF_SOLIMP
     added.solref_friction, added.solimp_friction = STIFF_SOLREF, STIFF_SOLIMP
@@ -145,7 +145,7 @@ def _add_geom(body: mujoco.MjsBody, shape: Shape) -> None:
 
 
 def neighbours(bodies: Sequence[Body]) -> list[tuple[int, int]]:
-    """Pairs of bodies that a joint holds together: they overlap at it, so they never collide.
+    """Pairs of bodies that a joint connects; they overlap at the joint, so they never collide.
 
     A massless body without shapes is part of the joint, not a neighbour.
     """
@@ -169,7 +169,8 @@ def _add_tendons(
         added.name = tendon.name
         added.stiffness = [tendon.stiffness, 0.0, 0.0]
         added.damping = [tendon.damping, 0.0, 0.0]
-        added.springlength = (0.0, 0.0)  # never MuJoCo's default, which is the length at springref
+        # explicit, because MuJoCo's default is the length at springref
+        added.springlength = (0.0, 0.0)
         added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
         for term in tendon.terms:
             added.wrap_joint(term.joint, term.coef)
@@ -197,7 +198,7 @@ def _add_site(
 
 
 def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree) -> np.ndarray:
-    """Write the numbers that the compiler would have refused; derive MuJoCo's constants anew.
+    """Write the numbers that the compiler would have refused, and recompute MuJoCo's constants.
 
     Returns qpos (nq,) at q = 0, where followers are at their offset.
     """

@@ -1,8 +1,8 @@
 """A model with a floating base in MuJoCo's variables, so that both engines integrate alike.
 
 MuJoCo integrates the velocity of the base's origin in the world's axes and moves that origin along
-a straight line while the base turns; Pinocchio's `integrate` follows the screw of a constant twist.
-Both are right to the order of a scheme, and differ beyond it. With R the rotation of the base,
+a straight line while the base turns. Pinocchio's `integrate` follows the screw of a constant twist.
+The two differ only beyond the order of a scheme. With R the rotation of the base,
 
     w = (R v_linear, ω, q̇_joints),    ẇ = (R (v̇_linear + ω × v_linear), ω̇, q̈_joints).
 """
@@ -19,21 +19,21 @@ from softdyn.dynamics.model import SoftModel
 
 
 class FreeBase:
-    """Forward dynamics and positions of a model in w; see above."""
+    """Forward dynamics and positions of a model in the velocities w of the module's docstring."""
 
     def __init__(self, model: SoftModel) -> None:
         self._model = model
 
     def velocity(self, q: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """The model's v (nv,) of w (nv,)."""
+        """The model's v (nv,) from w (nv,)."""
         return np.concatenate((_rotation(q).T @ w[:3], w[3:]))
 
     def from_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """w (nv,) of the model's v (nv,)."""
+        """w (nv,) from the model's v (nv,)."""
         return np.concatenate((_rotation(q) @ v[:3], v[3:]))
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """ẇ (nv,) of the model's acceleration."""
+        """ẇ (nv,) from the model's acceleration."""
         return np.concatenate((_rotation(q) @ (a[:3] + np.cross(v[3:6], v[:3])), a[3:]))
 
     def forward_dynamics(self, q: np.ndarray, w: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def rk4_on_rotations(
     move : Callable
         (q, displacement) → q.
     turning : slice
-        Where the base's angular velocity, in its own axes, stands in w; empty without one.
+        Indices in w of the base's angular velocity in its own axes; empty for a fixed base.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def step_free_rk4(model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray,
 def step_free_implicit(
     model: SoftModel, q: np.ndarray, v: np.ndarray, u: np.ndarray, h: float
 ) -> Step:
-    """`step_implicit` in w; the base has no damping, so that only the update differs."""
+    """`step_implicit` in w. Only the update differs, because the base has no damping."""
     free = FreeBase(model)
     a = (step_implicit(model, q, v, u, h)[1] - v) / h
     w = free.from_velocity(q, v) + h * free.acceleration(q, v, a)

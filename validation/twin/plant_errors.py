@@ -24,15 +24,15 @@ class PlantErrors:
     Attributes
     ----------
     contacts, friction : bool
-        Whether links touch, whether the file's dry friction acts.
+        Whether links can touch, and whether the file's dry friction acts.
     dry_friction : float
-        Dry friction of every joint (N m or N) instead of the file's, where it is not 0.
+        Dry friction of every joint (N m or N). It replaces the file's unless it is 0.
     cable_friction : float
         Friction along every driven tendon, as a share of its largest force.
     soft_stops : bool
-        Joint limits and dry friction as soft as MuJoCo has them by default.
+        Whether joint limits and dry friction are as soft as MuJoCo's defaults.
     shapes : Path, optional
-        An MJCF file whose collision geometry stands in for the robot's own.
+        An MJCF file whose collision geometry replaces the robot's.
     mass, stiffness, damping : float
         Factors on all masses and moments of inertia (armature apart), on all springs, on all
         damping.
@@ -80,7 +80,7 @@ class PlantErrors:
         return twin
 
     def options(self) -> dict[str, Any]:
-        """The arguments of `simulate` that are the plant's."""
+        """The arguments of `simulate` that concern the plant."""
         friction = self.friction or self.dry_friction > 0 or self.cable_friction > 0
         contacts = self.contacts or self.shapes is not None
         return {"twin": self.twin, "contacts": contacts, "friction": friction}

@@ -1,6 +1,6 @@
-"""MuJoCo's settings: integrators, solver, stiffness of stops and ties, what is switched off.
+"""MuJoCo's settings: integrators, solver, stiffness of stops and of mimic joints, disable flags.
 
-They are the twin's whole configuration: nothing is left to MuJoCo's defaults that decides a result.
+Every setting that decides a result is set here and not left to MuJoCo's defaults.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STIFF_SOLIMP = (0.99, 0.999, 1e-4, 0.5, 2.0)
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user may choose of a twin; `apply` sets it and all the rest.
+    """The settings of a twin that a user can choose; `apply` sets these and all others.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Settings:
         number("timestep", self.timestep, above=0.0)
 
     def apply(self, spec: mujoco.MjSpec) -> None:
-        """Set the options, and a compiler that changes no number of the file."""
+        """Set MuJoCo's options, and set the compiler so that it changes no number of the file."""
         compiler, option = spec.compiler, spec.option
         compiler.degree = False
         compiler.autolimits = False
@@ -93,9 +93,9 @@ def disabled(*, limits: bool, contacts: bool, friction: bool) -> int:
 def silence() -> None:
     """Stop MuJoCo from printing and from writing MUJOCO_LOG.TXT into the working directory.
 
-    For the whole process, since its log is the process's. Every message about a state is counted in
-    ``data.warning`` too, see `check_warnings`; the rest, like a line search that met a plateau of
-    its cost, says nothing about the result.
+    This holds for the whole process, because MuJoCo has one log per process. Messages about a state
+    are counted in ``data.warning`` too, see `check_warnings`. The other messages, for example of a
+    line search on a flat cost, do not concern the result.
     """
     log = mujoco.MjLogConfig.get()
     log.logto_console = log.logto_file = False

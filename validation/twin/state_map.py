@@ -20,15 +20,15 @@ XYZW = [1, 2, 3, 0]
 
 
 class Plant(Protocol):
-    """A MuJoCo model that a state maps to and that runs under an input; `Twin` is one."""
+    """A MuJoCo model with a state that can be set and integrated under an input, such as `Twin`."""
 
     @property
     def model(self) -> mujoco.MjModel:
-        """MuJoCo's."""
+        """MuJoCo's model."""
 
     @property
     def data(self) -> mujoco.MjData:
-        """MuJoCo's, with the present state."""
+        """MuJoCo's data, with the present state."""
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -36,7 +36,7 @@ class Plant(Protocol):
 
     @property
     def followers(self) -> dict[str, TwinJoint]:
-        """By our names, joints that follow others."""
+        """Mimic joints, by our names."""
 
     @property
     def floating(self) -> bool:
@@ -44,7 +44,7 @@ class Plant(Protocol):
 
     @property
     def rest(self) -> np.ndarray:
-        """Where all joints are that the map says nothing of (nq,)."""
+        """Positions (nq,) of all joints that are not in the map."""
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Start from a state."""
@@ -55,7 +55,7 @@ class Plant(Protocol):
 
 @runtime_checkable
 class MappedPlant(Plant, Protocol):
-    """A plant from a user's file, which has its own settings and its own map."""
+    """A plant from a user's file, with its own settings and convention map."""
 
     timestep: float  # s
 
@@ -65,7 +65,7 @@ class MappedPlant(Plant, Protocol):
 
     @property
     def robot(self) -> Robot:
-        """The robot whose states and inputs it takes."""
+        """The robot whose states and inputs the plant takes."""
 
     @property
     def contacts(self) -> bool:
@@ -79,44 +79,43 @@ class MappedPlant(Plant, Protocol):
 class StateMap:
     """The convention map between a model and its twin, joint by joint *by name*.
 
-    Both engines hold one coordinate a joint, measured along the same axis from the same zero, in
-    rad or m; the velocities are their derivatives. Four things differ:
+    Both engines have one coordinate per joint, measured along the same axis from the same zero, in
+    rad or m. The velocities are its derivatives. Four things differ:
 
     - order: Pinocchio sorts siblings by name, MuJoCo keeps the order in which they were added;
-    - a continuous joint is (cos q, sin q) in Pinocchio's q, so that nq = nv + 1 a joint of it, and
-      the angle q itself in MuJoCo's qpos, where it may grow beyond ±π;
+    - a continuous joint is (cos q, sin q) in Pinocchio's q, so that each adds one to nq - nv. In
+      MuJoCo's qpos it is the angle q itself, which may grow beyond ±π;
     - a mimic joint is left out of the model's q and v; the twin holds it as a joint;
     - a floating base: the model has the quaternion as (x, y, z, w) and the velocity of the base's
       origin in the base's own axes; MuJoCo has (w, x, y, z) and that velocity in the world's axes.
       Angular velocities are in the base's own axes in both.
 
     So ``qvel = P(q) v``, and with Ṗ its time derivative ``qacc = P v̇ + Ṗ v``. Forces go the other
-    way, ``f = Pᵀ f_twin``. P is constant but for the rotation of a floating base. Of a plant from
-    another hand (`softdyn.validation.scene`), joints are called otherwise, and turn the other way
-    or from another zero; what the model does not have stays at rest in P.
+    way, ``f = Pᵀ f_twin``. P is constant except for the rotation of a floating base. In a user's
+    MJCF (`softdyn.validation.mjcf.scene`) joints may have other names, signs and zero positions.
+    Joints that the model does not have stay at rest.
 
     Parameters
     ----------
-    model : SoftModel
-        Ours.
+    model : SoftModel The analytic model.
     twin : Plant
-        A `Twin`, or what has as much.
+        A `Twin`, or another `Plant`.
     called : dict[str, int], optional
-        By our names, the twin's joints; its joints of the same names by default.
+        The twin's joint for each of our joint names; joints of the same name by default.
     turns : dict[str, tuple[float, float]], optional
-        By our names, sense and zero: ``q = sense · qpos + zero``.
+        Sense and zero for each of our joint names: ``q = sense · qpos + zero``.
 
     Attributes
     ----------
     dofs : np.ndarray, (nv,)
-        The twin's index of each of the model's degrees of freedom; of a robot without a floating
-        base ``v = qvel[dofs]``.
+        The twin's index of each degree of freedom of the model. Without a floating base, ``v =
+        qvel[dofs]``.
     signs : np.ndarray, (nv,)
         -1 where a joint of the twin turns the other way, else 1.
     floating : bool
-        Whether the base is.
+        Whether the base floats.
     ties : np.ndarray, (twin's nv, nv)
-        P without the rotation of a floating base: order and followers alone.
+        P without the rotation of a floating base: only order and mimic joints.
 
     Raises
     ------
@@ -145,7 +144,7 @@ class StateMap:
         kinds = {joint.name: joint.kind for joint in model.robot.joints}
         circular = [kinds[name] == "continuous" for name in names]
         self._circular = np.array(circular, bool)
-        # Each joint takes one number of q, a continuous one two, a floating base seven.
+        # In q a joint takes one number, a continuous joint two, a floating base seven.
         self._start = np.cumsum([7 if floating else 0, *(1 + c for c in circular)], dtype=int)[:-1]
         self._positions, dofs = _addresses(twin, called, names)
         self.floating = floating
@@ -176,11 +175,11 @@ class StateMap:
     def to_twin(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """qpos (twin's nq,), qvel (twin's nv,) of a model state q (nq,), v (nv,).
 
-        Angles are in (-π, π] but for those of followers.
+        Angles are in (-π, π], except those of mimic joints.
         """
         q, v = array("q", q, (self._nq,)), array("v", v, (self._nv,))
         first = q[self._start]
-        # the number after the cosine; of other joints, whatever stands there: not used
+        # the number after the cosine; not used for other joints
         second = q[np.minimum(self._start + 1, self._nq - 1)]
         coordinates = np.where(self._circular, np.arctan2(second, first), first)
         qpos = self._rest.copy()
@@ -197,7 +196,8 @@ class StateMap:
         coordinates, v = qpos[self._positions], qvel[self.dofs]
         if self._turned:
             coordinates, v = self._sense * coordinates + self._zero, self.signs * v
-        if self._nq == len(self.dofs):  # one number a coordinate: neither circular nor floating
+        # one number per coordinate: no continuous joint, no floating base
+        if self._nq == len(self.dofs):
             return coordinates, v
         q = np.empty(self._nq)
         q[self._start] = np.where(self._circular, np.cos(coordinates), coordinates)
@@ -275,7 +275,7 @@ def _check_turns(turns: Any, names: set[str]) -> None:
 def _addresses(
     twin: Plant, called: dict[str, int], names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the joints that we call so begin in the twin's qpos and qvel."""
+    """Addresses of our joints in the twin's qpos and qvel."""
     joints = [called[name] for name in names]
     model = twin.model
     return model.jnt_qposadr[joints].astype(int), model.jnt_dofadr[joints].astype(int)

@@ -1,9 +1,9 @@
-"""The twin: the same robot in MuJoCo, built from the file by a path of its own.
+"""The twin: the same robot in MuJoCo, built from the file independently of the model.
 
-Strict parse for the annotations, yourdfpy for the tree, the inertias and the geometry, then
-`mujoco.MjSpec`. No number comes from Pinocchio: what the two engines agree on, they agree on for
-independent reasons. MuJoCo's own URDF importer is not used, since it refuses massless links and
-drops tendons.
+The strict parser reads the annotations, yourdfpy reads the tree, the inertias and the geometry, and
+`mujoco.MjSpec` builds the model. No number comes from Pinocchio, so that an agreement of the two
+engines is independent evidence. MuJoCo's own URDF importer is not used, because it refuses massless
+links and drops tendons.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ WARNINGS = {
 
 
 class SimulationError(SoftdynError, ArithmeticError):
-    """MuJoCo reported a state it cannot go on from.
+    """MuJoCo reported a state from which it cannot continue.
 
     Attributes
     ----------
     time : float
         Simulated time (s) at which it was noticed.
     reason : str
-        What MuJoCo warned of.
+        MuJoCo's warning.
     """
 
     def __init__(self, time: float, reason: str) -> None:
@@ -57,7 +57,7 @@ class Twin:
     Parameters
     ----------
     source : SoftModel or Robot or str or Path
-        A model, a parsed robot, or whatever `softdyn.load` takes.
+        A model, a parsed robot, or any argument of `softdyn.load`.
     timestep : float
         Integration step (s).
     integrator : str
@@ -65,18 +65,18 @@ class Twin:
     limits : bool
         Whether joint limits act, as stiff stops.
     contacts : bool
-        Whether the links' collision primitives touch; neighbours never do.
+        Whether the links' collision primitives can touch; neighbours never touch.
     friction : bool
         Whether the joints' dry friction acts.
 
     Attributes
     ----------
     model, data : mujoco.MjModel, mujoco.MjData
-        The state may be read and written there.
+        The state may be read and written in `data`.
     robot : Robot
         The parsed description.
     followers : dict[str, TwinJoint]
-        By name, the mimic joints, which MuJoCo holds as joints of their own: stiff equality
+        The mimic joints by name. They are joints of their own in MuJoCo, and stiff equality
         constraints tie them to their leaders.
     floating : bool
         Whether the first body moves freely.
@@ -87,18 +87,18 @@ class Twin:
     task : tuple[int, np.ndarray]
         Body that carries the task frame, and its origin there (3,).
     inputs : np.ndarray, (nu, nu)
-        MuJoCo's inputs of unit inputs.
+        MuJoCo's inputs for unit inputs of the robot.
     tendons : np.ndarray, (tendons,)
-        Which of MuJoCo's tendons each of the robot's is.
+        Index of each tendon of the robot among MuJoCo's tendons.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
 
     Raises
     ------
     UrdfError
-        When yourdfpy or MuJoCo refuses the file.
+        yourdfpy or MuJoCo refuses the file.
     InputError
-        For an unknown integrator or a step that is not positive.
+        The integrator is unknown, or the step is not positive.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Twin:
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
-        """Change what is compiled; a plant with other shapes or options overrides it."""
+        """Change the specification before compiling; a plant with other shapes overrides it."""
 
     @property
     def qpos(self) -> np.ndarray:
@@ -155,25 +155,25 @@ class Twin:
         return self.data.site_xpos[self.task_site].copy()
 
     def reset(self) -> None:
-        """Back to q = 0 at rest and t = 0, solver memory and warnings forgotten."""
+        """Return to q = 0 at rest and t = 0, and clear the solver's warm start and warnings."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self.rest
         mujoco.mj_forward(self.model, self.data)
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray, time: float = 0.0) -> None:
-        """Start from a state, solver memory and warnings forgotten.
+        """Set a state, and clear the solver's warm start and warnings.
 
         Parameters
         ----------
         qpos, qvel : np.ndarray, (nq,), (nv,)
-            In the order of `joint_names`; nq is nv but with a floating base.
+            In the order of `joint_names`; nq = nv without a floating base.
         time : float
             Clock (s).
 
         Raises
         ------
         InputError
-            Wrong shape, a number that is not finite, or one beyond ±1e10: MuJoCo by itself would
+            The shape is wrong, or a number is not finite or beyond ±1e10. MuJoCo itself would
             silently start from another state.
         """
         qpos = self._vector("qpos", qpos, self.model.nq)
@@ -186,8 +186,8 @@ class Twin:
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
         """Integrate under a held input.
 
-        What else is in `data` when it returns belongs to the state one step before: MuJoCo computes
-        it at the start of a step.
+        Afterwards `data` holds the new state. Its derived quantities belong to the state one step
+        before, because MuJoCo computes them at the start of a step.
 
         Parameters
         ----------
@@ -199,9 +199,10 @@ class Twin:
         Raises
         ------
         InputError
-            An input of the wrong shape or not finite.
+            The input has the wrong shape or is not finite.
         SimulationError
-            MuJoCo warned: the state blew up, or contacts did not fit. `data` is left as it is.
+            MuJoCo warned that the state diverged or that contacts did not fit. `data` is left as it
+            is.
         """
         self.data.ctrl[:] = array("u", u, (self.model.nu,))
         mujoco.mj_step(self.model, self.data, steps)
