@@ -1,4 +1,4 @@
-"""The closed loop of a controller and a plant; it does not know the paper.
+"""The closed loop of a controller and a plant, independent of the paper's experiments.
 
 - `closed_loop`: `ClosedLoop`, which can be stepped, and `simulate`, which runs one
 - `arguments`: checks of a loop's arguments; the user's own plant
@@ -6,11 +6,11 @@
 - `signal_path`: delay, lag and noise between plant and controller
 - `time_grid`: the division of a run into control periods and plant steps
 - `record`: a log's arrays while the loop fills them, the controller's counts, versions
-- `verdict`: early ends of a run, failures, whether it reached its reference
+- `verdict`: early ends of a run, failures, whether the run reached its reference
 - `log`: the record of a run: its arrays, its figures of merit, its summary, its file
 - `log_csv`: a log as CSV, with units
-- `logged_robot`: the robot of a log, as its file was when it ran
-- `log_checks`: checks of such a file
+- `logged_robot`: the robot of a log, from the text of its file at the time of the run
+- `log_checks`: checks of a log's file
 - `labels`: names of robots, controllers and experiments in tables, figures and pages
 - `metrics`: the means behind figures of merit
 """

@@ -22,10 +22,12 @@ ReferenceLike = Experiment | Callable[[float], Reference]
 def mapped_plant(model: SoftModel, plant: str | Path | MappedPlant, settings: bool) -> MappedPlant:
     """The user's own plant, made from an MJCF file if it is a path.
 
-    A file that differs from the model's is warned of.
+    A warning is given if the file differs from the model's.
     """
     if settings:
-        raise InputError("contacts, friction", "none beside a plant whose file says so", "True")
+        raise InputError(
+            "contacts, friction", "none, because the plant's own file states it", "True"
+        )
     if isinstance(plant, str | Path):
         from softdyn.validation.mjcf.scene import Scene  # most loops need no MJCF reader
 
@@ -41,7 +43,7 @@ def mapped_plant(model: SoftModel, plant: str | Path | MappedPlant, settings: bo
 
 
 def check_robot(model: SoftModel, experiment: Experiment) -> None:
-    """An experiment is scaled to one robot; refuse to run it on another bundled one."""
+    """Refuse an experiment of another bundled robot, because it is scaled to that robot."""
     if model.bundled is not None and model.bundled != experiment.robot:
         raise InputError(
             "experiment", f"one for {model.bundled!r}", f"one for {experiment.robot!r}"
@@ -49,7 +51,7 @@ def check_robot(model: SoftModel, experiment: Experiment) -> None:
 
 
 def checked(reference: Any) -> Callable[[float], Reference]:
-    """`reference` as a function that surely returns a `Reference`; tried at t = 0."""
+    """`reference` as a function whose values are checked to be a `Reference`; tried at t = 0."""
     if not callable(reference):
         expected = "an Experiment, or a callable t -> Reference such as SetPoint(y)"
         raise InputError("reference", expected, repr(reference))
@@ -69,7 +71,7 @@ def _desired(reference: Any, t: float) -> Reference:
 
 
 def check_controller(controller: Any) -> None:
-    """Refuse what cannot be called with a state and a reference."""
+    """Refuse a controller that cannot be called with a state and a reference."""
     expected = "a callable (state, reference) -> command"
     if isinstance(controller, type):
         name = controller.__name__
@@ -79,9 +81,9 @@ def check_controller(controller: Any) -> None:
 
 
 def check_pose(model: SoftModel, q: np.ndarray) -> None:
-    """Refuse angles that can only be degrees: beyond their limits, and inside as radians.
+    """Refuse angles beyond their limits that lie inside when read as degrees.
 
-    A pose beyond the limits is not refused as such: the plant has stops.
+    Any other pose beyond the limits is accepted, because the plant has stops.
     """
     limits = {joint.name: joint for joint in model.robot.moving_joints}
     for name, angle in zip(model.joint_names, model.coordinates(q), strict=True):
@@ -94,14 +96,14 @@ def check_pose(model: SoftModel, q: np.ndarray) -> None:
 
 
 def warn_of_fast_springs(model: SoftModel, M: np.ndarray, timestep: float) -> None:
-    """Warn of a spring that swings faster than plant steps (s) can follow."""
+    """Warn of a spring whose oscillation is too fast for the plant step (s)."""
     said = fast_springs(model, M, timestep)
     if said is not None:
         warnings.warn(f"{model.robot.path}: {said}", stacklevel=3)
 
 
 def name_of(controller: Any) -> str:
-    """The controller's own name of itself, or its class's."""
+    """The controller's `name`, or that of its class."""
     named = (getattr(controller, attribute, None) for attribute in ("name", "__name__"))
     texts = (text for text in named if isinstance(text, str) and text)
     return next(texts, type(controller).__name__)

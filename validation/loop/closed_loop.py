@@ -44,7 +44,7 @@ OnStep = Callable[[float, State, ControllerOutput], None]
 
 @dataclass(frozen=True)
 class ControlStep:
-    """A control step, at the begin of a control period.
+    """A control step, at the beginning of a control period.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class ControlStep:
     output : ControllerOutput
         The controller's answer to it.
     u : ndarray, (nu,)
-        The input that acts: the answer's, within the robot's bounds.
+        The input that acts: the controller's, clipped to the robot's bounds.
     """
 
     t: float
@@ -65,15 +65,16 @@ class ControlStep:
 
 
 class ClosedLoop:
-    """A controller and its plant, control period by control period.
+    """A controller and its plant, run one control period at a time.
 
-    At the begin of a period the twin's state goes through `model.state` and the controller
-    (`control`); the answer is clipped to the robot's bounds and held while MuJoCo integrates with
-    ``implicitfast``, joint limits on (`advance`). `step` is both, `run` all of them.
+    At the beginning of a period, `control` gives the twin's state to `model.state` and then to the
+    controller, and clips the answer to the robot's bounds. `advance` holds this input while MuJoCo
+    integrates with ``implicitfast`` and joint limits. `step` does both, `run` repeats it to the
+    end.
 
     A run is *failed* when
 
-    - an answer is not a finite (nu,) array, or a count of the controller no number,
+    - an answer is not a finite (nu,) array, or a count of the controller is not a number,
     - the plant diverges: a state that is not finite, a MuJoCo warning, or a tip farther from its
       reference than twice the robot's length (each of these ends the run and is in the log), or
     - the final ‖e‖ is not below the initial one (and not below a micrometre either).
@@ -83,18 +84,18 @@ class ClosedLoop:
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
     controller : Callable[[State, Reference], ControllerOutput]
-        Gives an array u (nu,), or an object with `u` and optionally V, delta, status. Integer
-        attributes `not_solved` and `fallbacks`, a float `max_bound_violation` (on it or on its
-        `guard`) and `gains` (or `parameters`) are recorded where they exist. A method `reset` is
-        called once before the run with the control period (s). Its exceptions pass through.
+        Returns an array u (nu,), or an object with `u` and optionally V, delta, status. These
+        attributes are recorded if they exist: integers `not_solved` and `fallbacks`, a float
+        `max_bound_violation` (of the controller or its `guard`), and `gains` or `parameters`. A
+        method `reset` is called once before the run with the control period (s). Its exceptions are
+        passed on.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`.
     duration, period : float, optional
         Length of the run, to the nearest plant step, and control period (s); the experiment's by
         default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
-        hold is shorter.
-    timestep : float, optional
-        Plant step (s), an integer part of the period; by default the largest ≤ 0.5 ms.
+        hold is shorter. timestep : float, optional Plant step (s), which must divide the period; by
+        default the largest ≤ 0.5 ms.
     q0, v0 : np.ndarray, (nq,), (nv,), optional
         Initial state; rest by default.
     contacts : bool
@@ -104,9 +105,9 @@ class ClosedLoop:
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
     plant : str, Path or MappedPlant, optional
-        An MJCF of the user's own in place of the twin, or the `Scene` of one, with its own
-        contacts, friction and, where it divides the period, step. A file that differs from the
-        model's is warned of.
+        A user's MJCF file, or its `Scene`, which replaces the twin. Its own contacts and friction
+        hold, and its step if that divides the period. A warning is given if the file differs from
+        the model's.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
 
@@ -127,9 +128,7 @@ class ClosedLoop:
     steps : int
         Control steps done.
     done : bool
-        Whether the run is over.
-    reason : str or None
-        Why it ended early, or failed.
+        Whether the run is over. reason : str or None The reason why it ended early or failed.
 
     Raises
     ------
@@ -209,7 +208,7 @@ class ClosedLoop:
         Returns
         -------
         ControlStep or None
-            None where the run is over, and why is in `reason`.
+            None if the run is over; `reason` says why.
         """
         if self.done:
             return None
@@ -253,14 +252,14 @@ class ClosedLoop:
             self._end(verdict.plant_stopped(error.time, error.reason))
 
     def step(self) -> ControlStep | None:
-        """One control period, `control` and `advance`; None where the run is over."""
+        """Run one control period, `control` and `advance`; None if the run is over."""
         step = self.control()
         if step is not None:
             self.advance()
         return step
 
     def run(self, *, progress: bool = False, on_step: OnStep | None = None) -> Log:
-        """All control periods that are left.
+        """Run all remaining control periods.
 
         Parameters
         ----------
@@ -272,7 +271,7 @@ class ClosedLoop:
         Returns
         -------
         Log
-            The run from its begin.
+            The run from its beginning.
         """
         off = None if progress else True
         with tqdm(total=self.grid.steps, disable=off, leave=False, unit="step") as bar:
@@ -284,7 +283,7 @@ class ClosedLoop:
         return self.log()
 
     def log(self) -> Log:
-        """The run up to its end, or to where `control` last read the plant; then not complete."""
+        """The run so far; it is not complete before the last control period."""
         model, controller, experiment = self.model, self.controller, self.experiment
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
@@ -321,7 +320,7 @@ class ClosedLoop:
         self.done, self.reason, self._complete = True, reason, complete
 
     def _read_plant(self) -> tuple[np.ndarray, np.ndarray]:
-        """The plant's present state q (nq,), v (nv,), recorded as sample `steps`."""
+        """Read the plant's state q (nq,), v (nv,) and record it as sample `steps`."""
         q, v = self._states.from_twin(self.plant.data.qpos, self.plant.data.qvel)
         self._record.q[self.steps], self._record.v[self.steps] = q, v
         return q, v
@@ -352,7 +351,7 @@ def simulate(
     model : SoftModel
         The robot; the twin is built from its file, by its own path.
     controller : Callable[[State, Reference], ControllerOutput]
-        Gives an object with `u` (nu,); see `ClosedLoop` for what else it may have.
+        Returns an object with `u` (nu,); `ClosedLoop` lists its optional attributes.
     reference : Experiment or Callable[[float], Reference]
         The second is of t (s), e.g. a `SetPoint`.
     duration, period, timestep : float, optional
@@ -364,7 +363,7 @@ def simulate(
     twin : Callable[..., Twin]
         Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
     plant : str, Path or MappedPlant, optional
-        An MJCF of the user's own in place of the twin, or the `Scene` of one.
+        A user's MJCF file, or its `Scene`, which replaces the twin.
     name : str, optional
         What the log calls the controller; its `name` or its class by default.
     progress : bool
@@ -382,7 +381,7 @@ def simulate(
     InputError
         For arguments that cannot be run, and for a reference that is not finite.
     """
-    # threads that share a controller run one after the other: a run begins by resetting it
+    # a run resets its controller, so that threads that share one take turns
     with getattr(getattr(controller, "guard", None), "lock", nullcontext()):
         loop = ClosedLoop(
             model, controller, reference, duration=duration, period=period, timestep=timestep,

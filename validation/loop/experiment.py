@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from softdyn import Reference
 
-SET_POINT_DURATION = 10.0  # s, of a run that is not told how long it lasts
-DEFAULT_PERIOD = 0.002  # s, of a run that is not told how often its controller acts
+SET_POINT_DURATION = 10.0  # s, default length of a run
+DEFAULT_PERIOD = 0.002  # s, default control period
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class Experiment:
     kind : str
         ``"set_point"`` or ``"tracking"``.
     theta, omega : float or None
-        Which of its kind, in multiples of π (rad, rad/s); None where it has no such number.
+        θ of a set point or ω of a trajectory, in multiples of π (rad, rad/s), else None.
     reference : Callable[[float], Reference]
         The reference at t (s).
     duration, period : float
         Length of the run and of the control period (s).
     length : float
-        The robot's length (m), the scale of a divergence.
+        The robot's length (m). A tip error above twice this length counts as divergence.
     """
 
     robot: str

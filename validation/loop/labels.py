@@ -26,12 +26,12 @@ SYMBOLS = {"set_point": "θ", "tracking": "ω"}
 
 
 def controller_title(name: str) -> str:
-    """A controller's name for people; of a user's FILE.py:CLASS its last part."""
+    """A controller's name for display; FILE.py:CLASS becomes its last part."""
     return CONTROLLERS.get(name) or Path(name).name
 
 
 def robot_title(name: str) -> str:
-    """A robot's name for people; of a path its last part."""
+    """A robot's name for display; a path becomes its last part."""
     return ROBOTS.get(name) or Path(name).stem
 
 
@@ -42,14 +42,14 @@ def experiment_title(kind: str, value: float) -> str:
 
 
 def cell_title(kind: str, value: Any) -> str:
-    """The target of a table's cell: θ or ω as a plain multiple of π, or a point (x, y, z) (m)."""
+    """The target of a table's cell: θ or ω as a multiple of π, or a point (x, y, z) (m)."""
     if kind in SYMBOLS:
         return f"{SYMBOLS[kind]} = {value:g}π"
     return "(" + ", ".join(f"{x:g}" for x in value) + ") m"
 
 
 def goal(log: Log) -> str:
-    """A run's experiment in words."""
+    """A run's target in words."""
     if log.theta is not None:
         return f"set point {experiment_title('set_point', log.theta)}"
     if log.omega is not None:
@@ -60,7 +60,7 @@ def goal(log: Log) -> str:
 
 
 def labels_of(logs: Sequence[Log]) -> list[str]:
-    """The controllers' names, told apart by robot or experiment where they are the same."""
+    """The controllers' names; the robot or experiment is added where names would be equal."""
     parts: list[list[Any]] = [
         [controller_title(log.controller) for log in logs],
         [log.robot for log in logs],

@@ -51,11 +51,11 @@ class Log:
     u_min, u_max : np.ndarray, (nu,)
         The bounds of u.
     u_unit : str
-        What one of u is, e.g. ``0.1 N m``.
+        The unit of u, e.g. ``0.1 N m``.
     robot, controller : str
         Their names.
-    kind, theta, omega : str, float, float or None
-        The experiment's, None for a plain reference.
+    kind, theta, omega : str, float, float or None Those of the experiment; None for a plain
+    reference.
     duration, period, timestep : float
         Planned length of the run, control period, plant step (s).
     length : float or None
@@ -67,19 +67,19 @@ class Log:
     complete : bool
         Whether the run reached its end.
     failed, reason : bool, str or None
-        Whether it counts as failed (see `ClosedLoop`), and why.
+        Whether the run counts as failed (see `ClosedLoop`), and the reason.
     not_solved, fallbacks : int
         The controller's counts over this run.
     max_bound_violation : float
-        Largest violation of the input bounds by an answer, before clipping.
+        Largest violation of the input bounds by the controller's answer, before clipping.
     gains : Any
-        The controller's, None if it does not expose them.
+        Gains of the controller, None if it does not expose them.
     versions : dict[str, str]
-        Of the packages that made this run.
+        Versions of the packages that computed this run.
     source : LoggedRobot
-        The robot itself, as its file was when it ran.
+        The robot, with the text of its file at the time of the run.
     Vdot, delta_true : np.ndarray, (N,), or None
-        Of a controller that is `Certified`: the rate of V under the model's own acceleration.
+        For a `Certified` controller: V̇ and the relaxation computed with the model's acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
     """
@@ -131,7 +131,7 @@ class Log:
         return {name: array for name, array in found.items() if array is not None}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # NumPy's copies come back writeable; the constructor makes them read-only again
+        # copies of NumPy arrays are writable; the constructor makes them read-only again
         return Log, tuple(getattr(self, field.name) for field in fields(self))
 
     def __repr__(self) -> str:
@@ -154,23 +154,23 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        # figures stand on logs; nothing else that a loop needs imports them
+        # local, because the figures import this module
         from softdyn.validation.report.time_figures import plot
 
         return plot(self, path)
 
     def show(self, model: SoftModel | None = None) -> Any:
-        """The run as a page that plays it: below a notebook's cell, or a file with its ``save``.
+        """An interactive replay page of the run, for a notebook's cell or, by ``save``, a file.
 
         Parameters
         ----------
         model : SoftModel, optional
-            The log's robot; made from the text that the log has of it by default.
+            The log's robot; by default it is made from the text in the log.
 
         Raises
         ------
         InputError
-            A model of another robot.
+            The model is of another robot.
         """
         from softdyn.validation.report.replay import replay
 
@@ -183,7 +183,7 @@ class Log:
 
     @property
     def finite_samples(self) -> int:
-        """Number of samples before the first that is not finite, which a diverged run ends with."""
+        """Number of samples before the first that is not finite, the last of a diverged run."""
         finite = np.isfinite(self.error).all(axis=1) & np.isfinite(self.q).all(axis=1)
         return len(finite) if finite.all() else int(np.argmin(finite))
 
@@ -202,18 +202,18 @@ class Log:
 
     @property
     def step_times_us(self) -> dict[str, float | None]:
-        """Median, 99 %, 99.9 % and maximum (µs) of the control step; None for a run without any."""
+        """Median, 99 %, 99.9 % and maximum (µs) of the control step; None without steps."""
         if not self.steps:
             return dict.fromkeys(STEP_TIMES)
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
     def verdict(self, tolerance: float | None = None) -> Verdict:
-        """The run judged: did it reach its reference, how soon, how quietly, and in time.
+        """Whether the run reached its reference, with settling time, effort and missed deadlines.
 
         Parameters
         ----------
         tolerance : float, optional
-            In m; 1 % of the robot's length by default.
+            Tolerance (m); 1 % of the robot's length by default.
 
         Raises
         ------
@@ -240,7 +240,7 @@ class Log:
         )
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:
-        """The run's figures under the names of the JSON contract; a `tolerance` in m."""
+        """The run's figures with the keys of the commands' JSON; `tolerance` is in m."""
         found = self.verdict(tolerance)
         return {
             "robot": self.robot,
@@ -262,14 +262,14 @@ class Log:
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
     ) -> str:
-        """The same for people, several lines.
+        """The same figures as several lines of text.
 
         Parameters
         ----------
         beside : Mapping[str, str], optional
-            Text to stand beside a figure, by its name in `report`: ``final_error_cm``, ``mse_cm2``.
+            Text after a figure, by the figure's key in `report`: ``final_error_cm``, ``mse_cm2``.
         tolerance : float, optional
-            Of the `verdict` (m).
+            Tolerance of the `verdict` (m).
         """
         sp, tt = (
             f"   {beside[name]}" if beside and name in beside else ""
@@ -328,7 +328,7 @@ class Log:
         return "set point at " + " ".join(f"{x:g}" for x in self.y_ref[0]) + " m"
 
     def save(self, path: str | Path) -> None:
-        """Write the log as a compressed NPZ file, whole or not at all.
+        """Write the log as a compressed NPZ file; the file appears complete or not at all.
 
         Raises
         ------
@@ -344,7 +344,7 @@ class Log:
             np.savez_compressed(file, about=np.array(text), **arrays)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write t, u, q, v, tip and target as CSV, whole or not at all; see `log_csv`.
+        """Write t, u, q, v, tip and target as CSV (see `log_csv`), complete or not at all.
 
         Raises
         ------
@@ -360,7 +360,7 @@ class Log:
         Raises
         ------
         InputError
-            When the file cannot be read or is not a whole, consistent log.
+            The file cannot be read, or is not a complete, consistent log.
         """
         where = str(path)
         content: dict[str, Any] = {**read_npz(path, f"a log of format {FORMAT}", "log")}

@@ -1,4 +1,4 @@
-"""Checks of a log's file: its names, shapes, and numbers that a run can have."""
+"""Checks of a log's file: its names, its shapes and the plausibility of its numbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHAPES = {
     "u_min": ("nu",),
     "u_max": ("nu",),
 }
-# of a controller that is `Certified`
+# only from a `Certified` controller
 EXTRA = {"Vdot": ("steps",), "delta_true": ("steps",)}
 
 
@@ -38,7 +38,7 @@ def _format(about: Any) -> Any:
 
 
 def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]) -> None:
-    """Refuse what `Log.save` cannot have written, logs of other versions too.
+    """Refuse content that `Log.save` cannot have written, and logs of other versions.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
     arrays : dict[str, np.ndarray]
         Its arrays.
     about : Any
-        What its JSON says.
+        The content of its JSON.
     names : set of str
-        The fields of a log that are no arrays.
+        The fields of a log that are not arrays.
 
     Raises
     ------
     InputError
-        For anything missing, unknown, of another kind or inconsistent.
+        Something is missing, unknown, of the wrong type or inconsistent.
     """
     if _format(about) != FORMAT:
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
@@ -87,7 +87,7 @@ def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int) -> None:
 
 
 def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
-    """Refuse arrays that no run has: only the last sample of one that ended early may be NaN."""
+    """Refuse impossible values; only the last sample of a run that ended early may be NaN."""
     t, u, low, high = (arrays[name] for name in ("t", "u", "u_min", "u_max"))
     if not (t[0] == 0 and np.isfinite(t).all() and (np.diff(t) > 0).all()):
         raise InputError(where, "times from 0 that increase", "others")
@@ -151,7 +151,7 @@ def _is_source(value: Any) -> bool:
     )
 
 
-# name → whether a value may stand there in a file; gains are whatever the controller had
+# name → whether a value is allowed in a file; gains may have any form
 ENTRIES: dict[str, Callable[[Any], bool]] = {
     "u_unit": _is_text,
     "robot": _is_text,

@@ -14,7 +14,7 @@ from softdyn.exceptions import InputError
 if TYPE_CHECKING:
     from softdyn.validation.loop.log import Log
 
-BASE = ("x", "y", "z", "qx", "qy", "qz", "qw")  # of a floating robot, before its joints
+BASE = ("x", "y", "z", "qx", "qy", "qz", "qw")  # of a floating base, before the joints
 UNITS = {"prismatic": "m", "revolute": "rad", "continuous": "rad"}
 RATES = {"rad": "rad/s", "m": "m/s", "": ""}
 
@@ -22,13 +22,13 @@ RATES = {"rad": "rad/s", "m": "m/s", "": ""}
 def csv_text(log: Log) -> str:
     """Every sample of a run as a row: time, inputs, coordinates, velocities, tip and target.
 
-    The last row is the final state, at which no input begins: it repeats the one held before, so
-    that all columns are equally long.
+    The last row is the final state. No input begins there, so the row repeats the last input and
+    all columns have the same length.
 
     Raises
     ------
     InputError, UrdfError
-        A log without a control step, or without its robot's text, which has names and units.
+        The log has no control step, or lacks its robot's text, which has the names and units.
     """
     if not log.steps:
         raise InputError("log", "at least one control step", "none")

@@ -1,4 +1,4 @@
-"""The robot of a log, as its files were when it ran: no other one is drawn in its place."""
+"""The robot of a log, kept as the text of its files, so that later edits do not change it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from softdyn.loading import load_text
 
 @dataclass(frozen=True)
 class LoggedRobot:
-    """A robot as text, from which its model can be made again.
+    """A robot as text, from which its model can be rebuilt.
 
     Attributes
     ----------
     path : str
-        The file that it was; meshes are beside it.
+        Path of its file; meshes lie beside it.
     text, annotations : str
-        The URDF, inertias repaired if they were, and the file that annotated it, if one did.
+        The URDF, with repaired inertias if they were repaired, and the text of a separate
+        annotation file, if there was one.
     floating : bool
         Whether the root link moved freely.
     bundled : str or None
         Its name, if it was a bundled robot's own file.
     digest : str
-        SHA-256 of all that the dynamics depend on.
+        SHA-256 of everything on which the dynamics depend.
     """
 
     path: str
@@ -41,12 +42,12 @@ class LoggedRobot:
         return cls(path, robot.text, robot.annotations, robot.floating, model.bundled, robot.digest)
 
     def model(self) -> SoftModel:
-        """The model of this text.
+        """Build the model from this text.
 
         Raises
         ------
         InputError
-            There is no text, or another one than the digest is of.
+            There is no text, or the digest is of another text.
         UrdfError
             The text cannot be used.
         """
@@ -65,7 +66,7 @@ class LoggedRobot:
         Raises
         ------
         InputError
-            Naming both.
+            The model is of another robot; the error names both.
         """
         if model.robot.digest != self.digest:
             raise InputError(

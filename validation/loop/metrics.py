@@ -1,7 +1,7 @@
 """Means behind the figures of merit of a run (`Log`) and of several.
 
-A run that ended early has no figure: it is NaN, never a number that depends on when the run was
-stopped, and a mean that contains it is None.
+The figure of a run that ended early is NaN, because a number would depend on the time of the end. A
+mean that contains it is None.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ CM = 100.0  # per m
 def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) -> float:
     """1/(t_N - start) ∫ ‖e‖² dt from `start` to the last sample, by the trapezoidal rule.
 
-    Samples are those of the log: one per control period and the final state, each weighted by half
-    of both intervals beside it, so the figure does not depend on the period beyond O(period²). At a
-    `start` between two samples ‖e‖² is interpolated linearly.
+    The samples are those of the log: one per control period and the final state. Each is weighted
+    by half of both intervals beside it, so that the figure depends on the period only by
+    O(period²). If `start` lies between two samples, ‖e‖² is interpolated linearly.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) ->
     error : np.ndarray, (N + 1, 3)
         e at them (m).
     start : float, optional
-        Begin of the mean (s), the first sample by default.
+        Start of the mean (s), the first sample by default.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) ->
     Raises
     ------
     InputError
-        For other shapes, times that do not increase, or a start outside them.
+        The shapes differ, the times do not increase, or `start` lies outside them.
     """
     t = array("t", t, (max(2, len(t)),))
     error = array("error", error, (len(t), 3), finite=False)

@@ -1,4 +1,4 @@
-"""A log's arrays while the loop fills them, the controller's own counts, package versions."""
+"""A log's arrays during the run, the counts of the controller, and package versions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from softdyn.controllers.controller import InputGuard
 from softdyn.validation.loop.log_checks import EXTRA, SHAPES
 
 LONGEST = 200  # characters of a status
-LARGEST = 2**53  # of a count: whole numbers that a float can tell apart
+LARGEST = 2**53  # of a count: a float represents all integers up to it
 
 
 class ControllerOutput(Protocol):
@@ -39,12 +39,12 @@ class Recorder:
     t : np.ndarray, (N + 1,)
         The sampling times of N control steps (s).
     guard : InputGuard
-        Checks and clips the inputs; the controller's own has done so already.
+        Checks and clips the inputs; the controller's own guard has already done so.
 
     Attributes
     ----------
     t, q, v, y, y_ref, error, u, V, delta, step_us, u_min, u_max : np.ndarray
-        As in `Log`; NaN where nothing was recorded.
+        As in `Log`; NaN where no sample was recorded.
     """
 
     def __init__(self, model: SoftModel, t: np.ndarray, guard: InputGuard) -> None:
@@ -59,7 +59,7 @@ class Recorder:
         self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
         self._guard = guard
         self._statuses: list[str] = []
-        self._extra: dict[str, np.ndarray] = {}  # of answers that have it
+        self._extra: dict[str, np.ndarray] = {}  # only if the answer has it
 
     def sample(self, k: int, y: np.ndarray, y_ref: np.ndarray) -> float:
         """Record the tip (3,) and its reference (3,) at sample `k`; returns ‖e‖ (m)."""
@@ -68,9 +68,9 @@ class Recorder:
         return math.hypot(*error.tolist())  # no overflow
 
     def output(self, k: int, answer: ControllerOutput, nanoseconds: int) -> str | None:
-        """Record an answer, its input clipped to the bounds; returns why it cannot be used."""
+        """Record an answer with clipped input; return why it cannot be used, or None."""
         try:
-            u = getattr(answer, "u", answer)  # an array is an answer too
+            u = getattr(answer, "u", answer)  # the answer may be a plain array
             if isinstance(u, np.ma.MaskedArray):
                 return "its u is a masked array"
             self.u[k] = self._guard.admit(u)
@@ -104,12 +104,12 @@ class Recorder:
 
 
 class Counts:
-    """A controller's counts, or its `guard`'s, since this was made.
+    """Increases of the counts of a controller or its `guard` since this object was made.
 
     Raises
     ------
     InputError
-        When something else than a number stands there, at the begin or when it is asked for.
+        A count is not a number, at the beginning or when it is read.
     """
 
     def __init__(self, controller: object) -> None:
@@ -124,7 +124,7 @@ class Counts:
         return int(value)
 
     def told(self) -> tuple[tuple[int, int, float], str | None]:
-        """Both increases and the violation, or zeros and which of them is no number."""
+        """Both increases and the violation; or zeros, and the name of the one that is no number."""
         try:
             counts = self.since("not_solved"), self.since("fallbacks"), self.violation()
         except InputError as error:
@@ -142,7 +142,7 @@ class Counts:
 
 
 def _scalar(value: Any) -> float:
-    """A diagnostic as a float; NaN when there is none or it is not a number."""
+    """A diagnostic as a float; NaN when it is missing or not a number."""
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -151,7 +151,7 @@ def _scalar(value: Any) -> float:
 
 @cache
 def package_versions() -> tuple[tuple[str, str], ...]:
-    """Versions of the packages that decide a run's numbers."""
+    """Versions of the packages that influence a run's numbers."""
     found = [("softdyn", softdyn.__version__)]
     for package in ("pin", "mujoco", "proxsuite", "numpy"):
         try:

@@ -29,10 +29,10 @@ class SignalPath:
     seed : int
         Seed of the noise.
     views : tuple of Callable[[], View]
-        Makers of functions that alter a state before the controller sees it; each is called once
-        a run.
+        Factories of functions that alter a state before the controller sees it. Each is called once
+        per run.
     late : bool
-        Whether the first input is zero, whatever the controller would answer.
+        Whether the first input is zero instead of the controller's answer.
     """
 
     delay: float = 0.0
@@ -43,7 +43,7 @@ class SignalPath:
     late: bool = False
 
     def around(self, controller: Any, period: float) -> Any:
-        """`controller` behind this path; itself where there is nothing between."""
+        """`controller` with this path in between, or `controller` itself if the path is ideal."""
         if self == SignalPath(seed=self.seed):
             return controller
         views = [view() for view in self.views]
@@ -54,7 +54,7 @@ class SignalPath:
 
 
 class Noise:
-    """A view of the tip with normal noise of a standard deviation (m)."""
+    """A view of the state with normal noise of a standard deviation (m) on the tip."""
 
     def __init__(self, deviation: float, seed: int) -> None:
         self._deviation, self._random = deviation, np.random.default_rng(seed)
@@ -67,8 +67,9 @@ class Noise:
 class Linked:
     """A controller that sees states through views and answers `wait` periods later.
 
-    Until there is an answer to give, it gives its first one; a `late` one answers its first state
-    with zero input. Everything else, its gains and counts, is the inner controller's.
+    Until the first delayed answer is due, it returns the first answer. A `late` one answers its
+    first state with zero input. All other attributes, such as gains and counts, are the inner
+    controller's.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Linked:
         self._waiting: list[Any] = []
 
     def reset(self, period: float) -> None:
-        """Begin a run: nothing waits, and the controller begins one too, where it can."""
+        """Begin a run: clear the waiting answers, and reset the controller if it has `reset`."""
         self._waiting.clear()
         if hasattr(self._controller, "reset"):
             self._controller.reset(period)
@@ -99,17 +100,18 @@ class Linked:
 
 
 class Lagging:
-    """A controller behind actuators that follow with a time constant λ, from zero input on.
+    """A controller behind actuators that follow with a time constant λ and start at zero input.
 
-    Over a period T a command u moves what acts from a to u + (a - u) e^(-T/λ); the plant, which
-    holds its input, gets the mean of that. All else is the inner controller's.
+    Over a period T, a command u moves the acting input from a to u + (a - u) e^(-T/λ). The plant
+    holds its input, so it gets the mean of this curve. All other attributes are the inner
+    controller's.
     """
 
     def __init__(self, controller: Any, lag: float) -> None:
         self._controller, self._lag = controller, lag
 
     def reset(self, period: float) -> None:
-        """Begin a run: nothing acts yet."""
+        """Begin a run: the acting input is zero."""
         share = period / self._lag
         self._left, self._mean = np.exp(-share), -np.expm1(-share) / share
         self._acts: np.ndarray | float = 0.0
@@ -130,7 +132,7 @@ class Lagging:
 
 
 class Delivered:
-    """A command of which another input arrives."""
+    """A command whose input was altered on its way."""
 
     def __init__(self, command: Any, u: np.ndarray) -> None:
         self._command, self.u = command, u

@@ -10,22 +10,23 @@ import numpy as np
 from softdyn import InputError
 from softdyn.checks import number
 
-MAX_TIMESTEP = 5e-4  # s; coarser steps add numerical damping that flatters every controller
+# s; coarser steps add numerical damping, which improves the results of every controller
+MAX_TIMESTEP = 5e-4
 MAX_STEPS = 2_000_000
 
 
 @dataclass(frozen=True)
 class TimeGrid:
-    """A run in whole plant steps.
+    """A run divided into control periods and plant steps.
 
     Attributes
     ----------
     duration, period, timestep : float
         Length of the run, control period and plant step (s).
     steps : int
-        Control periods, the last of which may be a shorter one.
+        Number of control periods; the last one may be shorter.
     substeps, last : int
-        Plant steps in a control period, and in the last one.
+        Plant steps in a control period, and in the last period.
     """
 
     duration: float
@@ -50,15 +51,14 @@ class TimeGrid:
         duration, period : float
             Length of the run and control period (s).
         timestep : float, optional
-            Plant step (s), an integer part of the period; by default the largest ≤ `most`.
-        most : float
-            As above (s).
+            Plant step (s), which must divide the period; by default the largest ≤ `most`.
+        most : float Largest default plant step (s).
 
         Raises
         ------
         InputError
-            For times that are not positive, a plant step that does not divide the period, and runs
-            of less than a plant step or of more than `MAX_STEPS` periods.
+            A time is not positive, the plant step does not divide the period, or the run is shorter
+            than a plant step or longer than `MAX_STEPS` periods.
         """
         duration = number("duration", duration, above=0.0)
         period = number("period", period, above=0.0)

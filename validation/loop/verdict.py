@@ -13,27 +13,27 @@ from softdyn.validation.loop.metrics import CM, mean_square
 DIVERGED = 2.0  # ‖e‖ in robot lengths
 RESOLUTION = 1e-6  # m; a final error below it is zero, whatever the initial one was
 TOLERANCE = 0.01  # of the robot's length
-STEADY = 0.1  # of a run, its last part: what is still there is no transient
+STEADY = 0.1  # last part of a run, in which transients have decayed
 AT_BOUND = 1e-9  # of an input's range
 
 
 def not_finite(t: float) -> str:
-    """The reason of a run that ends since its plant's state is not finite at `t` (s)."""
+    """The reason text of a run that ended because the plant's state is not finite at `t` (s)."""
     return f"the plant diverged at t = {t:.4g} s: a state that is not finite"
 
 
 def plant_stopped(t: float, warning: str) -> str:
-    """The reason of a run that ends since MuJoCo stopped with a `warning` at `t` (s)."""
+    """The reason text of a run that ended because MuJoCo stopped with a `warning` at `t` (s)."""
     return f"the plant diverged at t = {t:.4g} s: {warning}"
 
 
 def no_input(t: float, fault: str) -> str:
-    """The reason of a run that ends since its controller gave no usable input at `t` (s)."""
+    """The reason text of a run that ended because the input was unusable at `t` (s)."""
     return f"the controller failed at t = {t:.4g} s: {fault}"
 
 
 def tip_diverged(t: float, distance: float, length: float) -> str | None:
-    """The reason of a run that ends since its tip is too far from its reference, else None.
+    """The reason text of a run that ends because its tip is too far away, else None.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def tip_diverged(t: float, distance: float, length: float) -> str | None:
     distance : float
         ‖e‖ (m).
     length : float
-        The robot's length (m); no distance is too far for a robot of length 0.
+        The robot's length (m); 0 switches the check off.
     """
     if distance <= (DIVERGED * length if length > 0 else math.inf):
         return None
@@ -53,7 +53,7 @@ def tip_diverged(t: float, distance: float, length: float) -> str | None:
 
 
 def not_converged(initial: float, final: float) -> str | None:
-    """The reason of a run that failed without ending early, by its first and last ‖e‖ (m)."""
+    """The reason text of a complete run that failed, from its first and last ‖e‖ (m), else None."""
     if final < initial or final <= RESOLUTION:
         return None
     return (
@@ -64,29 +64,29 @@ def not_converged(initial: float, final: float) -> str | None:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The judgement of a run.
+    """The assessment of a run.
 
     Attributes
     ----------
     reached : bool
         The run did not fail, and both its steady error and, at a set point, its final one are
         within the tolerance.
-    tolerance : float
-        In m.
+    tolerance : float Tolerance (m).
     steady_error : float
-        Root mean square of ‖e‖ (m) over the last tenth of the run, of a trajectory over its last
-        cycle; NaN for a run that ended early.
+        Root mean square of ‖e‖ (m) over the last tenth of the run, or over the last cycle of a
+        trajectory. NaN for a run that ended early.
     settling_time : float or None
         Time (s) from which ‖e‖ stays within the tolerance; None if it is outside at the end.
     overshoot : float or None
-        How far the tip went beyond a set point, along the line from its start, over that line's
-        length; None without one.
+        Distance of the tip beyond a set point along the line from start to set point, relative to
+        that line's length. None for a trajectory.
     activity : float or None
-        How much the inputs change: mean over the inputs of Σ|Δu| a second, over their range (1/s).
+        Rate of change of the inputs: the mean over the inputs of Σ|Δu| per second, relative to
+        their range (1/s).
     at_bound : float or None
-        Share of the steps that an input spends at one of its bounds, mean over the inputs.
+        Share of the steps at which an input is at a bound, mean over the inputs.
     missed : int or None
-        Steps that took longer than the period; None where no times are known.
+        Number of steps that took longer than the period; None without recorded times.
     """
 
     reached: bool
@@ -99,7 +99,7 @@ class Verdict:
     missed: int | None
 
     def to_dict(self) -> dict[str, object]:
-        """The same under the names of the commands' JSON."""
+        """The same figures with the keys of the commands' JSON."""
         return {
             "reached": self.reached,
             "tolerance_cm": CM * self.tolerance,
@@ -113,7 +113,7 @@ class Verdict:
 
 
 def tolerance_of(length: float | None, error: np.ndarray, asked: float | None = None) -> float:
-    """The tolerance (m): as asked for, or a share of the robot's length, or of the way it had.
+    """The tolerance (m): the given one, else a share of the robot's length or of the first error.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def steady_error(t: np.ndarray, error: np.ndarray, y_ref: np.ndarray, cycle: flo
 
 
 def moves(y_ref: np.ndarray) -> bool:
-    """True of a reference that is a trajectory."""
+    """Whether a reference is a trajectory."""
     return bool(np.ptp(y_ref, axis=0).max() > RESOLUTION)
 
 
@@ -149,7 +149,7 @@ def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float |
 
 
 def overshoot(y: np.ndarray, y_ref: np.ndarray) -> float | None:
-    """Overshoot beyond a set point, over the way there; None for a trajectory."""
+    """Overshoot beyond a set point, relative to the way there; None for a trajectory."""
     way = y_ref[0] - y[0]
     length = float(np.linalg.norm(way))
     if moves(y_ref) or length < RESOLUTION:
@@ -165,7 +165,7 @@ def activity(
     if len(u) == 0 or not free.any():
         return None, None
     u, low, span = u[:, free], u_min[free], (u_max - u_min)[free]
-    with np.errstate(all="ignore"):  # of a log that claims a range of 1e-310
+    with np.errstate(all="ignore"):  # a damaged log may state a range of 1e-310
         share = (u - low) / span
         changes = np.abs(np.diff(share, axis=0)).sum(axis=0).mean() / t[-1]
     held = (share <= AT_BOUND) | (share >= 1 - AT_BOUND)
