@@ -1,13 +1,13 @@
 """The paper: its experiments, its QPs as printed, its reference implementation.
 
-- `paper_qps`: CLF-QP, ID-CLF-QP, Soft ID-CLF-QP, IC-QP, IC, UIC as the paper has them;
+- `paper_qps`: CLF-QP, ID-CLF-QP, Soft ID-CLF-QP, IC-QP, IC, UIC as the paper prints them;
 - `solvers`: quadprog, SCS through cvxpy; the least-norm minimiser;
-- `reference_laws`: the reference implementation's peculiarities around them;
-- `reproduction`: what the reference implementation does otherwise, change by change;
-- `one_step`: where that emulation leaves its recorded runs, one step at a time;
-- `certificates`: what V does along the paper's runs, and the zero dynamics.
+- `reference_laws`: these controllers with the deviations of the reference implementation;
+- `reproduction`: how the reference implementation differs from the paper, change by change;
+- `one_step`: errors of that emulation against recorded runs, one step at a time;
+- `certificates`: V along the paper's runs, and the zero dynamics.
 
-The experiments themselves, `studies.experiments`, have their public names here.
+The public names of the experiments, `studies.experiments`, are here.
 """
 
 from softdyn.validation.studies.experiments import CYCLES as CYCLES

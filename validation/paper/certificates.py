@@ -1,4 +1,4 @@
-"""What V does along the paper's runs, and whether what the tip does not see is stable."""
+"""The Lyapunov function V along the paper's runs, and the stability of the zero dynamics."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from softdyn.validation.report.plot_style import (
 )
 from softdyn.validation.studies import experiments
 
-LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")  # those with a decrease condition
-TOLERANCE = 1e-6  # of V/ε: what rounding may exceed the bound by
-POSES = 60  # along a run
+LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")  # the controllers with a decrease condition
+TOLERANCE = 1e-6  # of V/ε: rounding may exceed the bound by this much
+POSES = 60  # samples along a run
 COLUMNS = (
     ("robot", "robot", ""),
     ("law", "controller", ""),
@@ -55,7 +55,7 @@ def certified(
     robot: str, laws: Sequence[str], thetas: Sequence[float], duration: float | None,
     tick: Callable[[], Any] = lambda: None,
 ) -> list[tuple[Log, dict[str, Any]]]:  # fmt: skip
-    """Set points of the paper under certified laws: each log and its row of `COLUMNS`."""
+    """Run the paper's set points with certified controllers: each log and its row of `COLUMNS`."""
     model, found = softdyn.load(robot), []
     for theta in thetas:
         for name in laws:
@@ -67,14 +67,14 @@ def certified(
 
 
 def row(model: SoftModel, log: Log) -> dict[str, Any]:
-    """Shares of the samples where a condition fails, and the worst number of each kind.
+    """Shares of the samples at which a condition fails, and the worst value of each kind.
 
     Parameters
     ----------
     model : SoftModel
         The log's robot.
     log : Log
-        Of a certified law.
+        A run of a `Certified` controller.
     """
     k = poses(log)
     least = np.array([examine(model, model.coordinates(log.q[i])).least for i in k])
@@ -97,12 +97,12 @@ def row(model: SoftModel, log: Log) -> dict[str, Any]:
 
 
 def rates(log: Log) -> np.ndarray:
-    """V̇ (N,) of a certified law's log."""
+    """V̇ (N,) from the log of a certified controller."""
     return np.full(log.steps, np.nan) if log.Vdot is None else log.Vdot
 
 
 def share(wrong: np.ndarray) -> float:
-    """Of the samples (k,), those that are."""
+    """Share of true values among the samples (k,)."""
     return float(np.mean(wrong)) if len(wrong) else float("nan")
 
 
@@ -113,7 +113,7 @@ def poses(log: Log) -> np.ndarray:
 
 
 def draw(path: Path, model: SoftModel, logs: Sequence[Log]) -> None:
-    """A column a log: V̇ ε/V beside -1 + δ ε/V, zero dynamics' poles, stiffness against gravity."""
+    """Draw a column per log: V̇ ε/V with -1 + δ ε/V, poles of zero dynamics, least stiffness."""
     with style():
         figure, axes = panels(3, len(logs), PAGE, 6.0, sharex=True, sharey="row")
         for column, log in enumerate(logs):
@@ -138,6 +138,6 @@ def draw(path: Path, model: SoftModel, logs: Sequence[Log]) -> None:
         axes[0][0].set_ylabel("V̇ ε / V")
         axes[1][0].set_ylabel("real parts, zero dynamics (1/s)")
         axes[2][0].set_ylabel("least ∂K + ∂g, unactuated")
-        names = {"V̇ with the model's q̈": VERMILLION, "what the QP claims, −V/ε + δ": BLUE}
+        names = {"V̇ with the model's q̈": VERMILLION, "the QP's bound, −V/ε + δ": BLUE}
         legend_above(figure, [handle(name, (colour, "-")) for name, colour in names.items()])
         write_figure(figure, path)

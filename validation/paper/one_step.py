@@ -1,9 +1,9 @@
-"""Where an emulation leaves the reference implementation: one step at a time, at recorded states.
+"""Errors of an emulation of the reference implementation: one step at a time, at recorded states.
 
-A record holds what the reference implementation did at every control step of a run. At each of its
-states the emulated law is asked for an input, and the emulated plant takes one step under the
-recorded input. Nothing is integrated: an error at one step does not reach the next, so what is left
-of an emulation in this table is what it lacks.
+A record holds state and input of the reference implementation at every control step of a run. At
+each recorded state, the emulated controller computes its input, and the emulated plant takes one
+step under the recorded input. Errors do not accumulate, because every step starts from a recorded
+state. So the table shows the errors of the emulation itself.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.twin.state_map import StateMap
 
-# A record's robot → the grid's, what its commit has, the base above the ground (m), and how the
-# inputs lie in its controls: finger's and helix's are spread over joint motors, SpiRob's pull down.
+# A record's robot → the robot in the grid, the changes of its commit, the base's height (m), and
+# how the inputs enter its controls: finger's and helix's are spread over joint motors, SpiRob's
+# pull down.
 ROBOTS: Mapping[str, tuple[str, str, float, list[int], float]] = {
     "finger": ("finger", "reference+jdot", 0.24, [0, 2], 1.0),
     "helix": ("helix", "reference+w2+jdot", 0.7, [0, 1, 2, 12, 13, 14, 24, 25, 26], 1.0),
@@ -52,17 +53,17 @@ class RecordedRun:
     Attributes
     ----------
     case : Case
-        The cell of the grid that it is.
+        The cell of the grid to which the run belongs.
     experiment : str
-        What its commit has of `reproduction.CHANGES`.
+        The names of `reproduction.CHANGES` that its commit contains.
     robot : str
         The bundled robot that has its joints, in its order.
     q, v : np.ndarray, (steps, nv)
-        Before each step.
+        State before each step.
     u : np.ndarray, (steps, nu)
-        The input of that step, in our sense.
+        The input of that step, with our sign.
     targets : np.ndarray, (steps, 3)
-        Where the tip was to be, from our base (m).
+        Reference of the tip, relative to our base (m).
     """
 
     case: Case
@@ -80,7 +81,7 @@ def read_run(path: Path) -> RecordedRun:
     Raises
     ------
     InputError
-        Another name, or a file that does not hold q, v, ctrl and target.
+        The name has another form, or the file lacks q, v, ctrl or target.
     """
     robot, controller, case = [*path.stem.split("_"), "", "", ""][:3]
     kind = KINDS.get(case[:5], "")
@@ -102,7 +103,7 @@ def records(folder: Path) -> list[RecordedRun]:
     Raises
     ------
     InputError
-        There are none, or one cannot be read.
+        There are no records, or one cannot be read.
     """
     found = sorted(folder.glob("*.npz"))
     if not found:
@@ -124,10 +125,11 @@ def row(record: RecordedRun, experiment: str, files: Path | None = None) -> dict
     Returns
     -------
     dict
-        ``input_…`` are differences of the input relative to its range, from the second step on (the
-        first is zero), ``state_…`` of the next state (rad, rad/s, m, m/s); ``…_off`` counts those
-        above 1e-6 and 1e-9, ``touching`` the steps whose plant has contacts. With ``scs``,
-        ``solver_max`` is how far its answers are from the exact ones at the same states.
+        ``input_…`` are differences of the input relative to its range, from the second step on,
+        because the first input is zero. ``state_…`` are differences of the next state (rad, rad/s,
+        m, m/s). ``…_off`` counts differences above 1e-6 and 1e-9, ``touching`` the steps with
+        contacts. With ``scs``, ``solver_max`` is the distance of its answers from the exact ones at
+        the same states.
     """
     case = changed(record.case, experiment, files)
     model = load_model(record.robot)
@@ -135,7 +137,7 @@ def row(record: RecordedRun, experiment: str, files: Path | None = None) -> dict
         raise InputError("record", f"a run of {record.robot}", f"{record.q.shape[1]} joints")
     u, target = inputs(record, case, model)
     found = np.abs((u - record.u) / (model.u_max - model.u_min)).max(axis=1)[1:]
-    own = None  # how far the solver of the record is from the exact answer
+    own = None  # distance of the record's solver from the exact answer
     if "scs" in experiment.split("+"):
         exact = "+".join(name for name in experiment.split("+") if name != "scs")
         exact_u, _ = inputs(record, changed(record.case, exact, files), model)
@@ -156,7 +158,7 @@ def row(record: RecordedRun, experiment: str, files: Path | None = None) -> dict
 
 
 def inputs(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarray, float]:
-    """What the emulated law answers (steps, nu), and how far its targets are from those (m)."""
+    """Inputs of the emulated controller (steps, nu), and the distance of its targets (m)."""
     plan = case.experiment(model)
     law = case.law(case.controller, model) if case.law else make_controller(case.controller, model)
     law = case.signals.around(law, plan.period)
@@ -169,9 +171,9 @@ def inputs(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarra
 
 
 def state_differences(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarray, int]:
-    """Of the emulated plant's next state from the recorded one (steps - 1,); steps with contacts.
+    """Differences (steps - 1,) of the emulated next state from the recorded; steps with contacts.
 
-    The solver starts from its last answer, as it does in a run.
+    MuJoCo's solver starts from its last solution, as it does in a run.
     """
     options, plan = case.plant.options(), case.experiment(model)
     step = None if case.timestep is None else min(case.timestep, plan.period)

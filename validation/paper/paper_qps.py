@@ -1,9 +1,9 @@
-"""The paper's laws as they are printed, every unknown explicit, nothing condensed: the oracle.
+"""The paper's controllers as printed, with every unknown explicit: the oracle.
 
-Each formula is straight from the paper; from `controllers` comes nothing but the numbers in a
-`Gains`. A QP is written in the variables of any `Solver`. Where the minimiser is not unique
-(CLF-QP with more inputs than the task has rows, or J M⁻¹ B without full rank; any weight of zero),
-judge a law by its cost, or by the input that `LeastNorm` chooses.
+Each formula is taken directly from the paper. Only the numbers in a `Gains` come from
+`controllers`. A QP is written in the variables of any `Solver`. The minimiser is not unique for
+CLF-QP with more inputs than task rows, without full rank of J M⁻¹ B, or with a weight of zero.
+There, compare controllers by their cost, or by the input that `LeastNorm` chooses.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from softdyn import Reference, State
 from softdyn.controllers.gains import Gains
 from softdyn.validation.paper.solvers import Solver, SolverAnswer, SymbolicQp, Term
 
-RANK_TOLERANCE = 1e-6  # the one stated threshold: singular values below this share count as zero
+# the only threshold: singular values below this share of the largest count as zero
+RANK_TOLERANCE = 1e-6
 Variables = Callable[..., Sequence[Any]]
 
 
@@ -75,11 +76,11 @@ def lyapunov(task: TaskTerms, eps: float) -> Lyapunov:
 
 
 def actuated_rows(B: np.ndarray, tolerance: float = RANK_TOLERANCE) -> tuple[np.ndarray, ...]:
-    """R (r, n) and S (r, m): the actuated dynamics (actuated) are R (M q̈ + h) = S u.
+    """R (r, n) and S (r, m) of the actuated dynamics, eq. (actuated): R (M q̈ + h) = S u.
 
     Where B has full column rank, T = [Bᵀ; null(Bᵀ)] is formed and R is the first m rows of T⁻ᵀ,
-    S = I: the paper's collocated form. Elsewhere there is no such T; what can be asked of the
-    dynamics is their part along range(B), of which R is an orthonormal basis, and S = R B.
+    S = I: the paper's collocated form. Without full rank there is no such T. Then R is an
+    orthonormal basis of range(B) and S = R B, so that only the dynamics along range(B) are imposed.
     """
     m = B.shape[1]
     basis = scipy.linalg.orth(B, rcond=tolerance)
@@ -104,7 +105,7 @@ def soft_id_clf_qp(
     gains: Gains,
     tolerance: float = RANK_TOLERANCE,
 ) -> SymbolicQp:
-    """Paper, "Soft ID-CLF-QP": of the dynamics the actuated rows are hard."""
+    """Paper, "Soft ID-CLF-QP": the actuated rows of the dynamics are hard constraints."""
     rows = actuated_rows(state.B, tolerance)
     return _inverse_dynamics(variables, state, task, gains, rows, tolerance)
 
@@ -122,7 +123,7 @@ def mass_orthogonal(
 
 
 def id_clf_qp(variables: Variables, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
-    """ID-CLF-QP: all of the dynamics (dynamics) are hard, M q̈ + h = B u."""
+    """ID-CLF-QP: the full dynamics, eq. (dynamics), are hard constraints, M q̈ + h = B u."""
     return _inverse_dynamics(variables, state, task, gains, (np.eye(len(state.v)), state.B))
 
 
@@ -196,7 +197,7 @@ PAPER_QPS: dict[str, Callable[[Variables, State, TaskTerms, Gains], SymbolicQp]]
 
 @dataclass(frozen=True)
 class PrintedLaw:
-    """One of the QPs as a law: written and solved anew at every state.
+    """One of the QPs as a controller; it is built and solved anew at every state.
 
     Attributes
     ----------
@@ -216,7 +217,7 @@ class PrintedLaw:
         Raises
         ------
         Unsolved
-            It has none.
+            The solver has no answer.
         """
         task = tip(state, reference)
         return self.solver.solve(self.write(self.solver.variables, state, task, self.gains))
@@ -226,7 +227,7 @@ class PrintedLaw:
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
-    """The inverse, or the pseudo-inverse at the stated threshold where there is none."""
+    """The inverse, or for a singular matrix the pseudo-inverse with the stated threshold."""
     return np.linalg.pinv(matrix, rcond=RANK_TOLERANCE)
 
 
@@ -259,7 +260,7 @@ def underactuated(
 ) -> np.ndarray:
     """Eq. (UIC): (I - N [(I - I_p) N]⁺) τ, where I_p must be B B⁺ (n, n): the text prints B⁺ B.
 
-    The inner (I - I_p) of eq. (null_tau) makes no difference: [(I - I_p) N]⁺ has it already.
+    The inner (I - I_p) of eq. (null_tau) changes nothing, because [(I - I_p) N]⁺ contains it.
     """
     eye, N = np.eye(len(torque)), null_projector(task.J)
     unreached = eye - state.B @ inverse(state.B)

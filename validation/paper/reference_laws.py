@@ -1,12 +1,13 @@
-"""The reference implementation's peculiarities, as controllers around the oracle's QPs.
+"""The reference implementation's deviations from the paper, as controllers around the oracle's QPs.
 
-They differ from the paper in what is asked for only: `angular` regulates the tip's angular velocity
-to zero beside its position (six task rows instead of three), `scs` solves the QP with SCS
-through cvxpy at cvxpy's default tolerances, a failed solve giving zero input, and `clf` is the
-reference's CLF-QP, whose objective has V̇² and ‖u‖₁² beside the published terms. `thresholds` gives
-IC and UIC the reference's: singular values below 1e-2 of Λ, where a determinant is small, count as
-zero, and below 1e-8 in UIC's projection. `mass` takes the other coordinates of the actuated rows.
-cvxpy, scs and quadprog are no dependencies of this project: ``pip install cvxpy scs quadprog``.
+They differ from the paper only by the chosen options. `angular` regulates the tip's angular
+velocity to zero in addition to its position, with six task rows instead of three. `scs` solves the
+QP with SCS through cvxpy at cvxpy's default tolerances; a failed solve gives zero input. `clf` is
+the reference's CLF-QP, whose objective adds V̇² and ‖u‖₁² to the published terms. `thresholds`
+gives IC and UIC the reference's thresholds: where a determinant is small, singular values of Λ
+below 1e-2 count as zero, and in UIC's projection those below 1e-8. `mass` uses the other
+coordinates of the actuated rows. cvxpy, scs and quadprog are no dependencies of this project: ``pip
+install cvxpy scs quadprog``.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from softdyn.validation.paper.solvers import Quadprog, Solver, SymbolicQp, Term
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
-INPUT_WEIGHT = 0.5  # on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
+INPUT_WEIGHT = 0.5  # weight on ‖u‖₁² in the reference's CLF-QP, finger and SpiRob
 DIFFERENCE = 1e-6  # s, over which the reference differentiates J
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP
 TermsOf = Callable[[State, Reference], TaskTerms]
 
 
 def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) -> Controller:
-    """The law `name` with options out of exact, angular, difference, thresholds, mass, scs and clf.
+    """The controller `name` with any of exact, angular, difference, thresholds, mass, scs, clf.
 
     Raises
     ------
     InputError
-        A law that the reference implementation does not have, or a missing package.
+        The reference implementation has no such controller, or a package is missing.
     """
     options = set(options)
     task: TermsOf = AngularTask(model) if "angular" in options else tip
@@ -62,7 +63,7 @@ def make_law(name: str, model: SoftModel, gains: Gains, options: Iterable[str]) 
 
 
 class AngularTask:
-    """The tip's task with its angular velocity below: r = 6, its error and references zero."""
+    """The tip's task with three rows for its angular velocity, whose reference is zero (r = 6)."""
 
     def __init__(self, model: SoftModel) -> None:
         self._twin = Twin(model.robot)
@@ -103,7 +104,7 @@ class Differenced:
 
 
 def reference_inertia(mobility: np.ndarray) -> np.ndarray:
-    """Λ of J M⁻¹ Jᵀ: an inverse, or a coarse pseudo-inverse where the determinant is small."""
+    """Λ from J M⁻¹ Jᵀ: the inverse, or a coarse pseudo-inverse if the determinant is small."""
     if abs(np.linalg.det(mobility)) < 1e-2:
         return np.linalg.pinv(mobility, rcond=1e-2)
     return np.linalg.inv(mobility)
@@ -113,7 +114,7 @@ pseudo_inverse = partial(np.linalg.pinv, rcond=1e-8)  # UIC's inner one
 
 
 class ClosedForm:
-    """IC, and with `project` UIC; `theirs` are the reference implementation's thresholds."""
+    """IC, and with `project` UIC; `theirs` selects the reference implementation's thresholds."""
 
     def __init__(
         self, model: SoftModel, gains: Gains, task: TermsOf, *, project: bool, theirs: bool
@@ -133,7 +134,7 @@ class ClosedForm:
 
 
 class Qp:
-    """A law that solves a QP; where its solver has no answer the input is zero, counted."""
+    """A controller that solves a QP; without a solution its input is zero, and this is counted."""
 
     def __init__(
         self,
@@ -164,7 +165,7 @@ class Qp:
 
 
 def reference_clf_qp(variables: Any, state: State, task: TaskTerms, gains: Gains) -> SymbolicQp:
-    """The reference's CLF-QP: V̇² and ‖u‖₁² in the cost, and a V̇ that leaves ÿ_ref out."""
+    """The reference's CLF-QP: V̇² and ‖u‖₁² in the cost, and V̇ without ÿ_ref."""
     qp = paper_qps.clf_qp(variables, state, task, gains)
     u, mu, delta = qp.variables.values()
     V, drift, slope = paper_qps.lyapunov(task, gains.eps)

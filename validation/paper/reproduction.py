@@ -1,8 +1,8 @@
-"""What the paper's reference implementation does otherwise, one change at a time.
+"""Differences of the paper's reference implementation from the paper, one change at a time.
 
-A change stands around our code, never in it: it changes a `Case`. A controller is shown another
-`State`, the plant is another, the period, or the paper's QP is solved as the reference
-solves it (`reference_laws`). Changes combine with ``+``.
+A change modifies a `Case`; our code stays the same. It alters the `State` that the controller sees,
+the plant or the period, or it solves the paper's QP as the reference does (`reference_laws`).
+Changes combine with ``+``.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TITLES = (
 
 
 def seen(state: State, **changes: Any) -> State:
-    """A copy of `state` with other terms, read-only; `C` and `g` too, which it computes itself."""
+    """A read-only copy of `state` with other terms; `C` and `g` can be replaced, too."""
     own: dict[str, Any] = {name: changes.pop(name) for name in ("C", "g") if name in changes}
     for value in (*changes.values(), *own.values()):
         value.flags.writeable = False
@@ -49,35 +49,35 @@ def seen(state: State, **changes: Any) -> State:
 
 
 def wrong_sign(state: State) -> State:
-    """Springs and dampers enter h with the wrong sign: doubled where they should be cancelled."""
+    """Springs and dampers enter h with the wrong sign, so that they are doubled, not cancelled."""
     return seen(state, K=-state.K, D=-state.D, h=state.bias - state.D @ state.v - state.K)
 
 
 def no_coriolis(state: State) -> State:
-    """C = 0, and what is called gravity is the whole bias C q̇ + g."""
+    """C = 0, and g is the whole bias C q̇ + g."""
     return seen(state, C=np.zeros_like(state.M), g=np.array(state.bias))
 
 
 class Stale:
-    """M, bias and passive forces are those of the last control step; J, B and the tip are not."""
+    """M, bias and passive forces are one control step old; J, B and the tip are current."""
 
     def __init__(self) -> None:
         self._last: State | None = None
 
     def __call__(self, state: State) -> State:
-        """What the controller sees instead of `state`."""
+        """The state that the controller sees instead of `state`."""
         last, self._last = self._last or state, state
         passive = last.h - last.bias
         return seen(
             state,
             M=np.array(last.M), bias=np.array(last.bias), h=np.array(last.h),
-            K=passive - state.D @ state.v,  # so that D q̇ + K is the old passive force
+            K=passive - state.D @ state.v,  # then D q̇ + K is the old passive force
             g=np.array(last.g), C=np.array(last.C),
         )  # fmt: skip
 
 
 def always(view: View) -> View:
-    """What makes a view that remembers nothing."""
+    """A factory for a view without memory."""
     return view
 
 
@@ -94,7 +94,7 @@ class Moved:
         return Reference(at.y + self.by, at.ydot, at.yddot)
 
 
-# The ellipse's length (m) where it is not the robot's: SpiRob's, whose base stands at 0.50 m
+# The ellipse's length (m) if it is not the robot's: SpiRob's, whose base is 0.50 m high
 SPIROB_LENGTH = {"set_point": 0.48, "tracking": 0.45}
 PHI = math.pi / 4
 
@@ -102,11 +102,11 @@ PHI = math.pi / 4
 def reference_target(
     robot: str, experiment: Experiment, shift: tuple[float, float] = (0.0, 0.0)
 ) -> Callable[[float], Reference]:
-    """What the reference implementation asks of the tip, as its own logs have it.
+    """The reference of the tip in the logs of the reference implementation.
 
-    b is L/6, not the paper's L/8; SpiRob's L is 0.48 m at set points and 0.45 m in trajectories,
-    and its ellipse hangs from a point that high above the ground, not from the base at 0.50 m.
-    `shift` moves the ellipse along its axes a and b (m).
+    b is L/6, not the paper's L/8. SpiRob's L is 0.48 m at set points and 0.45 m in trajectories.
+    Its ellipse starts at this height above the ground, not at the base at 0.50 m. `shift` moves the
+    ellipse along its axes a and b (m).
     """
     setup = experiments.setup(robot)
     length = SPIROB_LENGTH[experiment.kind] if robot.startswith("spirob") else setup.length
@@ -122,38 +122,38 @@ def reference_target(
 
 
 def shifted_target(robot: str, experiment: Experiment) -> Callable[[float], Reference]:
-    """The same in the repository's last versions: 0.1 m back, and 0.05 m up but for SpiRob."""
+    """The target in the repository's last versions: 0.1 m back, and 0.05 m up except for SpiRob."""
     return reference_target(robot, experiment, (-0.1, 0.0 if robot.startswith("spirob") else 0.05))
 
 
 def another_law(
     name: str, model: SoftModel, options: tuple[str, ...], gains: Mapping[str, float]
 ) -> Any:
-    """A law of `reference_laws` with the published gains but for some."""
+    """A controller of `reference_laws` with the published gains, some of them replaced."""
     own = replace(PUBLISHED[model.bundled or ""][name], **gains)
     return reference_laws.make_law(name, model, own, options)
 
 
 @dataclass(frozen=True)
 class Change:
-    """One way in which a run differs from ours, and the cells it is meant for.
+    """One difference of a run from ours, and the cells for which it is meant.
 
     Attributes
     ----------
     what : str
-        A line for people.
+        A description of one line.
     robots, controllers : tuple of str
-        Where it is run unless asked otherwise.
+        The robots and controllers with which it runs by default.
     case, plant, signals : mapping
-        Fields of the `Case`, of its `PlantErrors`, of its `SignalPath` that differ.
+        The fields that differ, of the `Case`, its `PlantErrors` and its `SignalPath`.
     views : tuple
-        Makers of views that join those of the `SignalPath`.
+        Factories of views, added to those of the `SignalPath`.
     law : str
-        What asks `reference_laws` for the controller: "exact" (QPs on Goldfarb–Idnani, three task
-        rows), "angular" (the same with the tip's angular velocity as three more), "difference",
-        "thresholds", "mass", "scs", "clf".
+        The option of `reference_laws` for the controller: "exact" (QPs solved by Goldfarb–Idnani,
+        three task rows), "angular" (the same with three more rows for the tip's angular velocity),
+        "difference", "thresholds", "mass", "scs", "clf".
     gains : mapping
-        Gains that are not the published ones; the law is then one of `reference_laws`.
+        Gains that replace the published ones. The controller is then one of `reference_laws`.
     hulls : bool
         Whether links touch as in the reference's own model files.
     """
@@ -236,20 +236,20 @@ CHANGES = {
         ("finger", "spirob"), ("clf-qp",), law="clf",
     ),
 }  # fmt: skip
-# Where the reference's files say what touches what; its finger's links never meet.
+# The reference's files that state the contacts; the links of its finger never touch.
 HULLS = {
     "helix": "mujoco_models/helix/helix_control.xml",
     "spirob48": "mujoco_models/spirob/spirob.xml",
 }
 
-# What the reference implementation has, robot by robot; `{law}` depends on the controller.
+# All changes of the reference implementation, by robot; `{law}` depends on the controller.
 _COMMON = "ellipse+sampled+late+stale+no-coriolis+plant-step+soft-stops+contacts+thresholds"
 REFERENCE = {
     "finger": _COMMON,
     "helix": f"passive-sign+{_COMMON}+angular",
     "spirob": f"dof48+friction+{_COMMON}+angular",
 }
-# Its task and its plant, around a controller that is left as it is.
+# Only its task and its plant, with our controller.
 _TASK = "ellipse+sampled+plant-step"
 THERE = {
     "finger": _TASK,
@@ -289,7 +289,7 @@ def cases(
     thetas: Sequence[float] | None = None,
     omegas: Sequence[float] | None = None,
 ) -> list[Case]:
-    """The cells an experiment is meant for, or those asked for."""
+    """The cells for which an experiment is meant, or the requested ones."""
     found: list[Case] = []
     wanted = tuple(controllers) if controllers is not None else None
     for robot in ROBOTS if robots is None else robots:
@@ -310,7 +310,7 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
     Raises
     ------
     InputError
-        An unknown name, or one that needs the reference's files, and none are given.
+        The name is unknown, or it needs the reference's files, which are not given.
     """
     case, gains = cell, dict[str, float]()
     changes = parse(name, cell.robot)
@@ -324,7 +324,7 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
         if files is None:
             raise InputError("files", "the reference's folder, which hulls needs", None)
         case = replace(case, plant=replace(case.plant, shapes=files / HULLS[case.robot]))
-    # a robot's whole list holds changes of laws that are not this cell's
+    # a robot's list also holds changes of other controllers
     laws = tuple(c.law for c in changes if c.law and cell.controller in c.controllers)
     if not laws and not gains:
         return case
@@ -339,8 +339,8 @@ def labelled(wanted: Iterable[tuple[str, Case]], files: Path | None = None) -> d
 def run_experiments(
     wanted: Sequence[tuple[str, Case]], folder: Path, jobs: int = -1, files: Path | None = None
 ) -> None:
-    """Run what is missing or out of date below `folder`; a bar on a terminal."""
-    asked = {  # all of them before the first one runs: one may be bad input
+    """Run the cases that are missing or out of date in `folder`; a bar on a terminal."""
+    asked = {  # check all of them before the first one runs
         name: benchmark.jobs_of([changed(cell, name, files) for cell in cells], cells)
         for name, cells in _by_name(wanted).items()
     }
@@ -358,7 +358,7 @@ def _by_name(wanted: Iterable[tuple[str, Case]]) -> dict[str, list[Case]]:
 def reproduction_rows(
     wanted: Iterable[tuple[str, Case]], folder: Path, grid: Path
 ) -> list[dict[str, Any]]:
-    """The table: one row an experiment, robot and controller, ours and the paper's beside it."""
+    """The table: one row per experiment, robot and controller, with our and the paper's figures."""
     found = []
     for name, mine in _by_name(wanted).items():
         ours = {(r["robot"], r["controller"]): r for r in benchmark.benchmark_rows(mine, grid)}
@@ -383,7 +383,7 @@ def _reproduction_cells(row: dict[str, Any]) -> list[str]:
 
 
 def reproduction_document(rows: list[dict[str, Any]]) -> str:
-    """The table, then every run's figure and the reasons of the failed ones."""
+    """The table, then the figure of every run and the reasons of failed runs."""
     lines = []
     for row in rows:
         runs = {cell_title("set_point", float(k)): v for k, v in row["set_points_cm"].items()}

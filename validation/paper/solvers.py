@@ -1,9 +1,9 @@
-"""A QP written in expressions, and the solvers that may stand behind it.
+"""A QP written in expressions, and the solvers for it.
 
-A solver hands out variables, a QP is written in them with NumPy's operators, and the solver
-answers it. quadprog is exact: its variables are rows that know their coefficients
-(`Affine`). SCS is what the paper used: its variables are cvxpy's own. Both are extras
-(``test``, ``bench``), imported when a solver is made.
+A solver creates variables, the QP is written in them with NumPy's operators, and the solver solves
+it. quadprog is exact. Its variables are rows with known coefficients (`Affine`). The paper used
+SCS, whose variables are cvxpy's own. Both are extras (``test``, ``bench``) and are imported when a
+solver is made.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 
 from softdyn import InputError
 
-SAME = 1e-9  # rows of unit size closer than this to dependent ones are dependent
+SAME = 1e-9  # rows of unit size closer than this to linear dependence count as dependent
 
 
 class Unsolved(ArithmeticError):
-    """A solver that has no answer."""
+    """The solver has no answer."""
 
 
 class Affine:
@@ -71,12 +71,12 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SymbolicQp:
-    """min Σ weight ‖of‖² s.t. equal = 0, below ≤ 0, each part under a name of its own.
+    """min Σ weight ‖of‖² s.t. equal = 0, below ≤ 0, with a name for each part.
 
     Attributes
     ----------
     variables : dict of expressions
-        All unknowns, in the order in which the solver handed them out.
+        All unknowns, in the order in which the solver created them.
     cost : dict of Term
     equal, below : dict of expressions
     """
@@ -97,7 +97,7 @@ class SolverAnswer:
     cost : float
         The QP's cost there.
     residual : float
-        Largest violation of the conditions of optimality; NaN where the solver does not tell.
+        Largest violation of the optimality conditions; NaN if the solver does not report it.
     """
 
     values: dict[str, np.ndarray]
@@ -109,7 +109,7 @@ class SolverAnswer:
 
 
 class Solver(Protocol):
-    """Anything that a QP can be written for and solved by."""
+    """A solver for which a QP can be written."""
 
     def variables(self, *sizes: int) -> Sequence[Any]:
         """One variable of each size, the unknowns of one QP."""
@@ -150,16 +150,16 @@ class Matrices(NamedTuple):
 class Quadprog:
     """Goldfarb and Idnani's dual active-set method.
 
-    It needs a positive definite Hessian. A semidefinite one takes the proximal-point iteration
-    x ← argmin f + ½ ridge ‖x - x_previous‖², whose fixed points are the minimisers of f itself;
-    the residual is that of f, whatever the ridge.
+    It needs a positive definite Hessian. For a semidefinite Hessian it runs the proximal-point
+    iteration x ← argmin f + ½ ridge ‖x - x_previous‖², whose fixed points are the minimisers of f.
+    The residual is always that of f.
 
     Parameters
     ----------
     ridge : float
         0 for a positive definite Hessian.
     steps : int
-        At most so many of the iteration.
+        Largest number of iterations.
     """
 
     variables = staticmethod(unknowns)
@@ -182,7 +182,7 @@ class Quadprog:
             except ValueError as error:
                 raise Unsolved(f"quadprog: {error}") from None
             z = multipliers[len(p.e) :]
-            # quadprog reports |y| of an equality; stationarity gives its sign back
+            # quadprog reports |y| of an equality; stationarity gives the sign
             y = np.linalg.lstsq(p.E.T, -(p.H @ x + p.g + p.A.T @ z))[0] if len(p.e) else p.e
             found = kkt_residual(p, x, y, z)
             if found < residual:
@@ -195,14 +195,14 @@ class Quadprog:
 class LeastNorm:
     """The minimiser of least ‖x‖, for QPs with more than one.
 
-    A solver finds one of them. What the cost measures is the same at all of them (Mangasarian
-    1988), so a second QP moves x along what changes neither that nor the equalities, and
-    minimises ‖x‖²: no weight on x in the first one, however small.
+    A solver finds one minimiser. All minimisers give the same terms of the cost (Mangasarian 1988).
+    So a second QP minimises ‖x‖² over the x that change neither these terms nor the equalities. The
+    first QP needs no regularising weight on x.
 
     Parameters
     ----------
     solver : Solver
-        An exact one that takes semidefinite Hessians.
+        An exact solver that takes semidefinite Hessians.
     """
 
     variables = staticmethod(unknowns)
@@ -232,12 +232,12 @@ class LeastNorm:
 
 
 def matrices(qp: SymbolicQp) -> Matrices:
-    """The QP of an exact solver's variables, less the constant of its cost.
+    """The matrices of a QP in an exact solver's variables, without the constant of its cost.
 
     Raises
     ------
     Unsolved
-        A term of the cost that is not quadratic.
+        A term of the cost is not quadratic.
     """
     terms = qp.cost.values()
     if any(term.order != 2 for term in terms):
@@ -257,7 +257,7 @@ def matrices(qp: SymbolicQp) -> Matrices:
 
 
 def scaled(p: Matrices) -> tuple[Matrices, np.ndarray]:
-    """Unit Hessian diagonal, unit rows, answers of order one; and the units of the answer."""
+    """The QP with unit Hessian diagonal, unit rows, answers of order one; the answer's units."""
     diagonal = np.diag(p.H)
     unit = 1 / np.sqrt(np.where(diagonal > 1e-12 * diagonal.max(), diagonal, 1.0))
     E, A, g = p.E * unit, p.A * unit, p.g * unit
@@ -275,7 +275,7 @@ def scaled(p: Matrices) -> tuple[Matrices, np.ndarray]:
 def kkt_residual(p: Matrices, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> float:
     """Largest violation of stationarity, feasibility, sign and complementarity at (x; y, z).
 
-    For scaled QPs (entries of order one): absolute, but for multipliers larger than one.
+    For scaled QPs (entries of order one). It is absolute, except for multipliers larger than one.
     """
     size = max(1.0, np.abs(y).max(initial=0), np.abs(z).max(initial=0))
     slack = p.b - p.A @ x
@@ -291,7 +291,7 @@ def kkt_residual(p: Matrices, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> fl
 
 
 def answer(qp: SymbolicQp, x: np.ndarray, residual: float) -> SolverAnswer:
-    """The answer x of an exact solver in the QP's own names."""
+    """The answer x of an exact solver, by the QP's names."""
     cost = sum(weight * float(np.sum(rows.at(x) ** 2)) for weight, rows, _ in qp.cost.values())
     values = {name: rows.at(x) for name, rows in qp.variables.items()}
     return SolverAnswer(values, cost, residual)
@@ -301,7 +301,7 @@ def answer(qp: SymbolicQp, x: np.ndarray, residual: float) -> SolverAnswer:
 
 
 class Scs:
-    """SCS through cvxpy, the QP built anew every time: what the paper did.
+    """SCS through cvxpy, as the paper used it; the QP is built anew at every call.
 
     Parameters
     ----------
@@ -309,8 +309,8 @@ class Scs:
         Write ‖x‖² as ``sum_squares(x)``, which stays a quadratic program and takes half the time.
         The reference implementation writes ``square(norm(x))``, which becomes second-order cones.
     accuracy : float, optional
-        Absolute and relative tolerance of SCS; cvxpy's default, which the reference implementation
-        uses, where it is omitted.
+        Absolute and relative tolerance of SCS. The default is cvxpy's, which the reference
+        implementation uses.
     """
 
     def __init__(self, *, quadratic: bool = False, accuracy: float | None = None) -> None:
