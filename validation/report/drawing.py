@@ -1,4 +1,4 @@
-"""A robot in the neutral form, of either format, as the viewer draws it."""
+"""A drawing for the viewer of a robot in the neutral form, from a URDF or an MJCF."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ AXES = np.eye(3)
 class RobotDrawing:
     """A robot with its shapes, each on a part or on the root, in the root's axes at zero.
 
-    `rest` are coordinates of free bodies as the file puts them; `problem` says why it is drawn as
-    sticks, where it is.
+    `rest` are the coordinates of free bodies in the file. If the robot is drawn as sticks,
+    `problem` says why.
     """
 
     name: str
@@ -38,7 +38,7 @@ class RobotDrawing:
 
     @classmethod
     def of(cls, side: Side) -> RobotDrawing:
-        """The drawing of a robot with the shapes of its file; sticks where those cannot be had."""
+        """The drawing of a robot with its file's shapes, or with sticks if they cannot be read."""
         robot = side.neutral
         found: tuple[tuple[int, Visual], ...] = ()
         problem, rest = "", {}
@@ -52,7 +52,7 @@ class RobotDrawing:
         return cls(robot.path.stem, robot, found or tuple(_sticks(robot)), rest, problem)
 
     def painted(self, colours: Mapping[int, Rgba], other: Rgba) -> RobotDrawing:
-        """The same in the colours of its parts."""
+        """The drawing with the given colours of its parts."""
         shapes = tuple(
             (part, replace(shape, rgba=colours.get(part, other))) for part, shape in self.shapes
         )
@@ -60,13 +60,13 @@ class RobotDrawing:
 
     @property
     def size(self) -> float:
-        """A length (m) it fits in."""
+        """A length (m) into which the robot fits."""
         far = [float(np.abs(shape.pose[:3, 3]).max()) for _, shape in self.shapes]
         return max(self.robot.size, *far, 0.1) if far else self.robot.size
 
     @property
     def freedoms(self) -> int:
-        """Numbers in a frame."""
+        """Number of coordinates in a frame."""
         return self.robot.nv
 
     def coordinates(self, q: Mapping[str, list[float]]) -> np.ndarray:
@@ -81,7 +81,7 @@ class RobotDrawing:
 
     @property
     def data(self) -> dict[str, Any]:
-        """As `Figure.data`: a link for every freedom, each in the root's axes at zero."""
+        """The data of `Figure.data`: a link per degree of freedom, in the root's axes at zero."""
         origins = {WORLD: np.zeros(3)}
         joints: list[dict[str, Any]] = []
         link = {WORLD: 0}
@@ -126,7 +126,7 @@ class RobotDrawing:
 
 
 def _freedoms(kind: str, axis: np.ndarray) -> tuple[list[bool], list[np.ndarray]]:
-    """Whether each slides, and its axis; a ball turns about x, y, z, a free body moves first."""
+    """Whether each freedom slides, and its axis; a free body first slides, then turns."""
     if kind in ("hinge", "slide"):
         return [kind == "slide"], [axis]
     turns = [False] * 3, list(AXES)
@@ -134,7 +134,7 @@ def _freedoms(kind: str, axis: np.ndarray) -> tuple[list[bool], list[np.ndarray]
 
 
 def _angles(rotation: np.ndarray) -> np.ndarray:
-    """Angles (3,) about x, y, z, each in the axes that the one before left: R = Rx Ry Rz."""
+    """Angles (3,) about the successively rotated axes x, y, z: R = Rx Ry Rz."""
     y = np.arctan2(rotation[0, 2], np.hypot(rotation[0, 0], rotation[0, 1]))
     x = np.arctan2(-rotation[1, 2], rotation[2, 2])
     return np.array([x, y, np.arctan2(-rotation[0, 1], rotation[0, 0])])
@@ -151,7 +151,7 @@ def _of_urdf(robot: Neutral, parsed: Robot) -> Iterator[tuple[int, Visual]]:
 
 
 def _rest(robot: Neutral, model: mujoco.MjModel) -> dict[str, list[float]]:
-    """Where the file puts free bodies: position and rotation vector (rad)."""
+    """Position and rotation vector (rad) of free bodies in the file."""
     found = {}
     for k, part in enumerate(robot.parts):
         if part.kind == "free":
@@ -175,7 +175,7 @@ def _of_mjcf(robot: Neutral, model: mujoco.MjModel) -> Iterator[tuple[int, Visua
 
 
 def _sticks(robot: Neutral) -> Iterator[tuple[int, Visual]]:
-    """A ball at every joint, a rod from it to each that follows, or to the tip's origin."""
+    """A ball at every joint, and a rod from it to each next joint, or to the tip's origin."""
     size, grey = robot.size, (0.6, 0.6, 0.6, 1.0)
     for k, part in enumerate(robot.parts):
         pose = np.eye(4)

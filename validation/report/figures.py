@@ -1,4 +1,4 @@
-"""The paper's figures, each a function of the runs it may show; None where there are none."""
+"""The paper's figures, each a function of the runs; None without runs for it."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from softdyn.validation.report.plot_data import (
 
 TICKS = 4  # at most, on a small panel's axis
 FINEST = 1e-4  # cm; errors below a micrometre are drawn as one
-PATH_TOLERANCE = 0.02  # cm; what paths are simplified by, less than a printed dot
+PATH_TOLERANCE = 0.02  # cm; tolerance of simplified paths, less than a printed dot
 REFERENCE_WIDTH = 3.5
-WILD_LENGTHS, WILD_DECADES = 8.0, 60.0  # a curve that goes farther than that up and down is wild
+WILD_LENGTHS, WILD_DECADES = 8.0, 60.0  # a curve with a larger total variation is wild
 
 
 def lyapunov(runs: Sequence[PlottedRun], kind: str) -> Figure | None:
-    """V/V(0) over time, one curve and band a robot (the paper's Figs. clf_set, clf_tracking).
+    """V/V(0) over time, one curve and band per robot (the paper's Figs. clf_set, clf_tracking).
 
-    Trajectories last as long as their rate says, so their time counts in cycles.
+    The time of trajectories is in cycles, because their duration depends on their rate.
     """
     name, runs = main_controller(of(runs, kind=kind))
     colours = look.looks(distinct(runs, "robot"), look.ROBOTS)
@@ -77,7 +77,7 @@ def convergence(runs: Sequence[PlottedRun], robot: str) -> Figure | None:
     height = np.clip((width - 0.9) / len(runs) * z / x, 0.8, 3.0) + 1.0
     figure, (row,) = look.panels(1, len(runs), width, float(height), sharex=True, sharey=True)
     longest = max(run.log.duration for run in runs)
-    norm = PowerNorm(0.4, 0, longest)  # most happens at the beginning
+    norm = PowerNorm(0.4, 0, longest)  # the beginning shows the transient
     for i, (axes, run) in enumerate(zip(row, runs, strict=True)):
         log = run.log
         kept = thin_path(run.path, PATH_TOLERANCE)
@@ -113,7 +113,7 @@ def convergence(runs: Sequence[PlottedRun], robot: str) -> Figure | None:
 
 
 def tracking(runs: Sequence[PlottedRun]) -> Figure | None:
-    """Tip paths of the second cycle, a panel a robot, a line a controller (Fig. tracking)."""
+    """Tip paths of the second cycle, a panel per robot, a line per controller (Fig. tracking)."""
     runs = of(runs, kind="tracking")
     if not runs:
         return None
@@ -133,7 +133,7 @@ def tracking(runs: Sequence[PlottedRun]) -> Figure | None:
 
 
 def draw_second_cycles(axes: Axes, runs: Sequence[PlottedRun], colours: dict[str, Any]) -> None:
-    """One robot's reference and tips from half of the planned duration on."""
+    """Draw one robot's reference and tip paths in the second half of the planned duration."""
     reference = max(runs, key=lambda run: len(run.log.t)).goal
     axes.plot(*reference.T, color=look.REFERENCE, linewidth=REFERENCE_WIDTH, zorder=1)
     early = []
@@ -157,7 +157,7 @@ def draw_second_cycles(axes: Axes, runs: Sequence[PlottedRun], colours: dict[str
 
 
 def errors(runs: Sequence[PlottedRun], kind: str) -> Figure | None:
-    """‖e‖ over time of every run: a row a robot, a column an experiment, a line a controller."""
+    """‖e‖ over time: a row per robot, a column per experiment, a line per controller."""
     runs = of(runs, kind=kind)
     if not runs:
         return None
@@ -191,15 +191,15 @@ def errors(runs: Sequence[PlottedRun], kind: str) -> Figure | None:
 
 
 def legend(runs: Sequence[PlottedRun], colours: dict[str, look.Look]) -> list[Line2D]:
-    """Handles for the runs' controllers, and for the mark of a failed run if one is."""
+    """Handles for the runs' controllers, and for the mark of failed runs if there are any."""
     titles = {name: look.controller_title(name) for name in distinct(runs, "controller")}
     return look.legend_handles(titles, colours, any(run.log.failed for run in runs))
 
 
 def weight(run: PlottedRun, wild: bool) -> dict[str, Any]:
-    """Width and layer of a run's line: dashes over a wide solid line show both where they agree.
+    """Width and layer of a run's line; dashes over a wide solid line keep equal curves visible.
 
-    A `wild` curve would hide all others, so it is thin and behind them.
+    A `wild` curve is thin and behind the others, because it would hide them.
     """
     if wild:
         return {"linewidth": 0.4, "zorder": 0.8}
@@ -207,12 +207,12 @@ def weight(run: PlottedRun, wild: bool) -> dict[str, Any]:
 
 
 def length(path: np.ndarray) -> float:
-    """Length of a polygon's chain of points (N, 2)."""
+    """Length of the polyline through points (N, 2)."""
     return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def log_axis(axes: Axes) -> None:
-    """A logarithmic vertical axis with powers of ten, few enough to read."""
+    """Make the vertical axis logarithmic, with few powers of ten as labels."""
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(numticks=6))
     axes.yaxis.set_minor_formatter(NullFormatter())

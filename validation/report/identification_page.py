@@ -1,4 +1,4 @@
-"""A page about an identification: parameters, fit, residuals and whether they are white."""
+"""A page about an identification: parameters, fit, residuals and their whiteness."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softdyn.validation.tables import Table
 from softdyn.view.page import head
 
 TITLES = ("parameter", "value", "95 %", "file", "unit")
-SHOWN = 4  # outputs: the ones that the model explains worst
+SHOWN = 4  # number of outputs shown, those with the worst fit
 STYLE = """\
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 15px/1.5 sans-serif; }
 table { border-collapse: collapse; } td, th { padding: 3px 12px; text-align: right; }
@@ -31,9 +31,9 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     Parameters
     ----------
     name : str
-        The robot's.
+        Name of the robot.
     data : Measurements
-        All of them; the fit saw the first part.
+        All measurements; the fit used the first part.
     found : Identified
     """
     rows = []
@@ -64,7 +64,7 @@ def page(name: str, data: Measurements, found: Identified) -> str:
 
 
 def _outputs(data: Measurements, found: Identified) -> Figure:
-    """Measured and simulated, and what is left, of the outputs that fit worst."""
+    """Measured and simulated values, and residuals, of the outputs that fit worst."""
     count = min(SHOWN, len(found.names))
     samples = len(found.residuals)
     spread = np.maximum(np.ptp(data.outputs, axis=0), 1e-12)

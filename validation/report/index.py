@@ -1,8 +1,8 @@
-"""One page that tells a benchmark's whole result, with a replay behind every picture.
+"""The page of a benchmark's results, where every picture links to a replay.
 
-Below the benchmark's folder: ``index.html``, ``replays/ROBOT/CONTROLLER.html`` with all runs of a
-pair, ``replays/meshcat.js`` that these share, and ``thumbnails/``. Everything opens from the file
-system and asks nothing of the network.
+The benchmark's folder gets ``index.html``, ``replays/ROBOT/CONTROLLER.html`` with all runs of a
+pair, their common ``replays/meshcat.js``, and ``thumbnails/``. All pages open from the file system
+without a network.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from softdyn.view.page import head, library_file
 
 PAGE = "index.html"
 REPLAYS, THUMBNAILS, LIBRARY = "replays", "thumbnails", "meshcat.js"
-RATE = 20.0  # frames a second of the replays: 162 runs must not weigh too much
+RATE = 20.0  # frames per second of the replays, few because a benchmark has 162 runs
 FIGURES = {
     "tracking": "The tip along the ellipse",
     "convergence_": "Error over time",
@@ -125,8 +125,8 @@ def draw_all(cases: Sequence[Case], folder: Path, jobs: int = -1) -> dict[str, A
     Returns
     -------
     dict
-        ``figures``, their files; ``report``, the page, where the figures of merit, which it shows
-        too, stand beside the logs.
+        ``figures``: the files of the figures. ``report``: the page, if the figures of merit, which
+        it shows too, lie beside the logs.
 
     Raises
     ------
@@ -148,14 +148,14 @@ def draw_all(cases: Sequence[Case], folder: Path, jobs: int = -1) -> dict[str, A
 
 
 def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
-    """Replay and thumbnail of a robot with a controller; returns the runs' versions."""
+    """Write replay and thumbnail of a robot with a controller; return the runs' versions."""
     from softdyn.validation.report.replay import replays
     from softdyn.validation.report.thumbnail import thumbnail
     from softdyn.view.scene import Figure
 
     store = benchmark.store(folder)
     logs = [Log.load(store.log_path(case.name)) for case in cases]
-    model = logs[0].source.model()  # as it was when it ran
+    model = logs[0].source.model()  # from the log, as the robot's file may have changed
     name = f"{robot_title(cases[0].robot)}, {controller_title(cases[0].controller)}"
     page = replays(logs, model, name, RATE).html(f"../{LIBRARY}")
     write_text(folder / replay_path(cases[0]), page)
@@ -165,18 +165,18 @@ def draw(cases: Sequence[Case], folder: Path) -> dict[str, str]:
 
 
 def chosen(cases: Sequence[Case]) -> int:
-    """Which of the cases the thumbnail shows."""
+    """Index of the case that the thumbnail shows."""
     found = [i for i, c in enumerate(cases) if (c.kind, c.value) == ("set_point", SHOWN)]
     return found[0] if found else 0
 
 
 def replay_path(case: Case) -> Path:
-    """Where the runs of a robot with a controller can be seen, below the benchmark's folder."""
+    """Path of the replay of a robot with a controller, relative to the benchmark's folder."""
     return Path(REPLAYS, safe_filename(case.robot), f"{safe_filename(case.controller)}.html")
 
 
 def thumbnail_path(case: Case) -> Path:
-    """The picture of a robot with a controller, below the benchmark's folder."""
+    """Path of the picture of a robot with a controller, relative to the benchmark's folder."""
     return Path(THUMBNAILS, safe_filename(case.robot), f"{safe_filename(case.controller)}.png")
 
 
@@ -302,7 +302,7 @@ def _runs(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _wide(table: Table, bad: Sequence[set[int]]) -> str:
-    """A table that scrolls where the window is narrow; `bad` are the columns marked in a row."""
+    """A table that scrolls in a narrow window; `bad` has the marked columns of each row."""
     return f'<div class="wide">{table.html(bad)}</div>'
 
 
@@ -311,6 +311,6 @@ def _url(path: Path | str) -> str:
 
 
 def _command() -> str:
-    """The command line that is running, its script without the folders above."""
+    """The running command line, with the script's name without its folder."""
     script = Path(sys.argv[0] or "python")
     return shlex.join(["python", "/".join(script.parts[-2:]), *sys.argv[1:]])

@@ -1,4 +1,4 @@
-"""Two files of one robot as a page: both in one scene, what differs in colour, the worst states."""
+"""A page of two files of one robot: both in one scene, differences in colour, the worst states."""
 
 from __future__ import annotations
 
@@ -31,15 +31,16 @@ def pair_page(one: Side, other: Side, found: Comparison) -> Page:
     Parameters
     ----------
     one, other : Side
-        The files; a URDF floats where the other file's robot does.
+        The files. A URDF gets a floating base if the other file's robot has one.
     found : Comparison
-        How they differ.
+        Their differences.
     """
     sides = one.beside(other), other.beside(one)
     a, names = sides[0].neutral, found.matched
     numbers = [{part.name: k for k, part in enumerate(side.neutral.parts)} for side in sides]
     colours: tuple[dict[int, Rgba], dict[int, Rgba]] = ({}, {})
-    for cause in reversed(found.causes):  # the largest effect last
+    # the largest effect comes last, so that its colour remains
+    for cause in reversed(found.causes):
         for k in () if cause.one_sided else _parts(a, cause):
             there = WORLD if k == WORLD else numbers[1].get(names.get(a.parts[k].name, ""))
             colours[0][k] = DIFFERS if cause.weight else VALUES
@@ -84,7 +85,7 @@ def _tracks(
 
 
 def _parts(robot: Neutral, cause: Cause) -> Iterator[int]:
-    """The parts that a cause is about."""
+    """The parts that a cause concerns."""
     for k, part in enumerate(robot.parts):
         if cause.where in (part.name, part.link, *(name for name, _ in part.pieces)):
             yield k
@@ -94,7 +95,7 @@ def _parts(robot: Neutral, cause: Cause) -> Iterator[int]:
 
 
 def _states(worst: tuple[Worst, ...]) -> list[tuple[str, dict[str, list[float]]]]:
-    """Zero, then the states at which the files differ most, each with what it is the worst of."""
+    """Zero, then the states at which the files differ most, each with its worst quantity."""
     found: list[tuple[str, dict[str, list[float]]]] = [("zero", {})]
     for state in worst:
         words = f"{state.quantity} {100 * state.error:.3g} % apart"
@@ -108,7 +109,7 @@ def _states(worst: tuple[Worst, ...]) -> list[tuple[str, dict[str, list[float]]]
 
 
 def _frames(poses: np.ndarray) -> np.ndarray:
-    """Frames from pose to pose (states, freedoms), resting at each."""
+    """Frames that move from pose to pose (states, freedoms), with a pause at each."""
     rows, t = [], 0.0
     steps = round(MOVE * RATE)
     for k, pose in enumerate(poses):
@@ -125,7 +126,7 @@ def _frames(poses: np.ndarray) -> np.ndarray:
 
 
 def _rows(found: Comparison) -> tuple[tuple[str, ...], ...]:
-    """The largest causes, the verdict as their title."""
+    """Rows of the largest causes, with the verdict as their title."""
     causes = [cause for cause in found.causes if not cause.one_sided]
     rows = [(cause.kind, f"{cause.where} {cause.detail}".strip()) for cause in causes[:ROWS]]
     if len(causes) > ROWS:

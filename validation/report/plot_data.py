@@ -1,4 +1,4 @@
-"""What the figures show of each run, and how long logs become short ones without losing peaks."""
+"""The data of each run for the figures; long logs are thinned so that peaks remain."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from softdyn.validation.loop.metrics import CM
 from softdyn.validation.studies.engine.case import Case
 
 OURS = "soft-id-clf-qp"  # the paper's controller
-EXAMPLE = {"set_point": 0.5, "tracking": 0.2}  # what single examples show, in multiples of π
+# the target in figures of a single example, in multiples of π
+EXAMPLE = {"set_point": 0.5, "tracking": 0.2}
 Value = TypeVar("Value")
-FLOOR = 1e-12  # what V/V(0) is drawn at least as, for the logarithm
+FLOOR = 1e-12  # smallest V/V(0) in a figure, because of the logarithm
 
 
 @dataclass(frozen=True, eq=False)
 class PlottedRun:
-    """A case and its log, up to the first sample that is not finite, a diverged run's last.
+    """A case and its log up to the first sample that is not finite, the last of a diverged run.
 
     Attributes
     ----------
     case : Case
-        What was run.
+        The case that was run.
     log : Log
         N + 1 samples.
     error : np.ndarray, (N + 1,)
@@ -58,7 +59,7 @@ class PlottedRun:
 
     @property
     def progress(self) -> np.ndarray:
-        """(N + 1,) time as a part of the planned duration."""
+        """(N + 1,) time as a share of the planned duration."""
         return self.log.t / self.log.duration
 
 
@@ -74,7 +75,7 @@ def of(
     kind: str | None = None,
     value: float | None = None,
 ) -> list[PlottedRun]:
-    """The runs of a robot, a controller, a kind, a value: of those that are given."""
+    """The runs of a robot, a controller, a kind and a value; None stands for all."""
     wanted = {"robot": robot, "controller": controller, "kind": kind, "value": value}
     given = {key: item for key, item in wanted.items() if item is not None}
     return [run for run in runs if all(getattr(run.case, k) == v for k, v in given.items())]
@@ -91,26 +92,26 @@ def preferred(values: Sequence[Value], value: Value) -> Value:
 
 
 def main_controller(runs: Sequence[PlottedRun]) -> tuple[str, list[PlottedRun]]:
-    """The controller that figures of one controller show, the paper's if it ran, and its runs."""
+    """The controller for figures of a single one (the paper's if it ran), and its runs."""
     names = distinct(runs, "controller")
     name = preferred(names, OURS) if names else OURS
     return name, of(runs, controller=name)
 
 
 def thin(*columns: np.ndarray, bins: int = 400) -> np.ndarray:
-    """Indices that draw the same curves: the ends and, in each bin, every column's extremes.
+    """Indices that give the same curves: the ends and, in each bin, every column's extremes.
 
     Parameters
     ----------
     columns : np.ndarray, (N,)
-        Of one length and finite.
+        Finite columns of equal length.
     bins : int
-        Parts of equal length that the samples are divided into.
+        Number of equal parts into which the samples are divided.
 
     Returns
     -------
     np.ndarray, (K,)
-        Increasing, K ≤ 2 · bins · number of columns + 2; all where that is not fewer.
+        Increasing indices, K ≤ 2 · bins · number of columns + 2; all of them if that is not fewer.
     """
     n = len(columns[0])
     if n <= 2 * bins * len(columns) + 2:
@@ -141,14 +142,14 @@ def thin_path(points: np.ndarray, tolerance: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Several positive curves as one: geometric mean, lowest and highest, over common bins.
+    """Geometric mean, minimum and maximum of several positive curves over common bins.
 
     Attributes
     ----------
     s : np.ndarray, (K,)
         The curve parameter, 0 … 1 over the planned duration.
     mean, low, high : np.ndarray, (K,)
-        Over the runs that got there.
+        Over the runs that lasted so long.
     ends : list[tuple[float, float]]
         (s, value) of the last sample of each failed run.
     """
@@ -161,9 +162,10 @@ class Band:
 
 
 def lyapunov_band(runs: Sequence[PlottedRun], bins: int = 300) -> Band | None:
-    """V/V(0) of the runs, None where no run has a V; a bin holds every sample of its time.
+    """V/V(0) of the runs; None if no run has a V.
 
-    A peak shows in `high` however short it is. Runs from V(0) = 0 have no normalised V.
+    A bin takes all samples of its time, so that `high` shows even a short peak. Runs with V(0) = 0
+    are left out, because they have no normalised V.
     """
     curves = [
         (run, np.maximum(run.log.V / run.log.V[0], FLOOR))

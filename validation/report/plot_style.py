@@ -1,4 +1,4 @@
-"""How every figure looks: fixed sizes, one colour a robot and a controller, files without dates."""
+"""Style of all figures: fixed sizes, one colour per robot and controller, files without dates."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ PNG_DPI = 200
 SUFFIXES = (".png", ".pdf")
 TIME = "Time (s)"
 
-# Okabe and Ito's palette: told apart by all common kinds of colour vision.
+# Okabe and Ito's palette: colours that all common kinds of colour vision can distinguish.
 BLUE, VERMILLION, GREEN, ORANGE = "#0072B2", "#D55E00", "#009E73", "#E69F00"
 SKY, PURPLE, BLACK = "#56B4E9", "#CC79A7", "#000000"  # its yellow is too light for a line
 GREY, BROWN, REFERENCE, NEUTRAL = "#7F7F7F", "#7A4B2A", "#BBBBBB", "#444444"
 SOLID, DASHED, DASH_DOT, DOTTED = "-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2))
 DASH_DOT_DOT, LONG = (0, (4, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2))
-# colour and dashes, so that a print in grey still tells lines apart
+# colour and dashes, so that lines differ in a grey print, too
 INPUTS: tuple[Look, ...] = (
     (BLUE, SOLID), (VERMILLION, DASHED), (GREEN, DASH_DOT), (ORANGE, DOTTED),
     (PURPLE, DASH_DOT_DOT), (SKY, LONG), (BLACK, SOLID), (GREY, DASHED), (BROWN, SOLID),
@@ -43,7 +43,7 @@ OTHERS: tuple[Look, ...] = (
     (BLACK, DASHED), (GREY, SOLID), (BROWN, DASH_DOT), (BLACK, DOTTED), (GREY, DASHED),
 )  # fmt: skip
 RC = {
-    "font.family": "DejaVu Sans",  # ships with Matplotlib, so every machine has it
+    "font.family": "DejaVu Sans",  # a part of Matplotlib, so every machine has it
     "font.size": 7.5,
     "axes.labelsize": 7.5,
     "axes.titlesize": 7.5,
@@ -66,7 +66,7 @@ RC = {
     "lines.linewidth": 1.1,
     "lines.markersize": 4.5,
     "axes.unicode_minus": True,
-    "pdf.fonttype": 42,  # outlines as fonts: text stays text
+    "pdf.fonttype": 42,  # embed fonts, so that text stays text
     "savefig.dpi": PNG_DPI,
 }
 FAILED: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.3, "linestyle": ""}
@@ -74,7 +74,7 @@ FAILED: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.3
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Matplotlib's own defaults and this style, whatever the user's own settings are."""
+    """Matplotlib's defaults with this style; the user's settings are ignored."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC)
@@ -82,7 +82,7 @@ def style() -> Iterator[None]:
 
 
 def looks(shown: Iterable[str], known: Mapping[str, Look]) -> dict[str, Look]:
-    """Colour and dashes of every name: its own, or the next one that nobody has."""
+    """Colour and dashes of every name: its fixed ones, or the next free ones."""
     others = [name for name in dict.fromkeys(shown) if name not in known]
     return {**known} | {name: OTHERS[i % len(OTHERS)] for i, name in enumerate(others)}
 
@@ -98,13 +98,13 @@ def controller_title(name: str) -> str:
 
 
 def plain(text: str) -> str:
-    """Text that Matplotlib takes for neither mathematics nor an entry to hide from a legend."""
+    """Text that Matplotlib prints literally, not as mathematics or as a hidden legend entry."""
     text = text.replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows by itself."""
+    """A figure that a notebook displays."""
 
     def _repr_png_(self) -> bytes:
         content = io.BytesIO()
@@ -142,14 +142,14 @@ def handle(label: str, look: Look, **options: Any) -> Line2D:
 def legend_handles(
     titles: Mapping[str, str], known: Mapping[str, Look], failed: bool
 ) -> list[Line2D]:
-    """A handle for every title, and if there are `failed` runs one for the mark at their ends."""
+    """A handle for every title, and one for the mark at the ends of `failed` runs, if any."""
     lines = [handle(title, known[name]) for name, title in titles.items()]
     mark = Line2D([], [], color=NEUTRAL, label="failed run", **FAILED)
     return [*lines, mark] if failed else lines
 
 
 def legend_above(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """One legend for all panels in a strip of its own above them, as wide as the figure allows."""
+    """Add one legend for all panels, in a strip above them, as wide as the figure."""
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     for rows in range(1, len(handles) + 1):
         columns = -(-len(handles) // rows)
@@ -160,7 +160,7 @@ def legend_above(figure: Figure, handles: Sequence[Line2D]) -> None:
 
 
 def check_path(path: str | Path) -> Path:
-    """`path`, if a figure can be written under its name.
+    """Return `path` if a figure can be written in the format of its suffix.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def check_path(path: str | Path) -> Path:
 
 
 def save(figure: Figure, path: Path) -> list[Path]:
-    """Write `path`.pdf and `path`.png, each whole or not at all, the same bytes every time."""
+    """Write `path`.pdf and `path`.png, each complete or not at all, with reproducible bytes."""
     written = []
     for kind, metadata in (("pdf", {"CreationDate": None, "ModDate": None}), ("png", {})):
         written.append(path.with_name(f"{path.name}.{kind}"))
@@ -183,6 +183,6 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 
 def write_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a file in the format of its suffix, whole or not at all."""
+    """Write a file in the format of its suffix, complete or not at all."""
     with atomic(path) as stream:
         figure.savefig(stream, format=path.suffix.lower()[1:], **options)

@@ -21,7 +21,7 @@ CONVERGENCE = "convergence_"  # and a robot
 
 
 def make_all(cases: Iterable[Case], folder: Path) -> list[Path]:
-    """Draw every figure that `cases` have the runs for, into ``folder/figures`` as PDF and PNG.
+    """Draw every figure for which `cases` have runs, into ``folder/figures`` as PDF and PNG.
 
     Figures of an earlier grid for which these cases have no runs are removed.
 

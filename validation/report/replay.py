@@ -1,4 +1,4 @@
-"""Logs as a page: one run after the other, or several side by side or on top of each other."""
+"""Pages that replay logs: one run at a time, or several side by side or overlaid."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from softdyn.view.scene import Figure
 
 RATE = 30.0  # frames a second
 MOST = 3000  # frames of one run
-STRIDE = 0.02  # of the robot's length that the tip moves between two frames
+STRIDE = 0.02  # largest motion of the tip between two frames, in lengths of the robot
 # Okabe and Ito's palette, as in the figures
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GAP = 1.25  # between robots side by side, in lengths of the robot
@@ -33,7 +33,7 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     model : SoftModel
         The robot of the log.
     around : Sequence of Visual
-        What stands around the robot: the `scenery` of its plant.
+        The surroundings of the robot: the `scenery` of its plant.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
 
 
 def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
-    """Several runs of one robot as one page, to be chosen from a list."""
+    """One page with several runs of one robot, chosen from a list."""
     runs = tuple(
         PlayedRun(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
         for log in logs
@@ -61,19 +61,19 @@ def comparison(
     side_by_side: bool = False,
     balls: Sequence[tuple[float, float, float, float]] = (),
 ) -> Page:
-    """Several runs at once: in one place, or beside each other along x.
+    """One page with several runs at once: overlaid, or beside each other along x.
 
     Parameters
     ----------
     logs, models : Sequence[Log], Sequence[SoftModel]
         The runs and the robot of each.
     labels : Sequence[str], optional
-        Names in the legend; by default the controllers', told apart by robot or experiment where
-        they are the same.
+        Names in the legend. By default the controllers', with the robot or experiment where names
+        would be equal.
     side_by_side : bool
-        Whether every run has a place of its own.
+        Whether the runs stand beside each other.
     balls : Sequence of (x, y, z, radius)
-        Obstacles (m), beside every robot or once for all in one place.
+        Obstacles (m), at every robot, or once if the runs are overlaid.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def track(
     last = log.finite_samples
     kept = _kept(log.t[:last], log.y[:last], rate, STRIDE * (log.length or np.inf))
     t = log.t
-    # the input that was held from each sample on; the last sample has none of its own
+    # the input held from each sample on; the last sample repeats the one before
     u = log.u[np.minimum(kept, log.steps - 1)] if log.steps else np.zeros((len(kept), model.nu))
     said = [f"in {log.plant}"] if log.plant else []
     said += [f"failed: {log.reason}"] if log.failed else []
@@ -128,7 +128,7 @@ def track(
 
 
 def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarray:
-    """Samples at `rate` (Hz) and, where the tip moves fast, one every `stride` (m) of its way."""
+    """Samples at `rate` (Hz), and where the tip moves fast one every `stride` (m) of its path."""
     if not len(t):
         return np.arange(0)
     count = min(MOST, int(np.ceil(t[-1] * rate)) + 1)
@@ -139,7 +139,7 @@ def _kept(t: np.ndarray, y: np.ndarray, rate: float, stride: float) -> np.ndarra
 
 
 def reference_path(log: Log, model: SoftModel) -> np.ndarray | None:
-    """The reference's path (K, 3): the ellipse of the paper's experiments, else where it went."""
+    """The reference's path (K, 3): the ellipse of the paper's experiments, else the logged path."""
     if (log.theta, log.omega) != (None, None):
         points = experiments.ellipse_points(model)
         # a run of this name may have been on another ellipse

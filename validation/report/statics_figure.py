@@ -1,4 +1,4 @@
-"""The picture of a robot's statics: where its tip can rest stably, and the targets in it."""
+"""The figure of a robot's statics: stable equilibria of the tip, and the targets among them."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from softdyn.validation.report.plot_style import (
     write_figure,
 )
 
-FLAT = 1e-6  # of the size: what is so close to a plane is in it
+FLAT = 1e-6  # of the size: points this close to a plane count as in it
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane that a picture is drawn in: `right` and `up` (3,) span it.
+    """The plane of a figure, spanned by `right` and `up` (3,).
 
     Attributes
     ----------
     titles : tuple of str
-        Of both axes.
+        Titles of both axes.
     """
 
     right: np.ndarray
@@ -46,9 +46,9 @@ class Plane:
 
     @classmethod
     def of(cls, points: np.ndarray) -> Plane:
-        """The upright plane through the z axis that `points` (N, 3) spread in most.
+        """The upright plane through the z axis in which `points` (N, 3) spread most.
 
-        That of x and y for points of one height, as a robot on a table has them.
+        For points of equal height, as of a robot on a table, it is the plane of x and y.
         """
         x, y, z = np.eye(3)
         size = max(float(np.abs(points).max(initial=0.0)), 1e-12)
@@ -64,35 +64,35 @@ class Plane:
         return cls(np.array([*along, 0.0]), z, (title, "z (cm)"))
 
     def holds(self, points: np.ndarray) -> bool:
-        """Whether all points (N, 3) lie in it."""
+        """Whether all points (N, 3) lie in the plane."""
         off = points @ np.cross(self.right, self.up)
         return bool(np.abs(off).max(initial=0.0) <= FLAT * max(np.abs(points).max(), 1e-12))
 
     def flat(self, points: np.ndarray) -> np.ndarray:
-        """Points (N, 3) (m) as they are seen in it (N, 2) (cm)."""
+        """Points (N, 3) (m) projected into the plane (N, 2) (cm)."""
         return 100 * np.stack((points @ self.right, points @ self.up), axis=-1)
 
 
 def around_z(points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) (m) by their distance from the z axis and their height (N, 2) (cm)."""
+    """Distance from the z axis and height (N, 2) (cm) of points (N, 3) (m)."""
     return 100 * np.stack((np.hypot(points[:, 0], points[:, 1]), points[:, 2]), axis=-1)
 
 
 def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) -> None:
-    """Sampled tips beside the robot's shapes at the targets, in the plane of the robot.
+    """Draw sampled tips beside the robot's shapes at the targets, in the plane of the robot.
 
-    Left, every sampled tip; of a robot that leaves its plane by its distance from the z axis and
-    its height, and so are the targets. Right, the shape that comes closest to each target, and the
-    closest stable one.
+    The left panel shows every sampled tip and the targets. If the robot leaves its plane, it shows
+    them by distance from the z axis and height. The right panel shows the shape closest to each
+    target, and the closest stable shape.
 
     Parameters
     ----------
     path : str or Path
-        To write, .png or .pdf.
+        Output file, .png or .pdf.
     report : RestReport
-        With at least one sample.
+        A report with at least one sample.
     curve : ndarray, (·, 3)
-        Points of the path that the targets are on, for the eye.
+        Points of the path on which the targets lie, drawn for orientation.
     """
     path = check_path(path)
     model = report.samples[0].model

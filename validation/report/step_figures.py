@@ -27,7 +27,7 @@ PARTS = (("dynamics", BLUE), ("assembly", SKY), ("solve", ORANGE))
 
 
 def bars(rows: list[dict[str, Any]], path: Path) -> list[Path]:
-    """Stacked medians of every robot and controller, the floor marked; PDF and PNG."""
+    """Draw stacked medians of every robot and controller with the floor, as PDF and PNG."""
     robots = list(dict.fromkeys(row["robot"] for row in rows))
     with style():
         figure, axes = panels(1, len(robots), PAGE, 2.6, sharey=True)

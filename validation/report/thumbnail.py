@@ -16,7 +16,7 @@ from softdyn.validation.report.plot_style import write_figure
 from softdyn.validation.report.replay import reference_path
 from softdyn.view.scene import Figure, tension_colour
 
-TURN, RISE = 0.42, 0.2  # rad, the view of the page: from -y, a little from the side and above
+TURN, RISE = 0.42, 0.2  # rad, as on the page: seen from -y, slightly from the side and above
 SIZE = 2.4, 2.0  # inch
 DPI = 150
 TRAIL, PATH, TARGET = "#2b6f9e", "#8a94a0", "#d3202f"

@@ -28,7 +28,7 @@ from softdyn.validation.report.plot_data import (
 
 
 def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
-    """The input and its bounds over time, a row a robot: one set point, one trajectory."""
+    """The input and its bounds over time, a row per robot: one set point, one trajectory."""
     _, runs = main_controller(runs)
     runs = [run for run in runs if run.log.u.size]
     robots, kinds = distinct(runs, "robot"), distinct(runs, "kind")
@@ -66,7 +66,7 @@ def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
 
 
 def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
-    """‖e‖ (cm, logarithmic) over time of every run, and below it every run's inputs.
+    """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     A run that diverged is drawn up to its last finite sample.
     """
@@ -96,7 +96,7 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
 def save_comparison(
     path: str | Path, logs: Sequence[Log], labels: Sequence[str] | None = None
 ) -> None:
-    """Write the figure of `compare`, .png or .pdf; `labels` are what tells the runs apart."""
+    """Write the figure of `compare`, .png or .pdf; `labels` name the runs."""
     path = look.check_path(path)
     with look.style():
         look.write_figure(compare(logs, labels or labels_of(logs)), path, dpi=120)
@@ -111,13 +111,13 @@ def plot(log: Log, path: str | Path | None = None) -> Figure:
 
 
 def _activity(log: Log) -> str:
-    """How much a run's inputs change, for a title; nothing where there are none."""
+    """Rate of change of a run's inputs, for a title; empty without inputs."""
     changes, _ = activity(log.t, log.u, log.u_min, log.u_max)
     return "" if changes is None else f", {changes:.3g} of the range/s"
 
 
 def draw_inputs(axes: Axes, log: Log) -> None:
-    """Every u_i of a run as it was held, and its bounds."""
+    """Draw every held input u_i of a run, and its bounds."""
     for i in range(log.u.shape[1]):
         held = np.append(log.u[:, i], log.u[-1, i])[: len(log.t)]
         kept = thin(held, bins=600)
@@ -133,9 +133,9 @@ def draw_inputs(axes: Axes, log: Log) -> None:
 
 
 def scale_inputs(axes: Axes, logs: Sequence[Log]) -> None:
-    """A vertical axis that holds the bounds; logarithmic far from 0 if inputs mostly are near it.
+    """Scale the vertical axis to the bounds; logarithmic away from 0 if most inputs are near 0.
 
-    Between bounds that are ten times as large as the usual input a linear axis would show nothing.
+    Inputs ten times smaller than the bounds would be invisible on a linear axis.
     """
     low = min(float(log.u_min.min()) for log in logs)
     high = max(float(log.u_max.max()) for log in logs)
