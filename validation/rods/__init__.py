@@ -1,6 +1,6 @@
-"""How many joints an arm of the generator needs: convergence against its own limit.
+"""The number of joints that a designed arm needs: convergence to its limit.
 
 - `ladder`: a figure at several numbers of joints: errors, order, joints for a tolerance;
-- `convergence`: what `softdyn converge FILE` measures of any arm;
-- `arms`: a model straight from an arm's numbers, forces at its tip.
+- `convergence`: the measurements of `softdyn converge FILE`;
+- `arms`: a model built from an arm's numbers, and its figures.
 """

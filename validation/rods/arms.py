@@ -1,4 +1,4 @@
-"""A model straight from an arm's numbers, and what is measured of it."""
+"""A model built from an arm's numbers, and figures of this arm."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softdyn.description.urdf import MAX_DOF
 
 
 def model_of(arm: design.Arm) -> SoftModel:
-    """The model of an arm; its file is gone."""
+    """The model of an arm; its temporary URDF is deleted."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.urdf"
         file.write_text(design.urdf(arm), encoding="utf-8")
@@ -24,17 +24,17 @@ def model_of(arm: design.Arm) -> SoftModel:
 
 
 def refined(arm: design.Arm, segments: int) -> design.Arm:
-    """The same arm with so many joints in each section."""
+    """The same arm with the given number of joints in each section."""
     return replace(arm, sections=tuple(replace(s, segments=segments) for s in arm.sections))
 
 
 def counts_for(arm: design.Arm, counts: Sequence[int]) -> tuple[int, ...]:
-    """The counts that a file may hold, ascending.
+    """The numbers of joints that a file may have, ascending.
 
     Raises
     ------
     InputError
-        For fewer than two.
+        Fewer than two are left.
     """
     freedoms = sum(len(section.freedoms) for section in arm.sections)
     found = tuple(sorted({n for n in counts if n * freedoms <= MAX_DOF}))
@@ -46,7 +46,7 @@ def counts_for(arm: design.Arm, counts: Sequence[int]) -> tuple[int, ...]:
 
 def frequencies(model: SoftModel, count: int) -> np.ndarray:
     """Natural frequencies (count,) of the straight, weightless arm (Hz); equal ones once."""
-    # 1/ω² as the largest eigenvalues: rounding is relative to the slowest mode, not to the fastest
+    # 1/ω² are the largest eigenvalues, so that rounding is relative to the slowest mode
     root = np.linalg.inv(np.linalg.cholesky(model.tangent_stiffness(model.q0)))
     M = model.state(model.q0, np.zeros(model.nv)).M
     squares = np.linalg.eigvalsh(root @ M @ root.T)[::-1]
@@ -58,7 +58,7 @@ def frequencies(model: SoftModel, count: int) -> np.ndarray:
 
 
 def tip(model: SoftModel, tensions: Sequence[float] | None = None) -> np.ndarray:
-    """Where the tip (3,) rests, under tensions that are raised slowly (m)."""
+    """Position (3,) of the tip at equilibrium, with slowly raised tensions (m)."""
     if tensions is None:
         return statics.rest(model).y
     return statics.ramp(model, np.array(tensions))[0].y

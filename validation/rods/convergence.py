@@ -1,4 +1,4 @@
-"""How many joints an arm needs: its sag, its frequencies, its shape under a cable against n."""
+"""The number of joints n that an arm needs: its sag, frequencies and shape under a cable by n."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ BEND = math.pi / 2
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """What `converge` found.
+    """The result of `converge`.
 
     Attributes
     ----------
     ladders : tuple of Ladder
-        The figures; tip errors are relative to the arm's length.
+        A ladder per figure; tip errors are relative to the arm's length.
     tolerance : float
         Relative.
     """
@@ -61,17 +61,17 @@ class Convergence:
 def converge(arm: design.Arm, counts: Sequence[int], tolerance: float) -> Convergence:
     """Measure an arm at several numbers of joints in each section.
 
-    Its tip at rest as it is mounted and held level, its first three natural frequencies, and its
-    tip with each table of cables' first one at the tension that alone would bend it by 90°, or at
-    its largest.
+    It takes three kinds of figures: the tip's equilibrium, as mounted and with the arm horizontal;
+    the first three natural frequencies; and the tip under the first cable of each group. That cable
+    gets the tension that would bend the arm by 90°, or its largest one.
 
     Parameters
     ----------
     arm : Arm
     counts : sequence of int
-        Those beyond what a file may hold are left out.
+        Numbers beyond the limit of a file are left out.
     tolerance : float
-        Relative; of tips to the arm's length.
+        Relative tolerance; for the tip relative to the arm's length.
     """
     counts = counts_for(arm, counts)
     level = replace(arm, mount=design.Mount(direction=(1.0, 0.0, 0.0)))

@@ -16,16 +16,15 @@ class Ladder:
 
     Attributes
     ----------
-    name : str
-        What was measured.
+    name : str Name of the figure.
     counts : tuple of int
         Joints, ascending.
     values : ndarray, (counts, any)
         The figure: a number or a vector.
     scale : float
-        What errors are relative to.
+        Scale to which errors are relative.
     exact : ndarray, optional
-        Its true value; without one, what the finest two extrapolate to.
+        Its true value. By default the limit is extrapolated from the finest two.
     """
 
     name: str
@@ -36,10 +35,10 @@ class Ladder:
 
     @cached_property
     def order(self) -> float | None:
-        """Observed order of convergence, over the finest pair; None where rounding is all.
+        """Observed order of convergence p over the finest pair; None where rounding dominates.
 
-        Without an exact value, of the differences of the finest three, for which
-        (n₁⁻ᵖ - n₂⁻ᵖ) / (n₂⁻ᵖ - n₃⁻ᵖ) is solved.
+        Without an exact value, p follows from the differences of the finest three, whose ratio is
+        (n₁⁻ᵖ - n₂⁻ᵖ) / (n₂⁻ᵖ - n₃⁻ᵖ).
         """
         if self.exact is not None:
             return self.orders[-1]
@@ -49,7 +48,7 @@ class Ladder:
         if min(a, b) < 1e-12:
             return None
         low, high = 0.05, 12.0
-        for _ in range(60):  # the quotient grows with p
+        for _ in range(60):  # the ratio grows with p
             p = (low + high) / 2
             x, y, z = (k**-p for k in n)
             low, high = (p, high) if (x - y) / (y - z) < a / b else (low, p)
@@ -67,21 +66,22 @@ class Ladder:
 
     @property
     def errors(self) -> list[float]:
-        """Relative to `scale`, one for each of the counts."""
+        """Errors relative to `scale`, one for each count."""
         return [float(np.linalg.norm(value - self.limit)) / self.scale for value in self.values]
 
     @property
     def orders(self) -> list[float | None]:
-        """Between each two neighbours, of the errors; None where rounding is all."""
+        """Order of the errors between neighbouring counts; None where rounding dominates."""
         return [
             math.log(a / b) / math.log(m / n) if min(a, b) > 1e-10 else None
             for (a, b), (n, m) in zip(pairwise(self.errors), pairwise(self.counts), strict=True)
         ]
 
     def needed(self, tolerance: float) -> int | None:
-        """The least number of joints with an error within `tolerance`, by the order; or None.
+        """The least number of joints with an error within `tolerance`; or None.
 
-        Beyond the finest, it is extrapolated; None where there is no order to do it by.
+        Beyond the finest count it is extrapolated by the order of convergence; None without an
+        order.
         """
         errors = self.errors
         for k, error in enumerate(errors):

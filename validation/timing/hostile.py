@@ -1,4 +1,4 @@
-"""Numbers that no sensor should send, as states and references: what controllers are tried on."""
+"""Hostile inputs: states and references with numbers that no sensor should send."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softdyn import Ellipse, Reference, SoftdynError, SoftModel, State
 
 NAN, INF, HUGE, LARGE, TINY = np.nan, np.inf, 1e300, 1e150, 5e-324
 VALUES = (NAN, INF, -INF, HUGE, -HUGE, LARGE, 1e30, 1e8, -1e8, 0.0, TINY, -TINY, 1e-310, 1e-30)
-# What a controller may read of a State, beyond (q, v).
+# The fields of a State that a controller may read, beyond (q, v).
 FIELDS = ("v", "M", "bias", "K", "D", "B", "h", "J", "Jdot", "y", "ydot")
 
 
@@ -45,7 +45,7 @@ def states(model: SoftModel, seed: int = 0) -> Iterator[tuple[str, State]]:
     speeds |= {f"v ~ {size:g}": size for size in (1.0, 1e2, 1e4, 1e8, 1e30, 1e100, 1e155, HUGE)}
     for (place, coordinates), (motion, speed) in product(places.items(), speeds.items()):
         try:
-            with np.errstate(all="ignore"):  # the model's own arithmetic
+            with np.errstate(all="ignore"):  # the model's own arithmetic may overflow
                 state = model.state(model.configuration(coordinates), speed * signs)
         except SoftdynError:
             continue
@@ -53,7 +53,7 @@ def states(model: SoftModel, seed: int = 0) -> Iterator[tuple[str, State]]:
 
 
 def forged(state: State) -> Iterator[tuple[str, State]]:
-    """`state` with each hostile value in one place, or in every place, of each of its fields."""
+    """Copies of `state` with a hostile value in one entry, or in all entries, of each field."""
     for name, value, everywhere in product(FIELDS, VALUES, (False, True)):
         yield (
             f"{'all of ' if everywhere else ''}{name} = {value:g}",
@@ -62,7 +62,7 @@ def forged(state: State) -> Iterator[tuple[str, State]]:
 
 
 def forge(state: State, changes: dict[str, tuple[float, bool]]) -> State:
-    """`state` with `changes`: by field, the value and whether all of its entries take it."""
+    """A copy of `state` with `changes`: for a field, the value and whether all entries take it."""
     fields: dict[str, Any] = {}
     for name, (value, everywhere) in changes.items():
         fields[name] = np.array(getattr(state, name))
@@ -74,7 +74,7 @@ def forge(state: State, changes: dict[str, tuple[float, bool]]) -> State:
 
 
 def degenerate(state: State) -> Iterator[tuple[str, State]]:
-    """States whose ranks fail: J, B or M zero, of rank one, nearly so, or M negative."""
+    """Degenerate states: J, B or M zero, of rank one, nearly of rank one, or M negative."""
     J, B, M = state.J, state.B, state.M
     yield "J = 0", replace(state, J=0 * J, Jdot=0 * J)
     yield "J of rank one", replace(state, J=np.outer([1.0, 2.0, 3.0], J[0]))

@@ -1,4 +1,4 @@
-"""What pages cost a robot that runs live: its clock and its control step, with and without them."""
+"""How live pages slow down a running robot: its clock and control step, with and without pages."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from softdyn.view.live.pacing import Clock
 
 PAGES = 2
 WARM = 1.0  # s before a measurement
-RATIO = 1.1  # of step times, with pages that do not render
+RATIO = 1.1  # limit of the ratio of step times, with pages that do not render
 COLUMNS = (
     ("", "pages", ""),
     ("step µs", "median_us", ".0f"),
@@ -49,22 +49,22 @@ asyncio.run(read())
 def measure(
     session: Session, seconds: float, rounds: int = 6, browser: str | None = None
 ) -> dict[str, Any]:
-    """The same robot without pages, with two that do not draw, and in a browser.
+    """Time a robot without pages, with two pages that do not draw, and with a browser.
 
-    They take turns, `rounds` of each, forth and back (A B B A), so that what else the machine does
-    meets them all; step times are medians over the rounds, a ratio is the median of those of each
-    round, and `ratios` their least and largest.
+    The cases take turns for `rounds` rounds, forth and back (A B B A), so that other load of the
+    machine affects all of them alike. Step times are medians over the rounds. A ratio is the median
+    of the rounds' ratios, and `ratios` are the least and the largest of these.
 
     Parameters
     ----------
     session : Session
-        The robot and its law.
+        The robot and its controller.
     seconds : float
-        Of a round.
+        Length of a round (s).
     rounds : int
-        Of each.
+        Number of rounds of each case.
     browser : str, optional
-        Chromium's program; it is left out without one.
+        Chromium's program; without it, the browser is left out.
     """
     kinds = ["none", "two readers", *(["two windows"] if browser else [])]
     runs: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
@@ -117,7 +117,7 @@ def _run(session: Session, channel: Channel, seconds: float) -> Clock:
 
 
 class _Page:
-    """A process that has the page open, as a context manager."""
+    """Context manager for a process that has the page open."""
 
     def __init__(self, channel: Channel, kind: str, browser: str | None) -> None:
         if kind == "two readers":

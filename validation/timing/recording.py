@@ -1,4 +1,4 @@
-"""Recorded closed-loop states: what steps are timed on, kept in a file so that anyone can again."""
+"""Recorded closed-loop states on which steps are timed, kept in a file for later measurements."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 
-DURATION = 3.0  # s of every loop: the transient, and what follows it
+DURATION = 3.0  # s, duration of every loop, transient included
 TRANSIENT = 0.5  # s; half of a loop's states are taken from it
-OMEGA = 0.5  # the trajectory's rate, in multiples of π rad/s
+OMEGA = 0.5  # rate of the trajectory, in multiples of π rad/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class RecordedStates:
     y, ydot, yddot : array, (states, 3)
         The references.
     t : array, (states,)
-        When in its loop each was met (s).
+        Time of each state in its loop (s).
     loop : array of str, (states,)
-        Which loop: ``set_point THETA`` or ``tracking OMEGA``, without number where there is none.
+        The loop of each state: ``set_point THETA`` or ``tracking OMEGA``, or only the kind.
     digest : str
         SHA-256 of the robot's file.
     """
@@ -60,7 +60,7 @@ class RecordedStates:
         return list(zip(self.q, self.v, references, strict=True))
 
     def save(self, path: Path) -> None:
-        """Write an NPZ, whole or not at all."""
+        """Write an NPZ file, complete or not at all."""
         with atomic(path) as file:
             np.savez_compressed(
                 file, **{field.name: getattr(self, field.name) for field in fields(self)}
@@ -73,7 +73,7 @@ class RecordedStates:
         Raises
         ------
         InputError
-            When the file is missing or something else.
+            The file is missing or has other content.
         """
         found: dict[str, Any] = {**read_npz(path, "recorded states")}
         kinds = {field.name: "f" for field in fields(cls)} | {"loop": "U", "digest": "U"}
@@ -109,12 +109,12 @@ def record(
     make : callable
         Builds the controller that drives the loops.
     count : int
-        How many states, at least one a loop; loops that end early may leave fewer.
+        Number of states, at least one per loop. Loops that end early may give fewer.
     runs : sequence of Experiment, optional
-        By default the paper's four set points from rest and one trajectory; of a robot that is
-        not the paper's, rests that its statics find and a path about one of them.
+        By default the paper's four set points from rest and one trajectory. For another robot,
+        equilibria that its statics find, and a path around one of them.
     duration : float
-        Of each loop (s).
+        Duration of each loop (s).
     """
     if runs is None:
         runs = experiments_of(model)
@@ -131,7 +131,7 @@ def record(
 
 
 def experiments_of(model: SoftModel) -> list[Experiment]:
-    """What a robot's loops are asked to do; set points come first."""
+    """The experiments of a robot's loops; set points come first."""
     if model.bundled not in experiments.ROBOTS:
         return study_experiments(model, len(experiments.THETAS))
     setup = experiments.setup_of(model)
@@ -141,16 +141,16 @@ def experiments_of(model: SoftModel) -> list[Experiment]:
 def recorded(
     model: SoftModel, make: Callable[[SoftModel], Any], count: int, folder: Path, robot: str
 ) -> RecordedStates:
-    """What the robot's file in `folder` holds, if it is of this model and as much; else new ones.
+    """The states in the robot's file in `folder`, or new ones if it is of another model or size.
 
     Parameters
     ----------
     model, make, count
         See `record`.
     folder : Path
-        Where ROBOT.npz is, or will be.
+        Folder of ROBOT.npz.
     robot : str
-        Its name, or the path of its file.
+        Name of the robot, or path of its file.
     """
     path = folder / f"{safe_filename(robot)}.npz"
     if path.is_file():
@@ -163,7 +163,7 @@ def recorded(
 
 
 def digest_of(model: SoftModel) -> str:
-    """SHA-256 of the robot's file; of all its dynamics where its annotations stand elsewhere."""
+    """SHA-256 of the robot's file, or of its dynamics if another file has its annotations."""
     if model.robot.overlay is not None:
         return model.robot.digest
     return hashlib.sha256(model.robot.path.read_bytes()).hexdigest()
@@ -175,13 +175,13 @@ def _name(experiment: Experiment) -> str:
 
 
 def _chosen(steps: int, early: int, share: int) -> list[int]:
-    """`share` of the steps 0 … steps - 1, all of them where there are not more."""
+    """`share` of the steps 0 … steps - 1, or all of them if there are fewer."""
     if share >= steps:
         return list(range(steps))
     early = min(max(early, 1), steps)
     first = np.geomspace(1, early, share - share // 2) - 1
     rest = np.linspace(early - 1, steps - 1, share // 2)
     chosen = {*np.concatenate((first, rest)).round().astype(int).tolist()}
-    # near the start the geometric series names a step several times: take the next free ones
+    # near the start the geometric series repeats steps: take the next free ones
     spare = (k for k in range(steps) if k not in chosen)
     return sorted([*chosen, *itertools.islice(spare, share - len(chosen))])

@@ -1,4 +1,4 @@
-"""Step times as tables for people, and what machine they were measured on."""
+"""Step times as tables, and the machine on which they were measured."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ THROUGHPUT = (
 
 
 def machine() -> dict[str, Any]:
-    """When and on what, as far as the system tells."""
+    """The time of the measurement and the machine, as far as the system reports them."""
     return {
         "measured": datetime.now(UTC).date().isoformat(),
         "processor": _processor(),
@@ -53,7 +53,7 @@ def machine() -> dict[str, Any]:
 
 
 def step_tables(report: dict[str, Any]) -> dict[str, Table]:
-    """The tables of a report by their headings."""
+    """The tables of a report, by heading."""
     found = {"One control step": Table.of(STEP, report["rows"])}
     if "throughput" in report:
         found["Closed loops"] = Table.of(THROUGHPUT, report["throughput"])

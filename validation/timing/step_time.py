@@ -1,8 +1,8 @@
 """The time of one control step, (q, v) → u, its parts, the floor below it and the paper's stack.
 
-`docs/real_time.md` says what is inside each figure. All figures of a robot come from the same
-recorded states, in rounds that take every subject in turn, so that a drift of the machine meets
-all of them alike; the garbage collector is off meanwhile, as it is between two of its runs.
+`docs/real_time.md` defines each figure. All figures of a robot come from the same recorded states,
+in rounds that take every subject in turn, so that a drift of the machine affects all of them alike.
+The garbage collector is off during a round.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class Round(NamedTuple):
-    """One pass over all states, in ns: a figure a state, but one a spelling of the stack."""
+    """Times of one pass over all states (ns): one per state, and one per variant of the stack."""
 
     dynamics: list[float]
     law: list[float]
@@ -46,24 +46,24 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True)
 class Times:
-    """What was measured of one controller on one robot.
+    """Measured times of one controller on one robot.
 
     Attributes
     ----------
     dynamics, law : array, (rounds, states)
-        `model.state`, and the controller on its answer (µs); together the step.
+        `model.state`, and the controller on that state (µs); together they are the step.
     engine : array, (rounds, states)
-        The step's Pinocchio calls alone.
+        Only the Pinocchio calls of the step.
     solve : array, (rounds, states)
-        Inside ProxQP's ``update`` and ``solve``, calls from Python included.
+        Time in ProxQP's ``update`` and ``solve``, including their calls from Python.
     native : array, (rounds, states)
-        What ProxQP itself reports for both, `run_time`.
+        ProxQP's own `run_time` for both.
     stacks : array, (rounds, 2) or (rounds, 0)
-        A step in the paper's stack, as the reference implementation spells it and as a quadratic
-        QP; one state a round.
+        A step of the paper's stack, once with the QP as the reference implementation writes it and
+        once with a quadratic objective. One state per round.
     stack_difference : float or None
-        Median over states of the largest difference of its input from ours, as a share of the
-        largest input's range.
+        Median over states of the largest difference between its input and ours, relative to the
+        largest range of an input.
     """
 
     dynamics: np.ndarray
@@ -80,7 +80,7 @@ class Times:
         return self.dynamics + self.law
 
     def row(self) -> dict[str, float | int | None]:
-        """The figures: see `docs/real_time.md`."""
+        """The figures that `docs/real_time.md` defines."""
         step, floor = self.step, float(np.median(self.engine + self.native))
         median, p99, p999 = (float(np.percentile(step, p)) for p in (50, 99, 99.9))
         solve = float(np.median(self.solve))
@@ -112,11 +112,11 @@ Law = Callable[[State, Reference], Any]
 
 
 def paper_stack(controller: Any) -> list[Law]:
-    """A controller's step as the paper computes it: laws (state, reference) → u (m,), or NaN.
+    """A controller's step as the paper computes it: functions (state, reference) → u (m,), or NaN.
 
-    The QP as printed, nothing condensed, scaled or kept: cvxpy builds it anew, SCS solves.
-    First as the reference implementation spells it, then as a quadratic program; none for laws
-    that have no QP. Needs the extra ``bench``.
+    cvxpy builds the QP as printed anew at every step, without condensing or scaling, and SCS solves
+    it. The first function writes it as the reference implementation does, the second as a quadratic
+    program. A controller without QP has none. Needs the extra ``bench``.
     """
 
     def law(quadratic: bool) -> Law:
@@ -134,10 +134,10 @@ def paper_stack(controller: Any) -> list[Law]:
 
 
 def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable[..., None]:
-    """The calls of Pinocchio that a step makes, (q, v) → nothing, with nothing around them.
+    """A function of (q, v) that makes only the Pinocchio calls of a step.
 
-    `gravity` and `coriolis` for laws that ask for `State.g` and `State.C`. (q, v) are those of the
-    tree below the model: see `Subject`.
+    `gravity` and `coriolis` are for controllers that read `State.g` and `State.C`. (q, v) are those
+    of the model's underlying tree, see `Subject`.
     """
     pin, model_ = engine.pin, underlying_tree(model)[0].pin_model
     data = model_.createData()
@@ -158,17 +158,18 @@ def engine_calls(model: SoftModel, *, gravity: bool, coriolis: bool) -> Callable
 
 
 class Subject:
-    """A controller on a robot and the steps to time it on.
+    """A controller on a robot, and the steps on which it is timed.
 
     Parameters
     ----------
     model : SoftModel
     make : callable
-        Builds the controller; twice, since one copy's QP solvers (its `solvers`) are clocked.
+        Builds the controller. It is called twice, because the QP solvers of one copy (its
+        `solvers`) are timed.
     steps : sequence
         (q, v, reference) of every step.
     stack : callable, optional
-        Controller → the paper's stack for it, if that is to be timed too: see `paper_stack`.
+        Controller → the paper's stack for it, to be timed too; see `paper_stack`.
     """
 
     def __init__(
@@ -187,9 +188,9 @@ class Subject:
             given = set(vars(state))
             for law in (self._law, self._looked_into):
                 law(state, reference)
-        lazy = vars(state).keys() - given  # what the law made the State compute
+        lazy = vars(state).keys() - given  # the terms that the controller made the State compute
         self._engine = engine_calls(model, gravity="g" in lazy, coriolis="C" in lazy)
-        # a projection's engine calls are those of its tree
+        # a projected model makes the engine calls of its tree
         self._engine_steps = [
             (model.expand(q), model.S @ v) if isinstance(model, Projection) else (q, v)
             for q, v, _ in self._steps
@@ -200,7 +201,7 @@ class Subject:
         self.stack_difference = self._difference() if self._stacks else None
 
     def _difference(self) -> float:
-        """See `Times`; warms the stack up."""
+        """`Times.stack_difference`; this also warms the stack up."""
         differences = []
         for q, v, reference in self._stack_steps:
             state = self._model.state(q, v)
@@ -211,7 +212,7 @@ class Subject:
         return float(np.nanmedian(differences)) / span
 
     def round(self, k: int) -> Round:
-        """Time everything once on every state, the stack on state `k` of its few."""
+        """Time everything once on every state, and the stack on state `k` of its few."""
         found, now = Round([], [], [], [], [], []), perf_counter_ns
         dynamics, law, engine, solve, native, stacks = found
         state_of, controller, pinocchio = self._model.state, self._law, self._engine
@@ -235,7 +236,7 @@ class Subject:
                 self._looked_into(state, reference)
             solve.append(sum(clock.outside for clock in self._clocks))
             native.append(sum(clock.inside * 1e3 for clock in self._clocks))
-        # one state a round: its step takes as long as two hundred of ours
+        # one state per round: its step takes as long as two hundred of ours
         q, v, reference = self._stack_steps[k % len(self._stack_steps)]
         for stack in self._stacks:
             began = now()
@@ -247,7 +248,7 @@ class Subject:
 def measure(
     subjects: Mapping[Key, Subject], rounds: int, tick: Callable[[], Any] = lambda: None
 ) -> dict[Key, Times]:
-    """Time all subjects in turn, `rounds` times over; `tick` is called after every round."""
+    """Time all subjects in turn, `rounds` times; `tick` is called after every round."""
     found: dict[Key, list[Round]] = {key: [] for key in subjects}
     order, shuffle = list(subjects), random.Random(0).shuffle
     with quiet():
@@ -273,7 +274,7 @@ def rows_of(
     stack: Callable[[Any], list[Law]] | None = None,
     tick: Callable[[], Any] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """The table of one robot: a row for each of the controllers `makes`, by name.
+    """The table of one robot: a row for each controller of `makes`, by name.
 
     Other parameters are those of `Subject` and `measure`.
     """
@@ -287,7 +288,7 @@ def rows_of(
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """No garbage collection inside."""
+    """Switch garbage collection off inside the context."""
     enabled = gc.isenabled()
     gc.collect()
     gc.disable()
@@ -299,7 +300,7 @@ def quiet() -> Iterator[None]:
 
 
 class MachineLoad:
-    """How busy the machine was while something was measured, and with what else."""
+    """The load of the machine during a measurement."""
 
     def __init__(self) -> None:
         self._before = os.getloadavg()[0]
@@ -308,8 +309,8 @@ class MachineLoad:
     def report(self) -> dict[str, float | int | None]:
         """Cores, load averages (1 min) before and after, and our share of the wall clock.
 
-        A `cpu_share` below 1 says that this process was kept waiting by others; at 1 others may
-        still have shared its caches, its memory and its core's clock.
+        A `cpu_share` below 1 means that other processes made this one wait. Even at 1, others may
+        have shared its caches, its memory and its core's clock.
         """
         wall = (perf_counter_ns() - self._wall) / 1e9
         return {

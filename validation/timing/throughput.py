@@ -1,4 +1,4 @@
-"""Whole closed loops per second of wall clock, twin included, and where their time goes."""
+"""Closed loops per second of wall clock, twin included, and the parts of their time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.timing.step_time import quiet
 
-THETA = 0.5  # the set point that is run, in multiples of π
+THETA = 0.5  # the set point of the run, in multiples of π
 
 
 def throughput(
@@ -25,10 +25,10 @@ def throughput(
     repeats: int = 3,
     make: Callable[[SoftModel], Any] | None = None,
 ) -> dict[str, Any]:
-    """One robot's row: a set point, the paper's or a rest of its own; the fastest of some runs.
+    """One robot's row: the fastest of some runs to a set point, the paper's or an equilibrium.
 
-    The controller's time is what the log says of `model.state` and it together, less that of
-    `model.state` alone, timed on the recorded states. Bookkeeping is the rest.
+    The log has the time of `model.state` and the controller together. The controller's time is
+    this, less that of `model.state` timed on the recorded states. The rest is bookkeeping.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def throughput(
     repeats : int
         Number of runs.
     make : callable, optional
-        Builds the controller, where the name does not say all.
+        Builds the controller, if its name is not enough.
 
     Returns
     -------
     dict
-        Times (s) of the whole and of its parts, and how many steps it took.
+        Times (s) of the run and of its parts, and its number of steps.
     """
     if model.bundled in experiments.ROBOTS:
         experiment = experiments.setup_of(model).set_point(THETA)

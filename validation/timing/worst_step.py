@@ -1,4 +1,4 @@
-"""The slowest control step under hostile numbers: what a controller takes to fall back."""
+"""The slowest control step under hostile inputs, fallbacks included."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ COLUMNS = (
 
 
 def cases(model: SoftModel) -> Iterator[tuple[str, State, Reference]]:
-    """(name, state, reference) of every hostile call, an ordinary one first."""
+    """(name, state, reference) of an ordinary call, then of every hostile one."""
     found = dict(hostile.states(model))
     good, rest = found["inside, v ~ 1"], found["inside, at rest"]
     goal = SetPoint(good.y + 0.01)
@@ -40,10 +40,10 @@ def cases(model: SoftModel) -> Iterator[tuple[str, State, Reference]]:
 
 
 def measure(model: SoftModel, controller: Any, repeats: int) -> dict[str, Any]:
-    """Times of one controller over all cases (µs), its fallbacks, the case that took longest.
+    """Times of one controller over all cases (µs), its fallbacks and its slowest case.
 
-    The processor's time, not the clock's, and of `repeats` of a call the fastest: that takes out
-    what the machine was doing besides.
+    A time is the processor's time of the fastest of `repeats` calls, so that other load of the
+    machine does not count.
     """
     timed: list[tuple[float, str]] = []
     wrong = 0
@@ -75,7 +75,7 @@ def survey(
     repeats: int,
     tick: Callable[[], Any] = lambda: None,
 ) -> dict[str, Any]:
-    """A row for every robot and controller, and whether all were fast and within bounds."""
+    """A row for every robot and controller, and whether all were fast enough and within bounds."""
     rows = []
     for robot, model in models.items():
         for name, make in makes.items():
