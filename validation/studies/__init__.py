@@ -1,14 +1,14 @@
-"""Many closed loops: each study is a list of cases and a table, run by one engine.
+"""Studies of many closed loops: each is a list of cases and a table, run by one engine.
 
-- `engine`: `Case` → run → `Store`; see there.
+- `engine`: `Case` → run → `Store`.
 - `experiments`: the paper's experiments, control periods and published results.
 - `benchmark`, `benchmark_table`: the paper's grid, and its table in Markdown, LaTeX and text.
 - `sweep`: a grid, random samples or one change at a time; `sweep_file` and `sweep_values` read it
-  from a TOML file, `sweep_report` writes its tables. ``sweeps/`` has the files that come along.
+  from a TOML file, `sweep_report` writes its tables. ``sweeps/`` has the shipped files.
 - `side_by_side`: `benchmark` from Python, with a user's own controller classes.
-- `tuning`, `tuning_targets`: a schedule for `best` on a user's robot, and what it is tried on.
+- `tuning`, `tuning_targets`: a schedule for `best` on a user's robot, and its test targets.
 - `paper_tuning`: the schedules of the bundled robots, on the paper's ellipse.
-- `schedule_search`: CMA-ES on one stage of a schedule, which both tunings share.
-- `obstacle`: the tip meets a ball, with and without barriers.
+- `schedule_search`: CMA-ES on one stage of a schedule, used by both tunings.
+- `obstacle`: the tip moves past a ball, with and without barriers.
 - `study_targets`: the paper's targets for its robots, sampled equilibria for any other.
 """

@@ -36,10 +36,10 @@ from softdyn.validation.studies.engine.sources import load_model
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 
-# figures that stand beside the code; of the paper's grid: `benchmark.py --ensemble` makes it
+# committed figures of the paper's grid, made by `benchmark.py --ensemble`
 MEASURED = Path(__file__).parent / "measured"
 ENSEMBLES = MEASURED / "benchmark.json"
-# kind → its short name in a row, unit, figure of a run, all of them in a row
+# kind → its short name in a row, unit, figure of a run, key of all its figures in a row
 KINDS = {
     "set_point": ("sp", "cm", "final_error_cm", "set_points_cm"),
     "tracking": ("tt", "cm2", "mse_cm2", "trajectories_cm2"),
@@ -54,7 +54,7 @@ def grid(
 ) -> list[Case]:
     """Every robot × controller × experiment once, robots and controllers in the order given.
 
-    Set points `thetas` and rates `omegas` are the paper's where there are none.
+    Set points `thetas` and rates `omegas` are the paper's by default.
     """
     runs = [("set_point", theta) for theta in (experiments.THETAS if thetas is None else thetas)]
     runs += [("tracking", omega) for omega in (experiments.OMEGAS if omegas is None else omegas)]
@@ -69,18 +69,18 @@ def grid(
 
 
 def store(folder: Path) -> Store:
-    """Where a benchmark keeps what came of its cases."""
+    """The store of a benchmark's results."""
     return Store(folder, times="times")
 
 
 def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[CaseJob]:
-    """What is to be run, each controller built once to see whether it can be.
+    """The jobs of some cases; each controller is built once as a check.
 
     Parameters
     ----------
     cases : iterable of Case
     cells : iterable of Case, optional
-        The cells of the grid that the cases stand for; the cases themselves by default.
+        The cells of the grid to which the cases belong; the cases themselves by default.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def jobs_of(cases: Iterable[Case], cells: Iterable[Case] | None = None) -> list[
     cases = list(cases)
     cells = cases if cells is None else list(cells)
     heads = [{n: getattr(c, n) for n in ("robot", "controller", "kind", "value")} for c in cells]
-    with redirect_stdout(sys.stderr):  # what a user's controller prints
+    with redirect_stdout(sys.stderr):  # a user's controller may print
         pairs = dict.fromkeys((case.robot, case.controller) for case in cells)
         gains = {pair: _gains(*pair) for pair in pairs}
         also = [gains[cell.robot, cell.controller] for cell in cells]
@@ -105,7 +105,7 @@ def _gains(robot: str, controller: str) -> Any:
 
 
 def label(case: Case) -> str:
-    """What a cell is called in a file of ensembles."""
+    """The name of a cell in a file of ensembles."""
     return f"{case.robot}/{case.controller}/{cell_title(case.kind, case.value)}"
 
 
@@ -116,7 +116,7 @@ def labelled(cases: Iterable[Case]) -> dict[str, Case]:
 
 @cache
 def committed() -> dict[str, Distribution]:
-    """The ensembles of the paper's grid that stand beside the code."""
+    """The committed ensembles of the paper's grid."""
     return read_distributions(ENSEMBLES)
 
 
@@ -161,9 +161,9 @@ def benchmark_report(
     folder: Path,
     ensembles: Mapping[str, Distribution] | None = None,
 ) -> dict[str, Any]:
-    """All figures: the rows, simulated seconds, and the cases' median step times (µs).
+    """All figures: the rows, simulated seconds, and median step times (µs).
 
-    Those are means by robot and controller; `ensembles` as in `benchmark_rows`.
+    The step times are means by robot and controller; `ensembles` as in `benchmark_rows`.
     """
     kept = store(folder)
     results = [kept.result(case.name) or {} for case in cases]
@@ -185,16 +185,16 @@ def benchmark_report(
 def benchmark_rows(
     cases: Iterable[Case], folder: Path, ensembles: Mapping[str, Distribution] | None = None
 ) -> list[dict[str, Any]]:
-    """The table: one row a robot and controller, means over all their runs.
+    """The table: one row per robot and controller, with means over all their runs.
 
-    A run that ended early has no figure, and a mean that contains it is None. With `ensembles`
-    a row has ``ensemble``, the distribution of each figure that moves, and ``outside``, the cells
-    whose run here lies out of its own.
+    A run that ended early has no figure, and a mean that contains it is None. With `ensembles` a
+    row has ``ensemble``, the distribution of each figure that varies, and ``outside``, the cells
+    whose figure here lies outside its distribution.
 
     Raises
     ------
     InputError
-        A case without a result, or with a log that is not the result's.
+        A case has no result, or its log belongs to another result.
     """
     runs, kept = [], store(folder)
     for case in cases:
@@ -208,7 +208,7 @@ def benchmark_rows(
 def rows_of_runs(
     runs: Iterable[tuple[Case, dict[str, Any]]], ensembles: Mapping[str, Distribution] | None = None
 ) -> list[dict[str, Any]]:
-    """The same table of runs that need no folder."""
+    """The same table from runs in memory."""
     groups: dict[tuple[str, str], list[tuple[Case, dict[str, Any]]]] = {}
     for case, result in runs:
         groups.setdefault((case.robot, case.controller), []).append((case, result))
@@ -221,7 +221,7 @@ def rows_of_runs(
 def distributions(
     runs: Iterable[tuple[Case, dict[str, Any]]], kept: Mapping[str, Distribution]
 ) -> dict[str, Any]:
-    """What kept ensembles say of the runs of one row."""
+    """The committed ensembles' figures for the runs of one row."""
     moving: dict[str, Any] = {}
     outside = []
     for kind, (short, unit, figure, every) in KINDS.items():

@@ -1,4 +1,4 @@
-"""The benchmark's table for people: Markdown, LaTeX, and text for a terminal."""
+"""The benchmark's table as Markdown, LaTeX, and text for a terminal."""
 
 from __future__ import annotations
 
@@ -83,12 +83,12 @@ def emulations(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def benchmark_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """Ours beside the published values, a row for each robot and controller."""
+    """Our values beside the published ones, a row for each robot and controller."""
     return Table(TITLES, [benchmark_cells(row) for row in rows])
 
 
 def every_run_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """For each robot and controller the figure of every run and what the solver did."""
+    """The figure of every run and the solver's counts, for each robot and controller."""
     points = list(rows[0]["set_points_cm"]) if rows else []
     rates = list(rows[0]["trajectories_cm2"]) if rows else []
     titles = [
@@ -109,7 +109,7 @@ def every_run_table(rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def benchmark_document(rows: Sequence[dict[str, Any]]) -> str:
-    """The table, every run's figure, what the solver did, and the failed runs' reasons."""
+    """The table, every run's figure, the solver's counts, and the reasons of failed runs."""
     named = [(", ".join((row["robot"], benchmark_cells(row)[1])), row) for row in rows]
     apart = [f"- {name}: {', '.join(row['outside'])}" for name, row in named if row.get("outside")]
     failures = [
@@ -128,7 +128,7 @@ def benchmark_document(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def write_benchmark(rows: Sequence[dict[str, Any]], folder: Path) -> None:
-    """The table below a folder, as Markdown, LaTeX and JSON."""
+    """Write the table into a folder, as Markdown, LaTeX and JSON."""
     write_text(folder / "table.md", benchmark_document(rows))
     write_text(folder / "table.tex", benchmark_table(rows).latex("llrrrrrrrl"))
     write_json(folder / "results.json", {"rows": list(rows)})

@@ -1,6 +1,6 @@
 """The paper's experiments and its results (section Validation), as data.
 
-Set points last the loop's default of 10 s, which is the paper's; a robot that is not in the paper
+Set points last 10 s, the loop's default and the paper's duration. A robot that is not in the paper
 has the loop's default period.
 """
 
@@ -30,20 +30,19 @@ CYCLES = 2
 
 @dataclass(frozen=True)
 class Setup:
-    """What the experiments need to know of a robot.
+    """The properties of a robot that its experiments depend on.
 
     Attributes
     ----------
-    robot : str
-        Its name.
+    robot : str Name of the robot.
     length : float
-        L (m); the ellipse's semi-axes are L/3 and L/8. 0 leaves only `target`.
+        Length L (m); the ellipse's semi-axes are L/3 and L/8. With 0, only `target` can be used.
     period : float
         Control period (s).
     reach : float
         The ellipse's far vertex in multiples of L: its centre is at c = reach · L - b.
     ellipse_scale : float
-        Factor on both semi-axes, about that centre.
+        Factor on both semi-axes; the centre stays.
     """
 
     robot: str
@@ -77,12 +76,12 @@ class Setup:
         return self.ellipse_scale
 
     def ellipse(self, omega: float = 0.0) -> Ellipse:
-        """The ellipse of the robot's size, run through at `omega`.
+        """The ellipse in the robot's size, traversed at `omega`.
 
         Raises
         ------
         InputError
-            For a robot of no length, which can only be given a target.
+            The robot has no length, so that only a target can be given.
         """
         if self.length == 0:
             raise InputError("length", "a robot with a length, or a target", f"{self.length:g} m")
@@ -138,7 +137,7 @@ def setup(robot: str) -> Setup:
     Raises
     ------
     InputError
-        For any other robot: describe it with a `Setup` of its own.
+        It is another robot; make a `Setup` for it.
     """
     found = ROBOTS.get(robot) if isinstance(robot, str) else None
     if found is None:
@@ -147,7 +146,7 @@ def setup(robot: str) -> Setup:
 
 
 def setup_of(model: SoftModel) -> Setup:
-    """The paper's setup of a bundled robot; for any other one of its own length, 2 ms a period."""
+    """The paper's setup of a bundled robot; for any other one its own length, and 2 ms periods."""
     if model.bundled in ROBOTS:
         return ROBOTS[model.bundled]
     return Setup(model.name, model.robot.length, DEFAULT_PERIOD)
@@ -174,7 +173,7 @@ def experiment(
     Parameters
     ----------
     model : SoftModel
-        The robot; one that is not the paper's has an ellipse of its own size.
+        The robot. If it is not in the paper, the ellipse is scaled to its size.
     theta, omega : float, optional
         In multiples of π (rad, rad/s).
     target : array, (3,), optional
@@ -185,7 +184,7 @@ def experiment(
     Raises
     ------
     InputError
-        For none of the three, numbers that are not finite, a robot whose length is not known.
+        None of the three is given, a number is not finite, or the robot's length is unknown.
     """
     found = setup_of(model)
     if period is not None:
@@ -201,12 +200,12 @@ def experiment(
 
 
 def check_reach(model: SoftModel, target: Any) -> None:
-    """Refuse a target (3,) (m) that no pose comes near; what is just out of reach statics says.
+    """Refuse a target (3,) (m) far outside the robot's reach; `statics` judges closer ones.
 
     Raises
     ------
     InputError
-        Naming the reach, and the unit that the target seems to be in.
+        The error names the reach, and the likely unit of the target.
     """
     chain = model.robot.chain(model.robot.task)
     slides = (max(abs(j.lower), abs(j.upper)) for j in chain if j.kind == "prismatic")
@@ -240,7 +239,7 @@ def second_cycle_mse_cm2(log: Log) -> float:
     Raises
     ------
     InputError
-        For a run that is not a whole tracking experiment, which has no cycles.
+        The run is not a complete tracking experiment, so that it has no cycles.
     """
     if log.omega is None or not math.isclose(log.duration, 2 * CYCLES / log.omega):
         raise InputError("log", "a tracking experiment of two cycles", log.kind)
@@ -269,7 +268,7 @@ class Published:
 
 _FAILED = Published(None, None, None, None)
 
-# The paper's "ID-CLF-QP (ours)" is its soft variant; it has no results of a hard one.
+# The paper's "ID-CLF-QP (ours)" is the soft variant; the paper has no results of the hard one.
 TABLE = {
     ("finger", "clf-qp"): Published(0.75, 1.05, 6.90, 0.80),
     ("finger", "soft-id-clf-qp"): Published(0.08, 0.09, 0.53, 0.26),
@@ -295,9 +294,9 @@ def published(robot: str, controller: str) -> Published | None:
 
 
 def beside(log: Log) -> dict[str, str]:
-    """What the paper published for a run's robot and controller, for `Log.summary`.
+    """The paper's results for a run's robot and controller, for `Log.summary`.
 
-    Nothing for a robot that has the name of one of the paper's, but is another.
+    Empty for another robot that only has the name of one of the paper's.
     """
     row = published(log.robot, log.controller)
     file = bundled_file(log.robot)

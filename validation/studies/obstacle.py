@@ -1,4 +1,4 @@
-"""The tip meets an obstacle: the published law, the law over a horizon, the same with barriers."""
+"""The tip near an obstacle: the published controller, that over a horizon, that with barriers."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import points
 
-BALL = 0.08  # its radius, as a share of the robot's length
-OFFSET = 0.6  # of its radius: how far beside the path it stands
+BALL = 0.08  # radius of the ball, as a share of the robot's length
+OFFSET = 0.6  # of its radius: distance of its centre from the path
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Encounters:
     Attributes
     ----------
     ball : KeepOutSphere
-        Stands beside the path to the set point.
+        The obstacle beside the path to the set point.
     logs : dict[str, Log]
-        The three runs to the set point by name, the last with the ball as a barrier.
+        The three runs to the set point by name. The last has the ball as a barrier.
     report : dict
-        The figures of these and of the random runs, under the names of the command's JSON.
+        The figures of these and of the random runs, with the keys of the command's JSON.
     """
 
     ball: KeepOutSphere
@@ -40,7 +40,7 @@ class Encounters:
     report: dict[str, Any]
 
     def __str__(self) -> str:
-        """A line a run, random ones together."""
+        """One line per run, and one for all random runs."""
         lines = [f"{'':16} error cm  clearance mm  violation  gave way  step us"]
         rows, random = self.report["runs"][:3], self.report["runs"][3:]
         lines += [
@@ -69,7 +69,7 @@ def meet(
     gains: Gains | None = None,
     target: Any = None,
 ) -> Encounters:
-    """Run the three laws to a set point with a ball in the way, then into random balls.
+    """Run the three controllers to a set point past a ball, then runs past random balls.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def meet(
     theta : float
         The set point, in multiples of π.
     duration : float
-        Of each run (s).
+        Duration of each run (s).
     limits : bool
         Whether the file's joint limits are barriers too.
     random, seed : int
@@ -86,13 +86,13 @@ def meet(
     gains : Gains, optional
         The published ones of a bundled robot by default.
     target : array_like, (3,), optional
-        The set point (m) instead of `theta`; of a robot that is not the paper's by default one that
-        it can rest at.
+        The set point (m) instead of `theta`. For a robot that is not in the paper, the default is
+        an equilibrium.
 
     Returns
     -------
     Encounters
-        Passed when no barrier was violated by more than 1 mm or 0.01 rad.
+        It is passed when no barrier was violated by more than 1 mm or 0.01 rad.
     """
     setup = experiments.setup_of(model)
     plain = SoftIdClfQp(model, gains)
@@ -130,7 +130,7 @@ def meet(
 
 
 def in_the_way(paths: Sequence[np.ndarray], radius: float) -> KeepOutSphere:
-    """A ball beside a path (samples, 3) of the tip that cuts as many as it can."""
+    """The ball beside a path (samples, 3) of the tip into which all paths enter the deepest."""
 
     def depth(ball: KeepOutSphere) -> float:
         return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
@@ -144,7 +144,7 @@ def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[KeepOutSpher
         for share in (0.3, 0.4, 0.5, 0.6, 0.7):
             k = max(int(np.argmax(left < left[0] * share)), 1)
             along = path[k + 1] - path[k - 1]
-            # across it in the xz-plane; across it and z where that is no direction
+            # normal to the path in the xz-plane, or normal to the path and z where that fails
             beside = np.array([-along[2], 0.0, along[0]])
             if np.linalg.norm(beside) < 0.1 * np.linalg.norm(along):
                 beside = np.array([-along[1], along[0], 0.0])
@@ -156,7 +156,7 @@ def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[KeepOutSpher
 def draw(
     model: SoftModel, rng: np.random.Generator, start: np.ndarray, radius: float
 ) -> tuple[SetPoint, KeepOutSphere]:
-    """A target that some configuration reaches, and a ball beside the line from `start` to it."""
+    """A target that a random configuration reaches, and a ball near the line to it."""
     while True:
         low, high = np.maximum(model.lower, -1.0), np.minimum(model.upper, 1.0)
         y = model.state(model.configuration(0.6 * rng.uniform(low, high)), np.zeros(model.nv)).y
@@ -166,7 +166,7 @@ def draw(
 
 
 def figures(name: str, law: SoftIdClfQp, log: Log, ball: KeepOutSphere) -> dict[str, Any]:
-    """What a run came to; `violation` in mm (joint limits: 0.01 rad), whichever is worse."""
+    """The figures of a run; `violation` is the worst, in mm or (joint limits) in 0.01 rad."""
     clearance = 1e3 * float((np.linalg.norm(log.y - ball.centre, axis=1) - ball.radius).min())
     rows = law.barrier_rows
     return {

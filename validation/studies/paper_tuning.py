@@ -1,9 +1,9 @@
 """Tuning of the bundled robots' schedules, on other set points and rates than the paper's.
 
-Two searches: of the approach on the first second of runs, with the controller of that stage alone,
-then of the stay on whole runs that begin with the approach found. Runs near unstable shapes depend
-on rounding errors, and a search finds the lucky ones. So the best few run again on many more cases,
-and those decide.
+The first search tunes the approach, on the first second of runs with the controller of that stage
+alone. The second tunes the stay, on complete runs that begin with the tuned approach. Runs near
+unstable shapes depend on rounding errors, and a search prefers lucky ones. So the best few
+candidates run again on many more cases, and these decide.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from softdyn.validation.studies.schedule_search import STAGES, WORST, Tables
 THETAS, OMEGAS = (0.25, 0.75, 1.25, 1.75), (0.12, 0.17, 0.25, 0.45)
 MANY_THETAS = (0.04, 0.12, 0.27, 0.38, 0.62, 0.73, 0.88, 1.12, 1.27, 1.38, 1.62, 1.73, 1.88, 1.96)
 MANY_OMEGAS = (0.08, 0.09, 0.11, 0.12, 0.14, 0.17, 0.25, 0.35, 0.45)
-PERIODS = (None, 0.001)  # s; the published one, and 1 ms
+PERIODS = (None, 0.001)  # s; the published period, and 1 ms
 APPROACH = 1.0  # s
 # part → set points and their periods, rates, duration (s; None: 10 s, and two cycles)
 PARTS: dict[str, tuple[Any, Any, float | None]] = {
@@ -35,11 +35,12 @@ PARTS: dict[str, tuple[Any, Any, float | None]] = {
     "stay": ([*zip(THETAS, (None, None, 0.001, 0.001), strict=True)], OMEGAS, None),
     "final": ([(x, p) for x in MANY_THETAS for p in PERIODS], MANY_OMEGAS, None),
 }
-SETTLED, TRACKED = 0.01, 0.002  # what counts 1: final error / length, mean squared / length²
+# values that cost 1: final error / length, mean squared error / length²
+SETTLED, TRACKED = 0.01, 0.002
 
 
 def search_cases(robot: str, part: str) -> list[Case]:
-    """The runs that a stage is judged on, or that decide the finals."""
+    """The runs that judge a stage or the finals."""
     points, rates, duration = PARTS[part]
     make = partial(Case, robot, "best", duration=duration)
     return [make("set_point", theta, period=period) for theta, period in points] + [
@@ -48,10 +49,7 @@ def search_cases(robot: str, part: str) -> list[Case]:
 
 
 def approach_cost(case: Case, result: Mapping[str, Any]) -> float:
-    """Seconds in which the first error would cost what the run does, in tenths, and what is left.
-
-    10 ∫ ‖e‖² dt / ‖e(0)‖² + ‖e(T)‖ / ‖e(0)‖, e against a moving target where it moves.
-    """
+    """10 ∫ ‖e‖² dt / ‖e(0)‖² + ‖e(T)‖ / ‖e(0)‖, with e the error of the tip."""
     if result["failed"]:
         return WORST
     first = result["first_error_cm"]
@@ -70,7 +68,7 @@ def stay_cost(case: Case, result: Mapping[str, Any]) -> float:
 
 
 def first_schedule(robot: str) -> dict[str, Any]:
-    """Where a search starts: the robot's tuned schedule, or its published gains in both stages."""
+    """The start of a search: the robot's tuned schedule, or its published gains in both stages."""
     model = softdyn.load(robot)
     schedule = tuned(model)
     if schedule is None:
@@ -89,13 +87,13 @@ class Search:
     robot : str
         Its name.
     start : mapping
-        The tables of the schedule that it starts from.
+        The tables of the schedule from which it starts.
     generations : mapping
         Stage → generations of CMA-ES; 0 keeps the stage.
     population : int
         Candidates a generation.
     finalists : int
-        How many meet at the end, the start included; 0 for no finals.
+        Number of candidates in the finals, the start included; 0 for no finals.
     seed : int
         Above 0.
     """
@@ -109,12 +107,12 @@ class Search:
 
 
 def read_search(path: str | Path) -> Search:
-    """The search that a summary, see `search_schedule`, is of.
+    """Read the search from a summary of `search_schedule`.
 
     Raises
     ------
     InputError
-        A file that cannot be read, or is no such summary.
+        The file cannot be read, or is no such summary.
     """
     expected = "a summary that tune.py wrote"
     settings = read_json(path, expected).get("settings")
@@ -147,7 +145,7 @@ def search_schedule(
     Parameters
     ----------
     wanted : Search
-        What to search, and from where.
+        The search's settings and start.
     jobs : int
         Processes, -1 for one per core.
     each : Callable[[dict], None]
@@ -157,7 +155,7 @@ def search_schedule(
     -------
     dict
         ``settings``; ``winners`` of the searches, by stage; ``finals``, the start first, with the
-        scores of the best; ``schedule``, the tables of what was found.
+        scores of the best; ``schedule``, the tables of the best schedule.
     """
 
     def tell(stage: str, entry: dict[str, Any]) -> None:
@@ -200,7 +198,7 @@ def search_schedule(
 
 
 def search_text(found: Mapping[str, Any]) -> str:
-    """What `search_schedule` found, for people."""
+    """The result of `search_schedule` as text."""
     lines = [
         f"{stage}: cost {winner['start_cost']:.4g} at the start, {winner['cost']:.4g} now"
         for stage, winner in found["winners"].items()

@@ -1,4 +1,4 @@
-"""CMA-ES on the gains of a schedule, one stage at a time: the search that both tunings share."""
+"""CMA-ES on the gains of a schedule, one stage at a time; both tunings use it."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def schedule_toml(schedule: Tables) -> str:
 
 
 def changed(schedule: Tables, stage: str, values: Mapping[str, float]) -> dict[str, Any]:
-    """The schedule with other values in one stage, of four digits."""
+    """The schedule with other values in one stage, rounded to four digits."""
     new = {name: float(f"{value:.4g}") for name, value in values.items()}
     return {**schedule, stage: {**schedule[stage], **new}}
 
 
 def judge(cases: Sequence[Case], cost: Cost, jobs: int, schedules: Sequence[Tables]) -> list[Entry]:
-    """For each schedule the ``scores`` of all cases, and their ``cost``.
+    """The ``scores`` of all cases and their ``cost``, for each schedule.
 
-    The cost is the mean over the kinds of experiment of the mean score of a kind: set points and
-    trajectories weigh the same, however many there are of each.
+    The cost is the mean over the kinds of experiment of a kind's mean score. So set points and
+    trajectories have equal weight, whatever their numbers.
     """
     runs = [replace(case, parameters=schedule) for schedule in schedules for case in cases]
     results = run_all(runs, jobs)
@@ -95,13 +95,13 @@ def search_stage(
     Parameters
     ----------
     schedule : mapping
-        The tables of the schedule to start from.
+        The tables of the initial schedule.
     stage : str
         One of `STAGES`.
     judge : Callable[[sequence of mapping], list of dict]
         Schedules → the ``scores`` and the ``cost`` of each.
     generations, population : int
-        Of CMA-ES.
+        Settings of CMA-ES.
     seed : int
         Above 0. The same seed gives the same candidates again.
     each : Callable[[dict], None]

@@ -1,4 +1,4 @@
-"""`benchmark` from Python: a user's own controller classes beside those of the package."""
+"""`benchmark` from Python: compare a user's controller classes with those of the package."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Make = Callable[[SoftModel], Any]
 
 @dataclass(frozen=True, eq=False)
 class Benchmark:
-    """What `benchmark` found; its text is the table.
+    """The result of `benchmark`; its text is the table.
 
     Attributes
     ----------
     rows : tuple of dict
-        A row for each robot and controller, under the names of the command's JSON.
+        A row for each robot and controller, with the keys of the command's JSON.
     """
 
     rows: tuple[dict[str, Any], ...]
@@ -44,7 +44,7 @@ class Benchmark:
 
 @dataclass(frozen=True)
 class Built:
-    """Makes a case's controller from a class."""
+    """Builds a case's controller from a class."""
 
     make: Make
 
@@ -61,14 +61,14 @@ def benchmark(
     omegas: Iterable[float] = experiments.OMEGAS,
     jobs: int = -1,
 ) -> Benchmark:
-    """The paper's experiments of several controllers, and a table that prints.
+    """Run the paper's experiments with several controllers; the result prints a table.
 
     Parameters
     ----------
     controllers : mapping or iterable of str
-        Name → what is called with the model, e.g. a class; or names as on the command line.
+        Name → a callable of the model, e.g. a class; or names as on the command line.
     robots : iterable of str, Path or SoftModel
-        Robots that are not the paper's go to as many points that they can rest at.
+        Robots that are not in the paper move to as many equilibria.
     thetas, omegas : iterable of float
         Set points and rates, in multiples of π.
     jobs : int
@@ -77,7 +77,7 @@ def benchmark(
     Raises
     ------
     InputError
-        What is no robot or controller, or a controller that cannot be built.
+        A robot or controller is unknown, or a controller cannot be built.
     """
     makes = controllers if isinstance(controllers, Mapping) else dict.fromkeys(controllers)
     asked = [("set_point", x) for x in thetas] + [("tracking", x) for x in omegas]

@@ -15,7 +15,7 @@ Target = tuple[str, Any]
 
 
 def study_targets(model: SoftModel, published: Sequence[Target]) -> list[Target]:
-    """`published` for a robot of the paper; as many points that any other can rest at.
+    """`published` for a robot of the paper; as many equilibria for any other.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def study_targets(model: SoftModel, published: Sequence[Target]) -> list[Target]
 
 
 def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...]]:
-    """Points that a robot can rest at with its tip (m), rounded to 0.1 mm, the outermost first.
+    """Tip positions (m) of stable equilibria, rounded to 0.1 mm, the outermost first.
 
     Raises
     ------
@@ -40,9 +40,10 @@ def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...
 
 
 def study_experiments(model: SoftModel, count: int) -> list[Experiment]:
-    """Runs to `count` stable rests at most, and along a path about the last of them that has one.
+    """Runs to at most `count` stable equilibria, and along a path around the last possible one.
 
-    The robot can do each of them, which the paper's ellipse in its size does not promise.
+    The robot can hold each of these targets. It may not reach the paper's ellipse scaled to its
+    size.
 
     Raises
     ------

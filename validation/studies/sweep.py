@@ -1,7 +1,7 @@
-"""A sweep: closed loops over a grid, over random samples or one change at a time, spelt out.
+"""A sweep: the list of closed loops over a grid, over random samples or one change at a time.
 
-Every case is plain data with nothing left to look up, in an order that depends on the sweep file
-alone. `softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md`` describes it.
+Every case is complete plain data, and the order of the cases depends only on the sweep file.
+`softdyn.validation.studies.sweep_file` reads that file; ``docs/sweeps.md`` describes it.
 """
 
 from __future__ import annotations
@@ -35,18 +35,20 @@ FIGURES = {
     "mse_cm2": "mean squared error (cm²)",
     "second_cycle_mse_cm2": "mean squared error, second cycle (cm²)",
 }
-TIMES = ("period", "duration", "timestep")  # of [plant], but of the case and not of its plant
+# in [plant], but fields of the case and not of its plant
+TIMES = ("period", "duration", "timestep")
 GAINS = tuple(field.name for field in fields(Gains))
-TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}  # in a file → of a case
+# name in a file → name in a case
+TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}
 NAMES = {kind: name for name, kind in TARGETS.items()}
 PARAMETERS = (*(f"{group}.{name}" for group in GROUPS for name in GROUPS[group]), "ellipse_scale")
-NOMINAL = "none"  # the change that changes nothing
+NOMINAL = "none"  # the name of the case without a change
 SHARE = "horizon_per_eps"  # of [gains]
 IN_MS = ("gains.horizon", "plant.period", "signals.delay", "signals.lag")
 
 
 def inputs(case: Case) -> dict[str, Any]:
-    """A case in the words of a sweep file."""
+    """A case with the keys of a sweep file."""
     return {
         "robot": case.robot,
         "controller": case.controller,
@@ -59,7 +61,7 @@ def inputs(case: Case) -> dict[str, Any]:
 
 
 def parameter(case: Case, name: str) -> Any:
-    """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case; None without."""
+    """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case, or None."""
     group, _, key = name.rpartition(".")
     gains = case.parameters or {}
     if group == "gains":
@@ -85,11 +87,11 @@ class Sweep:
     Attributes
     ----------
     path, folder : Path
-        The file, and what relative paths in it are relative to.
+        The file, and the folder to which its relative paths refer.
     robots, controllers : tuple of str
         Their names in the file.
     targets : tuple of Axis
-        One per kind of target in the file.
+        One axis per kind of target in the file.
     axes : tuple of Axis
         Gains, plant, signals and the ellipse, in the file's order.
     samples, seed : int
@@ -101,22 +103,23 @@ class Sweep:
     models : dict of str to SoftModel
         The robots' analytic models.
     annotations : dict of str to str
-        Robot → the file of its annotations, where its own has none.
+        Robot → the file of its annotations, if its own file has none.
     equilibria : bool
-        Whether a robot that is not the paper's goes to points that it can rest at instead.
+        Whether a robot that is not in the paper moves to equilibria instead.
     shorter_periods : tuple of float
-        Control periods (s) of set points besides the usual one, where they are shorter.
+        Control periods (s) to which set points also run, if they are shorter than the usual one.
     changes : mapping
-        Name → parameter that differs → robot → its value, ``default`` for any other robot; each
-        change is run by itself.
+        Name → changed parameter → robot → its value, with ``default`` for any other robot. Each
+        change runs by itself.
     rows : tuple of str
-        Parameters that tell the rows of a table of all cases apart; without any, no such table.
+        Parameters that distinguish the rows of a table of all cases. Without any, there is no such
+        table.
     means : bool
         Whether that table has the mean of each row.
     must_not_fail : tuple of str
         Names of the changes whose runs from rest decide the exit code.
     gains : mapping
-        Gains of every case, below those of the axes.
+        Gains of every case; gains of the axes override them.
     """
 
     path: Path
@@ -140,7 +143,7 @@ class Sweep:
     gains: Mapping[str, Any]
 
     def jobs(self) -> list[CaseJob]:
-        """Every case with what it depends on."""
+        """Every case with its dependencies."""
         heads = [{"inputs": inputs(case)} for case in self.cases]
         return worker.jobs_of(self.cases, heads=heads, folder=self.folder, log=self.logs)
 
@@ -155,7 +158,7 @@ class Sweep:
         Raises
         ------
         InputError
-            For a combination that cannot be run, e.g. a timestep that does not divide the period.
+            A combination cannot run, e.g. the timestep does not divide the period.
         """
         names: dict[str, Case] = {}
         for case, _ in self._expanded:
@@ -165,12 +168,12 @@ class Sweep:
 
     @cached_property
     def cells(self) -> dict[str, Case]:
-        """Every case by its place ``row/…/target`` in a table of all, row by row.
+        """Every case by its place ``row/…/target`` in the table of all cases, row by row.
 
         Raises
         ------
         InputError
-            Two cases in one place.
+            Two cases have the same place.
         """
         table: dict[str, dict[str, Case]] = {}
         for case, change in self._expanded:
@@ -182,13 +185,13 @@ class Sweep:
         return {f"{row}/{column}": table[row][column] for row in table for column in table[row]}
 
     def failures(self, failed: Collection[str]) -> int:
-        """The number of cases among these names that must not fail."""
+        """The number of failed cases, among these, that must not fail."""
         names = (c.name for c, change in self._expanded if change in self.must_not_fail)
         return sum(name in failed for name in names)
 
     @cached_property
     def _expanded(self) -> list[tuple[Case, str]]:
-        """Every case, and the name of the change that it has."""
+        """Every case, and the name of its change."""
         return list(self._expand())
 
     def _expand(self) -> Iterator[tuple[Case, str]]:
@@ -212,20 +215,20 @@ class Sweep:
                         yield self._case(robot, controller, kind, goal, values, index), change
 
     def _targets_of(self, robot: str) -> list[Target]:
-        """Kinds and values; of random samples the axis."""
+        """Kinds and values of the targets; for random samples, kinds and axes."""
         found = [
             (TARGETS[axis.name], value)
             for axis in self.targets
             for value in ([axis] if axis.drawn else axis.values)
         ]
-        if self.equilibria:  # two of them may be one point
+        if self.equilibria:  # two targets may be the same point
             found = list(dict.fromkeys(study_targets(self.models[robot], found)))
         return found
 
     def _at_periods(
         self, robot: str, kind: str, values: dict[str, Any]
     ) -> Iterator[dict[str, Any]]:
-        """A combination at the shorter periods, then as it is."""
+        """A combination at the shorter periods, then at its own."""
         usual = values.get("plant.period", experiments.setup_of(self.models[robot]).period)
         if kind != "tracking":
             yield from (
@@ -275,10 +278,10 @@ def _text(case: Case, name: str) -> str:
 
 
 def resolve_gains(model: SoftModel, controller: str, given: Mapping[str, Any]) -> Any:
-    """All gains of a controller of the paper, the published ones where `given` has none.
+    """All gains of a controller of the paper: those of `given`, else the published ones.
 
-    Its options, such as a horizon, are as given; a horizon may be given as a share of ε. Any other
-    controller gets what is given, and None without any.
+    Its options, such as a horizon, are kept; a horizon may be given as a share of ε. Any other
+    controller gets `given`, or None if that is empty.
     """
     if controller not in CONTROLLERS:
         return dict(given) or None

@@ -1,4 +1,4 @@
-"""The strict reading of a sweep file: every error names the file, the key, what was expected."""
+"""The strict reader of a sweep file: every error names the file, the key, the expected value."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sw
     Parameters
     ----------
     name : str or Path
-        A file, or the name of one that comes with softdyn where there is no such file. Relative
-        paths in a file are relative to it.
+        A file, or the name of a shipped sweep if no such file exists. Relative paths in a file are
+        relative to it.
     instead : mapping, optional
-        Values in the place of the file's: lists of `robots` and `controllers`, `period` (s); for
-        one robot the file of its `annotations` and a table of `gains`. Paths in it are relative to
-        the current folder; None stands for the file's value.
+        Values that replace the file's: lists of `robots` and `controllers`, `period` (s), and for a
+        single robot the file of its `annotations` and a table of `gains`. Paths in it are relative
+        to the current folder; None keeps the file's value.
 
     Raises
     ------
     InputError
-        One line with the file, the key, what was expected and what was got.
+        One line with the file, the key, the expected and the given value.
     """
     path, known, folder = Path(name), shipped(), Path(name).parent
     if not path.exists() and not path.suffix:
@@ -62,14 +62,14 @@ def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sw
 
 
 class _Reader(ValueReader):
-    """The strict reading of one file."""
+    """The strict reader of one file."""
 
     def __init__(
         self, path: Path, table: dict[str, Any], folder: Path, said: Mapping[str, Any]
     ) -> None:
         super().__init__(path, table)
         self.folder, self.said = folder, said
-        self.gains: dict[str, Check] | None = None  # any are known without a controller of ours
+        self.gains: dict[str, Check] | None = None  # a user's controller may have any gains
 
     def sweep(self) -> Sweep:
         self.known("", self.table, (*KEYS, OVERLAYS))
@@ -103,11 +103,11 @@ class _Reader(ValueReader):
             self.yes("means", self.table), tuple(self.names("must_not_fail", changes)),
             self.said.get("gains", {}),
         )  # fmt: skip
-        _ = sweep.cases, sweep.rows and sweep.cells  # finds what no single key tells
+        _ = sweep.cases, sweep.rows and sweep.cells  # finds errors that no single key shows
         return sweep
 
     def replace(self) -> None:
-        """Put what the caller says in the file's place."""
+        """Replace values of the file by the caller's."""
         table, said = self.table, self.said
         for key in {"robots", "controllers"} & set(said):
             table[key] = [self.beside(name) for name in said[key]]
@@ -126,7 +126,7 @@ class _Reader(ValueReader):
             table["plant"] = self.section("plant", None) | {"period": said["period"]}
 
     def beside(self, name: str) -> str:
-        """A path from the current folder as one from the file's; any other name as it is."""
+        """A path in the current folder, made relative to the file's; other names unchanged."""
         file = name.rpartition(":")[0] if is_own(name) else name
         return os.path.relpath(name, self.folder) if os.path.isfile(file) else name
 
@@ -139,7 +139,7 @@ class _Reader(ValueReader):
             try:
                 _, model = sources.of_robot(text, self.folder, overlays.get(text))
             except (InputError, UrdfError) as error:
-                # of a defect in a robot's file, also where
+                # a defect in a robot's file: name the element, too
                 where = f" in {text}: {error.element}" if isinstance(error, UrdfError) else ""
                 raise self.told("robots", error, where) from None
             self.check(model.nu > 0, "robots", "robots with actuators", f"{text!r} without any")
@@ -147,7 +147,7 @@ class _Reader(ValueReader):
         return models
 
     def overlays(self) -> dict[str, str]:
-        """Robot → the file of its annotations, for those that have them in a file of their own."""
+        """Robot → the file of its annotations, if that is a separate file."""
         table = self.section(OVERLAYS, tuple(self.names("robots")))
         for name, file in table.items():
             self.check(isinstance(file, str), f"{OVERLAYS}.{name}", "a file's name", file)
@@ -199,7 +199,7 @@ class _Reader(ValueReader):
             yield "ellipse_scale", table["ellipse_scale"], values.positive
 
     def read_changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Each change by its name; a list of values is as many changes."""
+        """Each change by its name; a list of values makes one change per value."""
         names = {NOMINAL}
         for text, table in self.section("changes", None).items():
             key, fields, lists = f"changes.{text}", dict[str, Any](), list[Axis]()
@@ -240,7 +240,7 @@ class _Reader(ValueReader):
         self.check(figure != "second_cycle_mse_cm2" or whole, "figure", expected, figure)
         return str(figure)
 
-    # -- what only the whole tells -----------------------------------------------------------------
+    # -- checks of the whole file -----------------------------------------------------------------
 
     def check_gains(
         self, controllers: Sequence[str], models: dict[str, SoftModel], axes: list[Axis]
@@ -253,7 +253,8 @@ class _Reader(ValueReader):
             has = given or published or controller not in CONTROLLERS
             self.check(has, "gains.Kp", expected, "none")
             if said and not is_own(controller):
-                make_controller(controller, models[robot], said)  # finds what it does not take
+                # finds gains that the controller does not accept
+                make_controller(controller, models[robot], said)
 
     def check_size(
         self, robots: Any, controllers: Any, targets: list[Axis], axes: Any, more: dict[str, int]

@@ -1,4 +1,4 @@
-"""A sweep's results for people: every case as CSV, the best ones as Markdown."""
+"""A sweep's results: every case as CSV, the best cases as Markdown."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Row = tuple[Case, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Setting:
-    """A robot, a controller and its parameters, over all targets.
+    """A robot, a controller and its parameters, with all targets.
 
     Attributes
     ----------
@@ -54,17 +54,17 @@ class Setting:
 
     @property
     def case(self) -> Case:
-        """Any of the cases; they differ in their targets alone."""
+        """One of the cases; they differ only in their targets."""
         return self.rows[0][0]
 
     @property
     def failed(self) -> int:
-        """The number of its cases that did not end well."""
+        """The number of its cases that failed or ended in an error."""
         return sum(result["outcome"] != "done" for _, result in self.rows)
 
 
 def sweep_rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
-    """Cases with their results, in the sweep's order; what never ran has none and is left out."""
+    """Cases with their results, in the sweep's order; cases that never ran are left out."""
     found = (
         (j.case, store.figures(j.case, j.name) if j.log else store.result(j.name)) for j in jobs
     )
@@ -72,9 +72,10 @@ def sweep_rows(jobs: Iterable[CaseJob], store: Store) -> list[Row]:
 
 
 def settings(found: Iterable[Row], figure: str) -> list[Setting]:
-    """Cases that differ in their targets alone, put together; the best first.
+    """Groups of cases that differ only in their targets, the best first.
 
-    Fewest failed cases come before the smallest mean: a figure of a failed run says little.
+    The number of failed cases ranks before the mean, because the figure of a failed run says
+    little.
     """
     groups: dict[str, list[Row]] = {}
     for case, result in found:
@@ -90,7 +91,7 @@ def settings(found: Iterable[Row], figure: str) -> list[Setting]:
 
 
 def _setting(case: Case) -> str:
-    """All of a case but its target, and what a trajectory's rate decides."""
+    """All fields of a case except its target and those that depend on a trajectory's rate."""
     found = inputs(case)
     for name in ("kind", "target", "duration"):
         del found[name]
@@ -98,7 +99,7 @@ def _setting(case: Case) -> str:
 
 
 def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> dict[str, Any]:
-    """The cases to be run, for JSON."""
+    """The cases that will run, for JSON."""
     return {
         "sweep": str(sweep.path),
         "cases": len(jobs),
@@ -109,13 +110,13 @@ def plan(sweep: Sweep, jobs: Sequence[CaseJob], missing: Sequence[CaseJob]) -> d
 
 
 def plan_text(plan: Mapping[str, Any]) -> str:
-    """The same for people."""
+    """The plan as text."""
     run = f"{plan['missing']} of them to be run: {plan['simulated_s']:g} s of simulated time"
     return f"{plan['cases']} cases, {run}"
 
 
 def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
-    """Every case as CSV; `table` or the best ones as Markdown; returns their files."""
+    """Write every case as CSV, and `table` or the best cases as Markdown; return the files."""
     texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found, table)}
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -123,7 +124,7 @@ def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -
 
 
 def report(sweep: Sweep, found: list[Row], ran: int) -> dict[str, Any]:
-    """The figures of a sweep for JSON, `ran` of its cases run now."""
+    """The figures of a sweep for JSON; `ran` of its cases ran in this call."""
     ended = Counter(result["outcome"] for _, result in found)
     total = len(sweep.cases)
     return {
@@ -164,7 +165,7 @@ def _words(outcome: str) -> str:
 
 
 def to_csv(found: list[Row]) -> str:
-    """One line a case, in the sweep's order: inputs, outcome, figures, reason, file."""
+    """One line per case, in the sweep's order: inputs, outcome, figures, reason, file."""
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
     titles = ["robot", "controller", "theta", "omega", *"xyz", *gains]
     titles += [*(n.removeprefix("plant.") for n in PARAMETERS), "sample", *RESULTS]
@@ -186,7 +187,7 @@ def _file(case: Case) -> str:
 
 
 def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
-    """Parameters that vary, outcomes, `table` or each robot's best cases, reasons of failures."""
+    """Varying parameters, outcomes, `table` or each robot's best cases, reasons of failures."""
     blocks = [f"# Sweep {inline(sweep.path.name)}", _counts(found, len(sweep.cases))]
     blocks += ["\n".join(_varied(sweep)), table]
     for robot in sweep.robots if not table else ():
@@ -197,7 +198,7 @@ def to_markdown(sweep: Sweep, found: list[Row], table: str = "") -> str:
 
 
 def cell_tables(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
-    """All cells; with means one table of final errors and one of trajectories."""
+    """Tables of all cells; with means, one table of final errors and one of trajectories."""
     titles, asked = [TITLES.get(name) or label(name) for name in sweep.rows], sweep.cells
     kinds = [("", {"set_point", "point", "tracking"})]
     if sweep.means:
@@ -254,7 +255,7 @@ def _best(sweep: Sweep, robot: str, found: list[Row]) -> list[str]:
 
 
 def ranked(found: Iterable[Row], figure: str) -> list[Row]:
-    """The best cases, those that ended well first; of equal ones the first in the sweep."""
+    """The best cases, successful ones first; equal cases keep the sweep's order."""
 
     def rank(row: Row) -> tuple[bool, float]:
         value = row[1].get(figure)
@@ -264,7 +265,7 @@ def ranked(found: Iterable[Row], figure: str) -> list[Row]:
 
 
 def _columns(sweep: Sweep) -> dict[str, str]:
-    """Heading → parameter, of all that varies but robots and targets."""
+    """Heading → parameter, for all varying parameters except robots and targets."""
     names = {"controller": "controller"} if len(sweep.controllers) > 1 else {}
     return names | {label(axis.name): axis.name for axis in sweep.varying()}
 
@@ -279,7 +280,7 @@ def _target(case: Case) -> str:
 
 
 def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
-    """Why cases did not end well, the first few word for word."""
+    """Reasons of failed cases, the first few of them literally."""
     failures = [(case, result) for case, result in found if result["outcome"] != "done"]
     if not failures:
         return []

@@ -1,4 +1,4 @@
-"""The values in a sweep file: single ones, lists, ranges and distributions, strictly read.
+"""The strict reader of a sweep file's values: numbers, lists, ranges and distributions.
 
 A check takes a key and a value, and returns the value.
 """
@@ -21,7 +21,8 @@ Check = Callable[[str, Any], Any]
 POINTS = "[x, y, z] in m, or a list of such"
 MAX_CASES = 100_000
 RANGE = ("from", "to", "count", "spacing")
-DRAWN = {"uniform": False, "log_uniform": True}  # distribution → whether of the logarithm
+# distribution → whether it applies to the logarithm
+DRAWN = {"uniform": False, "log_uniform": True}
 
 
 def draw(
@@ -29,8 +30,8 @@ def draw(
 ) -> tuple[float, ...]:
     """Random values of one parameter in [lower, upper].
 
-    Every parameter has a stream of its own, so that neither another parameter nor a larger `count`
-    changes the samples that were already drawn.
+    Every parameter has its own random stream. So its samples stay the same when another parameter
+    is added or `count` grows.
     """
     share = np.random.Generator(np.random.PCG64([seed, *key.encode()])).random(count)
     if log:
@@ -54,13 +55,13 @@ def point(key: str, value: Any) -> tuple[float, ...]:
 
 
 def gain(key: str, value: Any) -> float:
-    """A value that this field of `Gains` may have."""
+    """A valid value for this field of `Gains`."""
     Gains(**{"Kp": 1.0, key.removeprefix("gains."): value})
     return float(value)
 
 
 def anything(key: str, value: Any) -> Any:
-    """A number, true or false, a text, or a list of such, for a user's own controller."""
+    """A number, true or false, a text, or a list of these, for a user's own controller."""
     if isinstance(value, list):
         return tuple(anything(key, item) for item in value)
     return value if isinstance(value, bool | str) else number(key, value)
@@ -79,7 +80,7 @@ def not_negative(key: str, value: Any) -> float:
 
 
 def step(key: str, value: Any) -> float:
-    """A plant step (s); ``inf`` is one a control period."""
+    """A plant step (s); ``inf`` means one step per control period."""
     return math.inf if value == math.inf else positive(key, value)
 
 
@@ -96,7 +97,7 @@ GROUPS: dict[str, dict[str, Check]] = {
 
 @dataclass(frozen=True)
 class Axis:
-    """The values of one parameter: of the grid, or one per sample.
+    """The values of one parameter: those of the grid, or one per random sample.
 
     Attributes
     ----------
@@ -127,13 +128,13 @@ class ValueReader:
         self.seed = 0
 
     def check(self, fits: Any, key: str, expected: str, got: Any) -> None:
-        """Refuse what does not fit."""
+        """Raise an error for this key if a condition does not hold."""
         if not fits:
             where = f"{self.path}: {key}" if key else str(self.path)
             raise InputError(where, expected, got if isinstance(got, str) else repr(got))
 
     def told(self, key: str, error: InputError | UrdfError, where: str = "") -> InputError:
-        """An error as one of this file."""
+        """An error with the name of this file."""
         return InputError(f"{self.path}: {key}", error.expected, error.got + where)
 
     def axis(self, key: str, name: str, value: Any, check: Check) -> Axis:
@@ -183,7 +184,7 @@ class ValueReader:
         return tuple(make(lower, upper, count).tolist())
 
     def ends(self, key: str, ends: list[Any], check: Check, log: bool) -> tuple[float, float]:
-        """Both ends of a range, each a value that the parameter may have."""
+        """Both ends of a range, each a valid value of the parameter."""
         for end in ends:
             number(key, end, above=0.0 if log else -math.inf)
             check(key, end)
@@ -192,7 +193,7 @@ class ValueReader:
         return float(ends[0]), float(ends[1])
 
     def names(self, key: str, known: Collection[str] = ()) -> list[str]:
-        """A list of distinct names; of `known` where there are any, and then perhaps none."""
+        """A list of distinct names; if `known` is given, only those, and the list may be empty."""
         value = self.table.get(key, [])
         found = [value] if isinstance(value, str) else value
         fits = isinstance(found, list) and all(isinstance(n, str) and n for n in found)
@@ -204,13 +205,13 @@ class ValueReader:
         return list(found)
 
     def yes(self, key: str, table: Mapping[str, Any]) -> bool:
-        """A key that is true or false, false where there is none."""
+        """A key that is true or false, by default false."""
         value = table.get(key.rpartition(".")[2], False)
         self.check(isinstance(value, bool), key, "true or false", value)
         return bool(value)
 
     def section(self, key: str, names: tuple[str, ...] | None) -> dict[str, Any]:
-        """A table of the file, with `names` alone; empty where there is none."""
+        """A table of the file with only the keys `names`; empty if it is missing."""
         value = self.table.get(key, {})
         self.check(isinstance(value, dict), key, f"a table [{key}]", value)
         if names is not None:
@@ -218,7 +219,7 @@ class ValueReader:
         return dict(value)
 
     def known(self, key: str, table: dict[str, Any], names: tuple[str, ...]) -> None:
-        """Refuse a table with another key than `names`."""
+        """Refuse a table with keys other than `names`."""
         for name in table:
             where = f"{key}.{name}" if key else name
             self.check(name in names, where, f"one of {', '.join(names)}", "an unknown key")

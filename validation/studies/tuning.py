@@ -1,9 +1,9 @@
 """Tuning of a schedule for a user's robot, on targets that its statics find.
 
-`tuning_targets` deals the targets out to three sets: the search, the finals, and a test that
-neither saw. The search draws gains at random over decades, in the robot's own scales, and continues
-by CMA-ES from the best. The test compares the schedule with predictive control, which needs no
-gains: a schedule that is not better is not worth having.
+`tuning_targets` divides the targets into three disjoint sets: for the search, the finals and a
+test. The search draws gains at random over decades, in the robot's own scales, and continues by
+CMA-ES from the best. The test compares the schedule with predictive control, which needs no gains.
+So a schedule is only useful if it is better.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from softdyn.validation.studies.schedule_search import STAGES, WORST, Entry, Tab
 from softdyn.validation.studies.tuning_targets import TuningTargets
 from softdyn.validation.tables import Table
 
-RMS, FINAL = 0.1, 0.01  # of the length: a mean and a final error that cost 1
-DRAWN, BATCH = 24, 4  # candidates of the first search; how many run at a time
+RMS, FINAL = 0.1, 0.01  # of the length: the mean error and the final error that cost 1
+DRAWN, BATCH = 24, 4  # candidates of the first search, and number that run at a time
 ENDS = {"draw": 0.4, "approach": 0.7, "stay": 1.0}  # shares of the search's time
 POPULATION, GENERATIONS, FINALISTS = 6, 100, 2
-RIVAL, DECIDE = 0.25, 0.4  # of the time: predictive control on the test; finals and test at most
-# decades that gains are drawn from; w2 and w3 in the robot's own scales, the horizon in ε
+# shares of the time: predictive control on the test; finals and test at most
+RIVAL, DECIDE = 0.25, 0.4
+# ranges (decades) of random gains; w2 and w3 in the robot's own scales, the horizon in ε
 RANGES = {
     "Kp": (20.0, 2000.0), "eps": (0.01, 0.2), "w2": (1e-2, 3.0), "w3": (1e-5, 10.0),
     "null_damping": (3.0, 100.0), "horizon": (0.5, 1.5),
@@ -43,11 +44,11 @@ COLUMNS = (
 )  # fmt: skip
 
 Tell = Callable[[str, float], None]
-"""(what is being done, share of the time that has passed) → None."""
+"""(current step as text, share of the time that has passed) → None."""
 
 
 def run_cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
-    """A run's rms error in tenths of the length; to a point also its final error in hundredths."""
+    """A run's rms error in tenths of the length; for a point plus its final error in hundredths."""
     if result["failed"] or result["mse_cm2"] is None:
         return WORST
     rms = math.sqrt(result["mse_cm2"]) / (100 * length * RMS)
@@ -56,15 +57,16 @@ def run_cost(length: float, case: Case, result: Mapping[str, Any]) -> float:
 
 
 def simulated_time(*cases: Case) -> float:
-    """How long the runs last together (s, simulated)."""
+    """Total simulated time of the runs (s)."""
     return sum(case.duration or 0.0 for case in cases)
 
 
 def random_schedule(targets: TuningTargets, rng: np.random.Generator) -> dict[str, Any]:
-    """A schedule of random gains, both stages the same.
+    """A schedule of random gains, equal in both stages.
 
-    w2 ‖q̈‖² and w3 ‖u‖² are so many times ‖μ‖² for a tip a tenth of the robot's length away, with q̈
-    the acceleration that this asks for and u what holds the robot at a typical equilibrium.
+    The random factors are the ratios of w2 ‖q̈‖² and w3 ‖u‖² to ‖μ‖², for a tip error of a tenth of
+    the robot's length. There q̈ is the acceleration for this μ, and u the input at a typical
+    equilibrium.
     """
     model, length = targets.model, targets.model.robot.length
     Kp, eps, w2, w3, null_damping, horizon = (
@@ -86,20 +88,20 @@ def random_schedule(targets: TuningTargets, rng: np.random.Generator) -> dict[st
 
 @dataclass(eq=False)
 class Tuning:
-    """A search under way: how much of its time has passed, and the best that it has found.
+    """A running search: the time that has passed, and the best schedules so far.
 
     Attributes
     ----------
     targets, time, began, seed, jobs, tell
-        As of `tune_schedule`.
+        As in `tune_schedule`.
     wall, simulated : float
-        What runs of `best` took, and how much of them was not cut short by a failure (s).
+        Wall-clock time of the runs of `best`, and their simulated time up to a failure (s).
     candidates : int
-        How many were judged.
+        Number of candidates that were judged.
     contenders : list of mapping
         Schedules, the best first.
     costs : dict[str, float]
-        Part of the search → the least cost.
+        Part of the search → its least cost.
     """
 
     targets: TuningTargets
@@ -121,21 +123,21 @@ class Tuning:
         return (monotonic() - self.began) / self.time
 
     def share(self, simulated: float) -> float:
-        """The share of the time that so many simulated seconds (s) take; 0 while not known."""
+        """The share of the time that this much simulated time (s) takes; 0 while unknown."""
         return simulated * self.wall / self.simulated / self.time if self.simulated else 0.0
 
     def is_short(self, simulated: float, until: float) -> bool:
-        """Whether so many simulated seconds (s) would end after this share of the time."""
+        """Whether this much simulated time (s) would end after this share of the time."""
         return self.spent() + self.share(simulated) > until
 
     def say(self, text: str) -> None:
-        """Tell what is being done."""
+        """Report the current step."""
         self.tell(text, self.spent())
 
     # -- what runs ---------------------------------------------------------------------------------
 
     def judge(self, cases: list[Case], schedules: Sequence[Tables]) -> list[Entry]:
-        """`schedule_search.judge`, and what it took."""
+        """Call `schedule_search.judge`, and record the time that it takes."""
         since, price = monotonic(), partial(run_cost, self.targets.model.robot.length)
         found = schedule_search.judge(cases, price, self.jobs, schedules)
         scores = [score for entry in found for score in entry["scores"]]
@@ -148,9 +150,9 @@ class Tuning:
         return found
 
     def run_rival(self) -> list[dict[str, Any]]:
-        """Predictive control on the first runs of the test, as many as fit into its time.
+        """Run predictive control on the first runs of the test, as many as fit into its time.
 
-        One for each process at a time, and never less than two.
+        Each process does one at a time; there are at least two.
         """
         self.say("predictive control")
         cases, found = self.targets.cases("test", "mpc"), list[dict[str, Any]]()
@@ -163,7 +165,7 @@ class Tuning:
         return found
 
     def draw(self, start: Tables | None, end: Callable[[], float]) -> None:
-        """Judge `start` and random gains until `end`, a share of the time; four at least."""
+        """Judge `start` and random gains until `end`, a share of the time; at least four."""
         rng, cases = np.random.default_rng(self.seed), self.targets.cases("search", window=True)
         found: list[tuple[float, Tables]] = []
         while len(found) < DRAWN and (not found or self.spent() < end()):
@@ -176,7 +178,7 @@ class Tuning:
             self.say(f"{len(found)} random gains, best cost {self.costs['draw']:.3g}")
 
     def refine(self, stage: str, end: float) -> None:
-        """CMA-ES on one stage until `end`, a share of the time; nothing where that is too soon."""
+        """Run CMA-ES on one stage until `end`, a share of the time; skipped if that is too soon."""
         cases = self.targets.cases("search", window=stage == "approach")
         if self.is_short((1 + POPULATION) * simulated_time(*cases), end):
             return
@@ -195,7 +197,7 @@ class Tuning:
         self.contenders = best + self.contenders
 
     def decide(self, count: int) -> Tables:
-        """The best of so many contenders, on the targets of the finals."""
+        """The best of `count` contenders on the targets of the finals."""
         contenders = self.contenders[: max(1, count)]
         if len(contenders) == 1:
             return contenders[0]
@@ -215,35 +217,35 @@ def tune_schedule(
     jobs: int = -1,
     tell: Tell = lambda _text, _spent: None,
 ) -> dict[str, Any]:
-    """Find a schedule and compare it with predictive control, in about so many seconds.
+    """Find a schedule within about `time` seconds and compare it with predictive control.
 
     Predictive control runs first, on as many targets of the test as fit, so that no target is
-    chosen by its result. The search ends when finals and test, priced by the runs before them, need
-    the rest of the time. What has begun is finished: for a slow robot two runs of predictive
-    control, four candidates and the test are made however long they take.
+    chosen by its result. The search ends when finals and test need the rest of the time; their time
+    is estimated from earlier runs. Started work is finished. Even for a slow robot there are two
+    runs of predictive control, four candidates and the test.
 
     Parameters
     ----------
     targets : TuningTargets
-        What the robot is tried on.
+        The targets of the robot.
     time : float
-        How long all of it may take (s).
+        Limit of the total time (s).
     began : float, optional
-        When that time began, as `time.monotonic` says; now by default.
+        Start of that time, as a `time.monotonic` value; now by default.
     start : mapping, optional
-        Tables of a schedule that the search begins with, besides random ones.
+        Tables of a schedule with which the search begins, besides random ones.
     seed : int
-        Above 0. The same seed gives the same candidates again, as far as the time lasts.
+        Above 0. The same seed gives the same candidates, as many as fit into the time.
     jobs : int
         Processes, -1 for one per core.
     tell : Callable[[str, float], None]
-        Called with what is being done, and the share of the time that has passed.
+        Called with the current step as text, and the share of the time that has passed.
 
     Returns
     -------
     dict
         ``schedule``; ``better``, whether it beats predictive control on the test; ``rows`` of that
-        test; ``costs`` of the search by part; ``candidates``, how many were tried; ``seconds``.
+        test; ``costs`` of the search by part; ``candidates``, their number; ``seconds``.
 
     Raises
     ------
@@ -258,7 +260,7 @@ def tune_schedule(
     final = simulated_time(*targets.cases("final"))
 
     def end(part: str) -> float:
-        """The share of the time at which a part of the search ends: finals and test follow."""
+        """The share of the time at which a part of the search ends, so that finals and test fit."""
         wanted = run.share(test + (2 + FINALISTS) * final)
         last = 1.0 - max(run.share(test), min(DECIDE, wanted))
         return first + ENDS[part] * (last - first)
@@ -298,7 +300,7 @@ def figures_on_test(
 
 
 def tuning_text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
-    """What `tune_schedule` found, for people."""
+    """The result of `tune_schedule` as text."""
     points, paths = (sum(map(len, some.values())) for some in (targets.points, targets.loops))
     costs = ", ".join(f"{name} {value:.3g}" for name, value in found["costs"].items())
     first, whole = found["rows"][0], len(targets.cases("test"))
@@ -320,7 +322,7 @@ def tuning_text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
 
 
 def robot_schedule_toml(targets: TuningTargets, schedule: Tables, text: str) -> str:
-    """A schedule as the text of a file for one robot, with what it is as a comment."""
+    """A schedule as the text of a file for one robot, with a comment about its origin."""
     about = "".join(f"# {line}".rstrip() + "\n" for line in text.splitlines())
     return (
         about

@@ -16,18 +16,19 @@ from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.studies.engine.case import Case
 
 POINTS, PATHS = {"search": 3, "final": 3, "test": 6}, {"search": 1, "final": 1, "test": 1}
-NEAREST = 0.05  # of the length: a target closer to the start is no task
-POINT_TIME, WINDOW = 2.5, 1.0  # s of a run to a point, and of one that only judges the approach
+NEAREST = 0.05  # of the length: targets closer to the start are left out
+# s, duration of a run to a point, and of one that only judges the approach
+POINT_TIME, WINDOW = 2.5, 1.0
 
 
 @dataclass(frozen=True)
 class Follow:
-    """What a case on a path is given in place of its target."""
+    """A factory of a path as reference, in place of a case's target."""
 
     loop: Loop
 
     def __call__(self, _robot: str, _experiment: Experiment) -> Callable[[float], Reference]:
-        """The path itself."""
+        """The path."""
         return self.loop
 
 
@@ -46,7 +47,7 @@ class TuningTargets:
     loops : dict[str, list of Loop]
         Paths that stable equilibria follow.
     inputs : float
-        A typical input at such equilibria, where it is not the least one.
+        A typical nonzero input at these equilibria.
     """
 
     robot: str
@@ -73,7 +74,7 @@ class TuningTargets:
                  target=Follow(loop))
             for loop in self.loops[part]
         ]  # fmt: skip
-        # the first few of them are of both kinds
+        # so that the first few are of both kinds
         return points[:1] + paths + points[1:]
 
 
@@ -83,7 +84,7 @@ def find_targets(robot: str, annotations: str | None, model: SoftModel, seed: in
     Raises
     ------
     InputError
-        A robot without inputs, without a length, or whose inputs move its tip nowhere far.
+        The robot has no inputs or no length, or its inputs hardly move the tip.
     """
     if model.nu == 0 or model.robot.length == 0:
         missing = "inputs" if model.nu == 0 else "a length from base to tip"
@@ -98,7 +99,7 @@ def find_targets(robot: str, annotations: str | None, model: SoftModel, seed: in
     if len(rests) < len(POINTS):
         expected = f"at least {len(POINTS)} stable rests with the tip away from where it starts"
         raise InputError(str(model.robot.path), expected, len(rests))
-    # dealt out in turn, because the first ones are the outermost
+    # divided in turn, because the first ones are the outermost
     parts = [name for k in range(wanted) for name, n in POINTS.items() if k < n]
     dealt: dict[str, list[Equilibrium]] = {name: [] for name in POINTS}
     for name, one in zip(parts, rests, strict=False):
