@@ -1,11 +1,11 @@
-"""MJCF files beside our own URDF: compared, written, and used as the plant.
+"""MJCF files: compared with a URDF, written from one, and used as the plant.
 
 - `transform`: rigid displacements;
-- `comparison`: two files of one robot, URDF or MJCF, and the causes of what differs;
+- `comparison`: two files of one robot, URDF or MJCF, and the causes of their differences;
 - `mjcf_file`: an MJCF read strictly, before MuJoCo sees it;
 - `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
 - `export`: a robot written in the other format and read back (`to_mjcf`, `to_urdf`, `xml_text`);
 - `scene`: a user's own MJCF as the plant; `scene_inputs` maps our inputs to its actuators,
-  `scenery` is what it looks like;
-- `readers`: what Pinocchio makes of an MJCF.
+  `scenery` gives its shapes;
+- `readers`: Pinocchio's MJCF reader, compared with MuJoCo.
 """

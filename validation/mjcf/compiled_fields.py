@@ -1,8 +1,8 @@
-"""Every field of a model that MuJoCo compiled: read, without effect, or told.
+"""The fields of a compiled MuJoCo model: read, without effect, or reported.
 
-A comparison reads the fields of `READ`. Those of `WITHOUT_EFFECT` change no motion, each for the
-reason that stands there. Whatever else is not at MuJoCo's default is told by its own name, so that
-no field passes in silence, those of a later MuJoCo included.
+A comparison reads the fields of `READ`. Those of `WITHOUT_EFFECT` change no motion, for the reason
+that is given there. Any other field that is not at MuJoCo's default is reported by its name. So no
+field is ignored silently, not even a new one of a later MuJoCo.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ READ = _names("""
     eq_active0 opt.gravity opt.disableactuator mjDSBL_GRAVITY
 """)
 
-# By the reason, names as `fnmatch` takes them; no * where a later field could have an effect.
+# Reason → patterns for `fnmatch`; no * where a field of a later MuJoCo could have an effect.
 WITHOUT_EFFECT = {
     "names, text and states": _names("""
         name_* names names_map paths signature *_user numeric_* text_* tuple_* key_*
@@ -74,7 +74,7 @@ WITHOUT_EFFECT = {
     "told flag by flag": _names("opt.disableflags opt.enableflags"),
 }
 
-# Fields that do nothing unless one of those behind them is on.
+# Fields → fields; the former act only if one of the latter is on.
 SWITCHES = {
     name: _names(switches)
     for names, switches in (
@@ -101,7 +101,7 @@ SWITCHES = {
     for name in _names(names)
 }
 
-# Rows of an actuator that are counted by its inputs or its outputs: the first, and how many.
+# Fields with a row per input or output of an actuator: the first row, and their number.
 INPUTS, OUTPUTS = _names("ctrlrange ctrllimited"), _names("gear lengthrange acc0 length0")
 COUNTED = {f"actuator_{name}": ("actuator_ctrladr", "actuator_ctrlnum") for name in INPUTS} | {
     f"actuator_{name}": ("actuator_outadr", "actuator_outnum") for name in OUTPUTS
@@ -113,13 +113,13 @@ ONE_OF_EACH = """<mujoco>
 
 
 def told(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
-    """What is neither read, nor without effect, nor at its default.
+    """The fields that are neither read, nor without effect, nor at their default.
 
     Returns
     -------
     dict
-        By sort of object (``jnt``, ``dof``, ``tendon`` …; ``opt``, 0 for options and flags) and its
-        number the values by field.
+        The values by field, for each kind (``jnt``, ``dof``, ``tendon`` …) and number of object.
+        Options and flags have the key ``opt``, 0.
     """
     found: dict[tuple[str, int], dict[str, Numbers]] = {}
     for field in fields():
@@ -133,7 +133,7 @@ def told(model: mujoco.MjModel) -> dict[tuple[str, int], dict[str, Numbers]]:
 
 @cache
 def why_not_told(field: str) -> str | None:
-    """The reason why a field is not told, whatever it holds; None for one that is told."""
+    """The reason why a field is never reported; None for a reported field."""
     if field in READ:
         return "read"
     listed = ((why, name) for why, names in WITHOUT_EFFECT.items() for name in names)
@@ -142,7 +142,7 @@ def why_not_told(field: str) -> str | None:
 
 @cache
 def fields() -> tuple[str, ...]:
-    """All fields but counts: the model's own, ``opt.…`` those of its options, and the flags."""
+    """All fields except counts: the model's, its options' as ``opt.…``, and the flags."""
     model = default_model()
     own = [(name, getattr(model, name)) for name in dir(model) if not name.startswith("_")]
     counts = {name for name, value in own if name.startswith("n") and isinstance(value, int)}
@@ -153,7 +153,7 @@ def fields() -> tuple[str, ...]:
 
 @cache
 def flags() -> dict[str, tuple[str, int]]:
-    """By the name of a flag the option that holds it, and its bit."""
+    """Name of a flag → the option that contains it, and its bit."""
     return {
         name: (option, int(bit))
         for kind, option in (("mjtDisableBit", "disableflags"), ("mjtEnableBit", "enableflags"))
@@ -164,12 +164,12 @@ def flags() -> dict[str, tuple[str, int]]:
 
 @cache
 def default_model() -> mujoco.MjModel:
-    """A model with one object of each sort, about which the file says nothing."""
+    """A model with one object of each kind, all at MuJoCo's defaults."""
     return mujoco.MjModel.from_xml_string(ONE_OF_EACH)
 
 
 def value_of(model: mujoco.MjModel, field: str, k: int = 0) -> Numbers:
-    """The numbers of a field of one object; of several rows that are alike, one."""
+    """The numbers of a field of one object; several equal rows count as one."""
     value = _array(model, field)
     if field in COUNTED:
         first, count = (int(getattr(model, name)[k]) for name in COUNTED[field])
@@ -193,21 +193,21 @@ def _per_object(field: str, value: np.ndarray) -> bool:
 
 
 def _count(model: mujoco.MjModel, field: str) -> int:
-    """How many objects have the field."""
+    """Number of objects that have the field."""
     value = _array(model, field)
     return int(model.nactuator) if field in COUNTED else len(value) if value.ndim else 1
 
 
 @cache
 def _default(field: str, size: int) -> Numbers:
-    """What a file has that does not name the field; zeros for objects of an unknown sort."""
+    """The value of a field that a file does not state; zeros for an unknown kind of object."""
     known = _count(default_model(), field) > 0
     value = value_of(default_model(), field) if known else ()
     return value * (size // len(value)) if value else (0.0,) * size
 
 
 def _is_on(model: mujoco.MjModel, field: str, k: int) -> bool:
-    """Whether the field does anything, as far as another switches it."""
+    """Whether a field is switched on by the field that controls it."""
     switches = SWITCHES.get(field, ())
     return not switches or any(
         any(value_of(model, other, k)) and _is_on(model, other, k) for other in switches

@@ -1,4 +1,4 @@
-"""Robots written in the other format, read back, and compared with where they came from."""
+"""Robots written in the other format, read back, and compared with their source."""
 
 from __future__ import annotations
 
@@ -39,18 +39,19 @@ def write_mjcf(
     Parameters
     ----------
     source : str or Path
-        What `softdyn.load` takes; so are `annotations`, `floating` and `repair_inertia`.
+        The robot; `annotations`, `floating` and `repair_inertia` too are arguments of
+        `softdyn.load`.
     target : str or Path
         The file to write.
     shapes : bool
-        Whether to write what the robot looks like.
+        Whether to write the visual shapes.
     contacts : bool
-        Whether its collision shapes touch.
+        Whether the collision shapes can touch.
 
     Returns
     -------
     tuple[Comparison, tuple[str, ...]]
-        How the written file compares, and what it does not say.
+        The comparison with the written file, and the properties that it does not state.
 
     Raises
     ------
@@ -75,7 +76,7 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
     Raises
     ------
     UrdfError
-        For a file that cannot be used, or a robot that is no URDF's: the message says why.
+        The file cannot be used, or a URDF cannot describe the robot; the message says why.
     """
     robot = neutral(source)
     converted = to_urdf(robot, Path(find(source)).stem)
@@ -85,10 +86,10 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
 
 
 def unsaid(robot: Neutral) -> Iterator[str]:
-    """What a file says by fields that a URDF has no word for, a line for each object."""
+    """A file's properties that a URDF cannot state, a line for each object."""
     for part in robot.parts:
         even = part.more.get("jnt_actfrcrange", (0.0, 0.0))
-        known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # which an effort is
+        known = {"jnt_actfrcrange"} if even[0] == -even[1] else set()  # equal to a URDF effort
         own = {field: value for field, value in part.more.items() if field not in known}
         yield from _unsaid(f"joint {part.name!r}", _curves(part) | own)
         for link, share in part.gravcomp.items():

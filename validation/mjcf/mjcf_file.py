@@ -1,9 +1,9 @@
-"""An MJCF read strictly, before MuJoCo sees it: one text, and the meshes that it needs.
+"""The strict reader of an MJCF, before MuJoCo sees it: one text, and the meshes that it needs.
 
-Includes are put in place here, and only from the folder of the main file and those below it. What
-no dynamics depend on is left out (pictures, sensors, contacts, keyframes, shapes of bodies whose
-inertia is given), so that a comparison needs no mesh but those that inertias come from, and
-MuJoCo opens no file at all.
+Included files are inserted here. They must lie in the folder of the main file or below it. Elements
+without influence on the dynamics are removed: pictures, sensors, contacts, keyframes, shapes of
+bodies with given inertia. So a comparison needs only the meshes that determine inertias, and MuJoCo
+opens no file.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ MAX_ELEMENTS = 100_000
 MAX_COPIES = 1024  # of a <replicate>, nested ones multiplied
 MAX_DEPTH = 200
 MAX_FILES = 64
-MAX_ATTACHED = 64  # models, those inside each other counted each time
-PLACE = "softdyn attach {}"  # the frame that stands where a model is attached
+MAX_ATTACHED = 64  # attached models, a nested one counted each time
+PLACE = "softdyn attach {}"  # name of the frame at which a model is attached
 MAX_MESHES = 512 * 2**20
 NOT_FINITE = re.compile(r"(?:^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.IGNORECASE | re.ASCII)
 WORDS = {"name", "class", "childclass", "file", "model", "content_type", "prefix"}
@@ -37,7 +37,7 @@ PICTURES = ("texture", "material", "skin", "camera", "light")
 
 @dataclass(frozen=True)
 class Mjcf:
-    """A file that was judged: its text, and the content of the meshes that it needs, by name."""
+    """A checked file: its text, and the content of the meshes that it needs, by name."""
 
     path: Path
     text: str
@@ -47,7 +47,7 @@ class Mjcf:
 
 @dataclass(frozen=True)
 class Attached:
-    """A model that goes to the frame of that name: one body of it, or all where that is empty."""
+    """A model attached at the named frame: one body of it, or all bodies if `body` is empty."""
 
     frame: str
     model: Mjcf
@@ -56,16 +56,16 @@ class Attached:
 
 
 class Contents(dict[Path, bytes]):
-    """Files by their path, links followed: each is opened once however often it is asked for."""
+    """Contents of files by resolved path; each file is opened only once."""
 
     def text(self, path: Path, what: str = "URDF or MJCF") -> bytes:
-        """The bytes of an XML file; `what` it should be is for the message."""
+        """The bytes of an XML file; `what` describes it in an error."""
         if (key := path.resolve()) not in self:
             self[key] = content(path, what)
         return self[key]
 
     def xml(self, path: Path, what: str = "MJCF") -> Element:
-        """The root element, parsed strictly; a tree of its own at every call."""
+        """The root element, parsed strictly; every call returns a new tree."""
         return read_bytes(path, self.text(path, what))
 
     def mesh(self, element: Element, path: Path, most: int) -> bytes:
@@ -83,7 +83,7 @@ class Contents(dict[Path, bytes]):
 
 
 def is_mjcf(path: Path, contents: Contents | None = None) -> bool:
-    """Whether the root element is MJCF's; any other file is for the URDF reader to judge."""
+    """Whether the root element is MJCF's; the URDF reader judges all other files."""
     contents = Contents() if contents is None else contents
     return contents.xml(path, "URDF or MJCF").tag == "mujoco"
 
@@ -96,31 +96,32 @@ def read_mjcf(path: Path, *, whole: bool = False, contents: Contents | None = No
     path : Path
         The file.
     whole : bool
-        Whether to keep all shapes and contacts, which a simulation needs and a comparison does not.
+        Whether to keep all shapes and contacts, for a simulation.
     contents : Contents, optional
-        Files that have been opened already, to which those that are opened here are added.
+        Files that are already open; files opened here are added.
 
     Raises
     ------
     UrdfError
-        Malformed, too large, a number that is not finite, an include or a needed mesh that is
-        missing or lies outside the file's folder, or what a comparison does not support.
+        The file is malformed, too large, has a number that is not finite, or has elements that a
+        comparison does not support. Also if an include or a needed mesh is missing or outside the
+        file's folder.
     """
     return _read(path, _Reading(whole, Contents() if contents is None else contents))
 
 
 @dataclass(frozen=True)
 class _Reading:
-    """What goes for a file and those that it attaches.
+    """Settings for reading a file and the files that it attaches.
 
     Attributes
     ----------
     above : tuple of Path
         Files that attach this one, directly or not.
     count : list of Path
-        All that were attached so far.
+        All files attached so far.
     wrapped : frozenset of str
-        Shapes that tendons of the files above wrap, by their names there.
+        Names, in the files above, of shapes that their tendons wrap.
     """
 
     whole: bool
@@ -146,7 +147,7 @@ def _read(path: Path, reading: _Reading) -> Mjcf:
 
 
 def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
-    """The models of a file, read; a frame stands where each belongs."""
+    """Read the models of a file, and put a frame at the place of each."""
     models: dict[str, Path] = {}
     for node in list(root.node.iter("model")):
         element = Element(root.file, node, one_line(f'<model file="{node.get("file")}">'))
@@ -172,12 +173,12 @@ def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:
 
 
 def judge_paths(path: Path, contents: Contents) -> None:
-    """Refuse a file that names any other outside its folder, for a parser that opens them itself.
+    """Refuse a file that names a file outside its folder, before a parser opens it.
 
     Raises
     ------
     UrdfError
-        As `read_mjcf`; what does not exist is not missed.
+        As in `read_mjcf`, but a file may be missing.
     """
     root = contents.xml(path)
     base = path.resolve().parent
@@ -196,7 +197,7 @@ def judge_paths(path: Path, contents: Contents) -> None:
 
 
 def inside(file: Path, element: Element, folder: Path, name: str) -> Path:
-    """The file `name` (relative) stands for; neither it nor what it links to leaves `folder`."""
+    """The file of a relative `name`; it must lie in `folder`, also after resolving links."""
     absolute = PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name
     try:
         target = (folder / name).resolve()
@@ -230,7 +231,7 @@ def _include(
 
 
 def _judge(root: Element) -> None:
-    """Refuse what is too large, not finite, or not supported."""
+    """Refuse a tree that is too large, not finite, or not supported."""
     copies: dict[etree._Element, int] = {}
     depth: dict[etree._Element, int] = {}
     for count, node in enumerate(root.node.iter()):
@@ -272,7 +273,7 @@ def _overflows(text: str) -> bool:
 
 
 def _mesh_folder(root: etree._Element) -> tuple[str, bool]:
-    """Where meshes are, relative to the file, and whether their own folders do not count."""
+    """The folder of meshes relative to the file, and whether folders in their names are removed."""
     folder, strip = "", False
     for compiler in root.iter("compiler"):
         folder = compiler.get("assetdir") or folder
@@ -290,9 +291,9 @@ def _wrapped(root: etree._Element) -> set[str]:
 
 
 def _strip(root: etree._Element, reading: _Reading) -> None:
-    """Leave out what no dynamics depend on; of what is whole, pictures and sensors alone."""
+    """Remove elements that do not influence the dynamics; only pictures and sensors if `whole`."""
     whole = reading.whole
-    # the total is that of all bodies that MuJoCo keeps, and it keeps those that something names
+    # settotalmass counts all bodies that MuJoCo keeps, and it keeps those that something names
     total = any("settotalmass" in c.attrib for c in root.iter("compiler"))
     needless = NO_PLANT if whole or total else NO_DYNAMICS
     pictures = PICTURES if whole else (*PICTURES, "hfield")
@@ -307,13 +308,13 @@ def _strip(root: etree._Element, reading: _Reading) -> None:
     if whole:
         return
     by_shapes = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
-    # shapes on which a fluid acts are needed as well
+    # shapes in a fluid are needed, too
     by_shapes |= any("fluidshape" in geom.attrib for geom in root.iter("geom"))
-    moving = bool(reading.above)  # its world may be attached to something that moves
+    moving = bool(reading.above)  # its world body may be attached to a moving body
     for world in list(root.iter("worldbody")):
         for geom in _needless(world, moving=moving, by_shapes=by_shapes, total=total):
             name = geom.get("name")
-            # a copy or an attached model has the name with something before or behind it
+            # copies and attached models have the name with a prefix or suffix
             copied = name and geom.get("mesh") is None and any(name in w for w in reading.wrapped)
             if not copied and name not in reading.wrapped:
                 _remove(geom)
@@ -328,7 +329,7 @@ def _strip(root: etree._Element, reading: _Reading) -> None:
 def _needless(
     node: etree._Element, *, moving: bool, by_shapes: bool, total: bool
 ) -> Iterator[etree._Element]:
-    """Shapes of bodies whose inertia is given, or that never move."""
+    """Shapes of bodies with given inertia, and of bodies that never move."""
     own = list(_own(node))
     moving = moving or any(child.tag in ("joint", "freejoint") for child in own)
     given = any(child.tag == "inertial" for child in own) and not by_shapes
@@ -340,7 +341,7 @@ def _needless(
 
 
 def _own(node: etree._Element) -> Iterator[etree._Element]:
-    """What stands in a body, also inside <frame> and <replicate>."""
+    """The elements of a body, also those inside <frame> and <replicate>."""
     for child in node:
         if child.tag in ("frame", "replicate"):
             yield from _own(child)
@@ -360,7 +361,7 @@ def _remove(node: etree._Element) -> None:
 
 
 def _meshes(root: Element, folder: str, strip: bool, contents: Contents) -> dict[str, bytes]:
-    """Content of the meshes still named, which get names of their own in the text."""
+    """Content of the meshes that are still named; they get new names in the text."""
     found: dict[str, bytes] = {}
     size = 0
     base = root.file.resolve().parent
@@ -374,7 +375,7 @@ def _meshes(root: Element, folder: str, strip: bool, contents: Contents) -> dict
         target = inside(root.file, element, base, str(PurePosixPath(folder) / name))
         mesh = contents.mesh(element, target, MAX_MESHES - size)
         size += len(mesh)
-        # one name for one file, whichever model needs it
+        # one name per file, for all models
         key = hashlib.sha256(str(target).encode()).hexdigest()[:24] + target.suffix.lower()
         if node.get("name") is None:
             node.set("name", PurePosixPath(name).stem)

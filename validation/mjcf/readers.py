@@ -1,4 +1,4 @@
-"""Pinocchio's own MJCF reader against MuJoCo: which files it reads right, and what goes wrong."""
+"""Pinocchio's own MJCF reader against MuJoCo: the files that it reads wrongly, and why."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ READ = {"base", "pose", "zero", "axis", "mass", "centre", "inertia", "armature",
 
 
 def from_pinocchio(path: Path) -> Neutral:
-    """The neutral form of what Pinocchio reads: joints, bodies, armature and gravity alone.
+    """The neutral form of Pinocchio's reading: only joints, bodies, armature and gravity.
 
     Raises
     ------
@@ -64,18 +64,18 @@ def from_pinocchio(path: Path) -> Neutral:
 
 @dataclass(frozen=True)
 class ReaderVerdict:
-    """What Pinocchio makes of one MJCF: how far from MuJoCo, and why; or why it was not asked.
+    """Pinocchio's reading of one MJCF compared with MuJoCo's, or why it was not compared.
 
     Attributes
     ----------
     file : str
         The file.
     result : Comparison or None
-        MuJoCo's reading (A) against Pinocchio's (B); None where one does not read it.
+        MuJoCo's reading (A) against Pinocchio's (B); None if one of them cannot read the file.
     error : str
-        Why not.
+        Why they were not compared.
     includes : bool
-        Whether what is missing stands in files included at the top, which the reader passes over.
+        Whether missing parts are in files included at the top level, which the reader ignores.
     """
 
     file: str
@@ -93,7 +93,7 @@ class ReaderVerdict:
 
     @property
     def why(self) -> str:
-        """What is wrong, in words."""
+        """The error in words."""
         found = self.result
         if self.includes and (found is None or found.unmatched["a"]):
             return "a top-level <include> is passed over"
@@ -121,7 +121,7 @@ class ReaderVerdict:
 def pinocchio_reads(source: str | Path | Side, label: str = "") -> ReaderVerdict:
     """Read an MJCF by MuJoCo and by Pinocchio, and compare.
 
-    Pinocchio opens the file itself: what it includes is found from the path alone.
+    Pinocchio needs the path, because it opens the file and its includes itself.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def pinocchio_reads(source: str | Path | Side, label: str = "") -> ReaderVerdict
 
 
 def _plain(robot: Neutral) -> Neutral:
-    """Names of bodies and what enters none of M, bias, g, J left out: Pinocchio has others."""
+    """Without body names and fields that enter none of M, bias, g, J: Pinocchio's differ."""
     parts = tuple(
         replace(
             part, pieces=tuple(("", piece) for _, piece in part.pieces), link="",

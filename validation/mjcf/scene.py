@@ -1,4 +1,4 @@
-"""A user's own MJCF, scene and all, as the plant of a law on the URDF's analytic model."""
+"""A user's MJCF with its scene, as the plant of a controller on the URDF's analytic model."""
 
 from __future__ import annotations
 
@@ -26,34 +26,31 @@ from softdyn.validation.twin.twin import check_warnings
 
 
 class Scene:
-    """A MuJoCo model from a file of the user's, driven in the coordinates of ours.
+    """A MuJoCo model from a user's file, driven in the coordinates of our model.
 
-    All that the file says acts: its contacts, objects, servos, gravity, integrator. States and
-    inputs are mapped by what `compare` finds: joints by name or kinematics, their sense and their
-    zero; inputs by the force that they make. Objects, and joints that the model does not have,
-    begin at the file's ``qpos0``; actuators that no input drives stay at zero.
+    Everything in the file acts: its contacts, objects, servos, gravity, integrator. States and
+    inputs are mapped by the result of `compare`: joints by name or kinematics, with sense and zero,
+    and inputs by the force that they make. Objects, and joints that the model does not have, begin
+    at the file's ``qpos0``. Actuators that no input drives stay at zero.
 
     Parameters
     ----------
-    model : SoftModel
-        The law's.
+    model : SoftModel The controller's model.
     source : str, Path or Side
         An MJCF. It is read strictly: includes and meshes from its own folder only.
     timestep : float, optional
         Integration step (s); the file's by default.
     mapping : Mapping[str, str], optional
-        Joints of the model → joints of the scene, for those that are matched wrongly.
+        Joints of the model → joints of the scene, for joints that would be matched wrongly.
 
     Attributes
     ----------
     model, data : mujoco.MjModel, mujoco.MjData
-        MuJoCo's.
-    path : Path
-        The file.
+        MuJoCo's model and data. path : Path The file.
     robot : Robot
         The model's.
     comparison : Comparison
-        How the model's file (A) and the scene (B) differ.
+        Differences of the model's file (A) and the scene (B).
     states : StateMap
         The model's states ↔ MuJoCo's.
     inputs : np.ndarray, (MuJoCo's nu, nu)
@@ -61,14 +58,14 @@ class Scene:
     idle : tuple[str, ...]
         Actuators that no input drives.
     joint_names, followers, floating, rest, task, tendons
-        As `Twin`; a tendon that the scene does not have is -1.
+        As in `Twin`; -1 for a tendon that the scene does not have.
 
     Raises
     ------
     UrdfError
         For a file that cannot be used.
     InputError
-        For a scene that has not all joints and inputs of the model.
+        The scene lacks joints or inputs of the model.
     """
 
     def __init__(
@@ -134,7 +131,7 @@ class Scene:
         return not off and bool(self.model.geom_contype.any())
 
     def set_state(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Start from a state of the whole scene, as `Twin.set_state`."""
+        """Set a state of the whole scene, as in `Twin.set_state`."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = array("qpos", qpos, (self.model.nq,))
         self.data.qvel[:] = array("qvel", qvel, (self.model.nv,))
@@ -142,7 +139,7 @@ class Scene:
         check_warnings(self.data)
 
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
-        """Integrate under a held input of the model's, as `Twin.advance`."""
+        """Integrate under a held input of the model, as in `Twin.advance`."""
         self.data.ctrl[:] = self.inputs @ u
         mujoco.mj_step(self.model, self.data, steps)
         check_warnings(self.data)
@@ -162,7 +159,7 @@ class Scene:
         return f"{self.comparison}{idle}"
 
     def _find_task(self, ours: Neutral, called: dict[str, int]) -> tuple[int, np.ndarray]:
-        """The body that carries our task frame, and its origin there: where it is at our zero."""
+        """The body that carries our task frame, and the frame's origin in it, found at our zero."""
         names = {part.link: k for k, part in enumerate(ours.parts)}
         part, pose = -1, Transform()
         if (task := self.robot.task) in names:
@@ -181,7 +178,7 @@ class Scene:
         return body, there @ (pose.translation - self.data.xpos[body])
 
     def _check_base(self, scene: Neutral) -> None:
-        """A base that floats must float in both files, and its frame be the same."""
+        """Refuse a base that floats in one file only, or whose frames differ."""
         matched = self.comparison.matched
         stands = {
             scene.parts[root].kind == "free"

@@ -1,4 +1,4 @@
-"""How a law's inputs drive the actuators of another file: by the force that each makes."""
+"""The map from a controller's inputs to the actuators of another file, by their forces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softdyn.validation.mjcf.comparison.neutral import Motor, Neutral, NeutralTe
 
 @dataclass(frozen=True, eq=False)
 class InputMap:
-    """ctrl = matrix u, (theirs, ours); `idle` are actuators that nothing drives, by name."""
+    """ctrl = matrix u, (theirs, ours); `idle` names the actuators that no input drives."""
 
     matrix: np.ndarray
     idle: tuple[str, ...]
@@ -22,23 +22,22 @@ class InputMap:
 def map_inputs(
     ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
 ) -> InputMap:
-    """Which actuator of the scene each input of the model is, and how much of it.
+    """Find for each input of the model the actuator of the scene, and the scale between them.
 
-    An actuator of the same name comes first, then one on the same cable or, where a fixed tendon
-    has one joint, on that joint. Each input is scaled so that it makes the force that the model
-    thinks it does.
+    An actuator of the same name is preferred. Otherwise it is one on the same cable, or on the only
+    joint of a fixed tendon. The scale gives each input the force that it has in the model.
 
     Parameters
     ----------
     ours, theirs : Neutral
         The model's file, and the scene.
     matched, turns : dict
-        As a comparison found them.
+        Joints that match, and their senses, from a comparison.
 
     Raises
     ------
     InputError
-        For an input that no actuator of the scene is, or one whose force is not its input.
+        The scene has no actuator for an input, or the actuator's force is not its input.
     """
     matrix = np.zeros((len(theirs.motors), len(ours.motors)))
     joints = {b: a for a, b in matched.items()}
@@ -71,7 +70,7 @@ Pull = tuple[dict[str, float], NeutralTendon | None, float]
 
 
 def _pull(motor: Motor, robot: Neutral, joints: dict[str, str], scale: dict[str, float]) -> Pull:
-    """Generalized force of one unit: on joints by our names, or along a cable."""
+    """Generalized force of a unit input: on joints by our names, or along a cable."""
     kind, _, name = motor.target.partition(":")
     if kind == "joint":
         return {joints.get(name, name): motor.gear * scale.get(name, 1.0)}, None, motor.gear
@@ -83,7 +82,7 @@ def _pull(motor: Motor, robot: Neutral, joints: dict[str, str], scale: dict[str,
 
 
 def _ratio(ours: Pull, theirs: Pull) -> float | None:
-    """How much of their input makes the force of one of ours; None where none does."""
+    """Their input that makes the force of our unit input; None if none does."""
     if ours[0] and theirs[0]:
         mine, other = ours[0], theirs[0]
         if mine.keys() != other.keys():
@@ -102,7 +101,7 @@ def _ratio(ours: Pull, theirs: Pull) -> float | None:
 def map_cables(
     ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
 ) -> np.ndarray:
-    """Which tendon of the scene each of the model's is (tendons,): by name, or by its joints."""
+    """The scene's tendon for each tendon of the model (tendons,): by name, or by its joints."""
     joints = {b: a for a, b in matched.items()}
     scale = {b: turns.get(a, (1.0, 0.0))[0] for b, a in joints.items()}
     terms = [

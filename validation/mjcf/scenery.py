@@ -1,4 +1,4 @@
-"""What a user's MJCF looks like: its geoms as shapes, and those that stand around the robot."""
+"""The shapes of a user's MJCF: its geoms, and the surroundings of the robot."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from softdyn.description.visuals import BoxShape, CylinderShape, Shape, SphereSh
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.view.scene import WORLD
 
-SHOWN_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 unless told otherwise
+SHOWN_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 by default
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 
 
 def scenery(scene: Scene) -> tuple[Visual, ...]:
-    """The shapes of a scene that stand still and are not the robot's base, in the world.
+    """The static shapes of a scene except the robot's base, in world coordinates.
 
-    Planes become slabs: of their own size, or three robots wide where they have no end. Height
-    fields and what moves are left out.
+    A plane becomes a slab of its size; an infinite plane is three robots wide. Height fields and
+    moving shapes are left out.
     """
     model, data = scene.model, mujoco.MjData(scene.model)
     mujoco.mj_kinematics(model, data)
@@ -74,7 +74,7 @@ def _slabs(model: mujoco.MjModel, data: mujoco.MjData, wide: float) -> Iterator[
 def _shapes(
     model: mujoco.MjModel, geom: int, meshes: Mapping[int, Mesh]
 ) -> Iterator[tuple[Shape, np.ndarray]]:
-    """What a geom is made of, in its frame; planes and height fields are left out."""
+    """The shapes of a geom in its frame; planes and height fields are left out."""
     kinds, here = mujoco.mjtGeom, np.eye(4)
     kind, size = int(model.geom_type[geom]), model.geom_size[geom].tolist()
     if kind == MESH:

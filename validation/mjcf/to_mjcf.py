@@ -1,8 +1,8 @@
-"""An annotated URDF as an MJCF that MuJoCo's own viewer loads: the twin, written down.
+"""An annotated URDF written as MJCF, for MuJoCo's own viewer: the twin as a file.
 
-All frames have the axes of the root and stand on their joints. Massless links between joints
-become several joints of one body; where that cannot be (something hangs on such a link, or it
-branches) the body has a mass that no dynamics notice, never one that they do.
+All frames have the axes of the root and lie on their joints. Massless links between joints become
+several joints of one body. If such a link carries something or branches, it becomes a body with a
+mass too small to influence the dynamics.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from softdyn.validation.twin.bodies import Tree, read_bodies
 from softdyn.validation.twin.build import neighbours
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 
-NEGLIGIBLE = 1e-12  # kg, and kg·m²: of a massless body that no other can take in
+NEGLIGIBLE = 1e-12  # kg, and kg·m²: for a massless body that cannot be merged with another
 SMALLEST = 1e-14  # kg·m²: MuJoCo's compiler wants moments above 1e-15
-POINT = np.array([-1e-9, 1e-9])  # rad, m: around a joint that may stand at one place only
+POINT = np.array([-1e-9, 1e-9])  # rad, m: half range of a joint with equal limits
 AUTOMATIC = (-1.0, -1.0)  # the springlength that MuJoCo replaces by the length at rest
 AT_MINUS_ONE = (float(np.nextafter(-1.0, 0.0)),) * 2  # m, rad: the rest -1 as MuJoCo keeps it
 ROUNDING = 1e-14  # of a principal moment
-SAME_FRAME = 1e-5  # MuJoCo's own bound is 1e-6; the axes in another order are never so close
+SAME_FRAME = 1e-5  # MuJoCo's own bound is 1e-6; axes in another order are never so close
 TASK_SITE = "task"
 Element = etree._Element
 
@@ -53,20 +53,21 @@ def to_mjcf(
     timestep : float
         Integration step (s) that the file asks for.
     shapes : bool
-        Whether to write what the robot looks like too; that collides with nothing.
+        Whether to write the visual shapes, too; they do not collide.
     contacts : bool
-        Whether the collision shapes touch. They are written either way, as the twin has them.
+        Whether the collision shapes can touch. They are written in both cases, as in the twin.
 
     Returns
     -------
     str
-        With MuJoCo's settings, stops and ties as stiff as the twin's, and a keyframe at rest.
+        The document, with the twin's settings, stiffness of stops and of mimic joints, and a
+        keyframe at rest.
     """
     return _Writer(robot, from_urdf(robot)).write(timestep, shapes, contacts)
 
 
 class _Writer:
-    """One robot on its way into a file."""
+    """Writes one robot."""
 
     def __init__(self, robot: Robot, neutral: Neutral) -> None:
         self._robot, self._neutral = robot, neutral
@@ -120,7 +121,7 @@ class _Writer:
     # -- bodies --------------------------------------------------------------------------------
 
     def _joins(self, k: int) -> bool:
-        """Whether a part is nothing but a joint before the only one that it carries."""
+        """Whether a part is only a joint before the one part that it carries."""
         part, below = self._neutral.parts[k], self._neutral.children(k)
         used = {frame.part for frame in self._neutral.frames.values()}
         used |= self._shapes.keys() | self._hulls.keys()
@@ -130,7 +131,7 @@ class _Writer:
         return massless and part.kind != "free" and len(below) == 1 and k not in used
 
     def _body(self, parent: Element, k: int, shapes: bool) -> None:
-        """A body with the joints up to the first part that is more than one."""
+        """A body with all joints up to the first part that is more than a joint."""
         above = self._origin[self._neutral.parts[k].parent]
         joints = [k]
         while self._joins(joints[-1]):
@@ -174,7 +175,7 @@ class _Writer:
         inertia = self._neutral.parts[k].inertia
         moments, axes = np.linalg.eigh((inertia.tensor + inertia.tensor.T) / 2)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        # the compiler refuses points and rods: their moments are what rounding is anyway
+        # the compiler refuses points and rods: give them moments of the size of rounding
         least = max(SMALLEST, 1e-12 * float(moments.max()))
         if not inertia.mass:
             least = NEGLIGIBLE
@@ -209,7 +210,7 @@ class _Writer:
                 quat=_quaternion(pose.rotation @ hull.pose[:3, :3]))  # fmt: skip
 
     def _shape(self, body: Element, visual: Visual, origin: np.ndarray) -> None:
-        """A visual as a geom that nothing collides with and that weighs nothing."""
+        """A visual as a geom without mass and collisions."""
         _, link = self._place[visual.link]
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = link.rotation, link.translation - origin
@@ -232,10 +233,10 @@ class _Writer:
         add(body, "geom", pos=pose[:3, 3], quat=_quaternion(pose[:3, :3]), **kind, **common)
 
     def _mesh(self, visual: Visual) -> str | None:
-        """The triangles of a mesh as an asset, in the link's frame; None for a patch of a few."""
+        """The triangles of a mesh as an asset in the link's frame; None if there are too few."""
         corners = triangles(visual).reshape(-1, 3)
         vertices, faces = np.unique(corners.astype(np.float32), axis=0, return_inverse=True)
-        if len(vertices) < 4:  # MuJoCo wants as many
+        if len(vertices) < 4:  # MuJoCo's minimum
             return None
         name = self._meshes.new(f"{visual.link}_shape")
         add(self._asset, "mesh", name=name, inertia="shell",
@@ -246,7 +247,7 @@ class _Writer:
     # -- the rest ------------------------------------------------------------------------------
 
     def _apart(self, root: Element) -> None:
-        """Bodies that a joint holds together never touch, as in the twin."""
+        """Exclude contacts of bodies that a joint connects, as in the twin."""
         names = [self._body_of[self._place[b.link][0]] if b.link else "world"
                  for b in self._tree.bodies]  # fmt: skip
         pairs = [(names[a], names[b]) for a, b in neighbours(self._tree.bodies)]
@@ -300,15 +301,14 @@ class _Writer:
 
 
 def _snaps(offset: np.ndarray) -> bool:
-    """Whether MuJoCo takes an inertial frame so little apart from its body's for the same."""
+    """Whether MuJoCo would replace an inertial frame by its body's, because they are so close."""
     return 0 < float(np.abs(offset).max()) < SAME_FRAME
 
 
 def possible(moments: np.ndarray) -> np.ndarray:
-    """The nearest principal moments (3,) in rising order that a body can have: a + b ≥ c.
+    """The nearest possible principal moments (3,) in rising order: a + b ≥ c.
 
-    MuJoCo takes no others, and bodies that are possible add up to one that is: a file whose moments
-    break this by their last digit cannot be written as it is.
+    MuJoCo accepts no others. So moments that violate this only in their last digit must be changed.
     """
     excess = max(0.0, float(moments[2] - moments[1] - moments[0])) / 3
     found = moments + excess * np.array([1.0, 1.0, -1.0])
@@ -325,13 +325,13 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
 
 
 def tree_of(robot: Robot) -> Tree:
-    """The bodies as the twin reads them: collision shapes are theirs."""
+    """The bodies as the twin reads them, with their collision shapes."""
     mended = robot.text if robot.mended else ""
     return read_bodies(robot.path, mended=mended, floating=robot.floating)
 
 
 def lost(robot: Robot) -> list[str]:
-    """What the URDF says and the MJCF does not."""
+    """The properties of the URDF that the MJCF does not state."""
     notes = [*visuals(robot)[1], *tree_of(robot).skipped]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)

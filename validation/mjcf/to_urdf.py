@@ -1,7 +1,7 @@
-"""An MJCF as an annotated URDF, as far as the format can say it, with a list of what it cannot.
+"""An MJCF written as an annotated URDF, with a list of the properties that a URDF cannot state.
 
-All frames have the axes of the root and stand on their joints; a body with several joints becomes
-a chain of massless links.
+All frames have the axes of the root and lie on their joints. A body with several joints becomes a
+chain of massless links.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from softdyn.description.robot import (
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.xml_text import Names
 
-UNLIMITED = 1e4  # m, rad: where URDF demands limits of a joint that has none
+UNLIMITED = 1e4  # m, rad: limits for a joint without any, because URDF requires them
 
 
 class Converted(NamedTuple):
-    """A robot, and what was lost on the way."""
+    """A robot, and the properties that were lost."""
 
     robot: Robot
     lost: tuple[str, ...]
 
 
 def to_urdf(source: Neutral, name: str) -> Converted:
-    """A robot in the neutral form as one that an annotated URDF can state.
+    """Convert a robot in the neutral form to one that an annotated URDF can state.
 
     Parameters
     ----------
@@ -53,7 +53,8 @@ def to_urdf(source: Neutral, name: str) -> Converted:
     Returns
     -------
     Converted
-        A URDF cannot say that its base floats: such a robot is loaded with ``floating=True``.
+        The robot and the losses. A URDF cannot state a floating base: load such a robot with
+        ``floating=True``.
     """
     lost = [f"not written: {note}" for note in source.notes]
     names = Names()
@@ -99,12 +100,12 @@ def to_urdf(source: Neutral, name: str) -> Converted:
 
 
 def _place(source: Neutral, k: int, point: np.ndarray) -> Vector:
-    """A point in the frame of a part's link, which stands on the part's joint."""
+    """A point in the frame of a part's link; the frame's origin is the part's joint."""
     return tuple((point if k == WORLD else point - source.parts[k].point).tolist())
 
 
 def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint:
-    """The joint of a hinge or a slide, which is still fixed."""
+    """The moving joint of a hinge or a slide, from a fixed one."""
     limited = math.isfinite(part.lower) or math.isfinite(part.upper)
     kind = "prismatic" if part.kind == "slide" else "revolute"
     led = any(part.name in (c.joint, c.leader) for c in source.couplings)
@@ -134,7 +135,7 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
 
 
 def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Iterator[Tendon]:
-    """The tendons that the format has a word for."""
+    """The tendons that the format can state."""
     for cable in source.cables:
         if any(point.around for point in cable.path):
             lost.append(f"tendon {cable.name!r}: pulleys, or shapes that it wraps")
@@ -149,7 +150,7 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
 
 
 def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Iterator[Actuator]:
-    """The actuators; one on a joint pulls a tendon, added here, that is the joint's coordinate."""
+    """The actuators. One on a joint gets a new fixed tendon with the joint's coordinate."""
     names = Names(*(tendon.name for tendon in tendons))
     targets = {f"tendon:{tendon.name}" for tendon in tendons}
     targets |= {f"joint:{part.name}" for part in source.parts if part.kind in ("hinge", "slide")}

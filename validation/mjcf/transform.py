@@ -19,12 +19,12 @@ class Transform:
         return Transform(self.rotation @ other.rotation, self.at(other.translation))
 
     def at(self, point: np.ndarray) -> np.ndarray:
-        """Where a point (…, 3) goes."""
+        """The image of a point (…, 3)."""
         return (self.rotation @ point[..., None])[..., 0] + self.translation
 
     @property
     def inverse(self) -> Transform:
-        """The displacement back."""
+        """The inverse displacement."""
         back = self.rotation.swapaxes(-1, -2)
         return Transform(back, -(back @ self.translation[..., None])[..., 0])
 

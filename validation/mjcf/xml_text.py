@@ -1,4 +1,4 @@
-"""XML of numbers, and unique names."""
+"""XML elements with exact numbers, and unique names."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def words(values: Iterable[float] | float) -> str:
 
 
 def add(parent: etree._Element, tag: str, **attributes: object) -> etree._Element:
-    """A child element; text stays, numbers are spelt by `words`, None is left out."""
+    """Add a child element; `words` writes numbers, and None is left out."""
     node = etree.SubElement(parent, tag)
     for name, value in attributes.items():
         if value is not None:
@@ -24,19 +24,19 @@ def add(parent: etree._Element, tag: str, **attributes: object) -> etree._Elemen
 
 
 def text(root: etree._Element, comment: str) -> str:
-    """The document, indented, headed by a comment."""
+    """The indented document with a comment at the top."""
     etree.indent(root)
     return f"<!-- {comment.replace('--', '- -')} -->\n{etree.tostring(root, encoding='unicode')}\n"
 
 
 class Names:
-    """Names that are unique; a second of one name gets a number."""
+    """Unique names; a repeated name gets a number."""
 
     def __init__(self, *taken: str) -> None:
         self._taken = set(taken)
 
     def new(self, name: str) -> str:
-        """`name`, or the next free one like it."""
+        """`name`, or `name` with the next free number."""
         found, count = name, 2
         while found in self._taken or not found:
             found, count = f"{name or 'unnamed'}_{count}", count + 1
