@@ -1,4 +1,4 @@
-"""Joint torques into inputs, for a user's own controller: there are fewer inputs than joints."""
+"""Convert joint torques into bounded inputs, for a user's own controller."""
 
 from __future__ import annotations
 
@@ -12,36 +12,37 @@ from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.linear_algebra import inner, lq, row_space
 from softdyn.dynamics.model import check_model
 
-FAR = 1e8  # torques that are so many times what the inputs can give
+FAR = 1e8  # of the inputs' largest torque; beyond it only the direction of τ counts
 
 
 def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     """The input whose joint torques B u come closest to `tau`: min ‖B u - τ‖² within the bounds.
 
-    Cables that only pull have 0 as their lower bound. The minimum is exact, not the clipped
-    pseudo-inverse. Where several inputs give it, as with three cables around a straight arm, the
-    answer is the one with the least ‖u‖. It is continuous in `tau`. Combinations of inputs with
-    less than a millionth of the largest effect at full range count as without effect.
+    Cables that only pull have 0 as their lower bound. The result is the exact minimiser, not the
+    clipped pseudo-inverse. Several inputs may be minimisers, for example with three cables around a
+    straight arm; the result is then the one with the least ‖u‖. It is continuous in `tau`. A
+    combination of inputs whose effect at full range is below a millionth of the largest one counts
+    as without effect.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     state : State
-        Its present one.
+        The robot's present State.
     tau : array_like, (nv,)
-        Joint torques and forces (N m, N). Without numbers that are finite there is nothing to come
-        close to: the answer is then the input closest to 0, as where B is not finite.
+        Joint torques and forces (N m, N). If `tau` or B is not finite, the result is the input
+        closest to 0.
 
     Returns
     -------
     ndarray, (nu,)
-        Always finite, always in ``[u_min, u_max]``.
+        The input, always finite and in ``[u_min, u_max]``.
 
     Raises
     ------
     InputError
-        No State of this robot, a `tau` of another shape, a bound that is not finite.
+        For a State of another robot, a `tau` of another shape, and a bound that is not finite.
     """
     check_model(model)
     if not isinstance(state, State) or (
@@ -58,10 +59,10 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
         size, most = (float(np.abs(x).max(initial=0.0)) for x in (effect, tau))
         if not (0 < size < np.inf and most < np.inf):  # NaN is not
             return nearest
-        # of what is out of reach by far only the direction counts: no number overflows
+        # far beyond the reach only the direction counts; this avoids overflow
         goal = tau / size if most / size <= FAR else tau / most * FAR
-        unit = span.max()  # one for all inputs: the norm stays that of u
-        basis = row_space((effect / size).T)  # of the torques that inputs can give
+        unit = span.max()  # the same scale for all inputs, so that ‖u‖ is minimised
+        basis = row_space((effect / size).T)  # spans the torques that inputs can give
         reached = inner(basis, (state.B * (unit / size)).T.copy())
         rank = len(basis)
         rows, turned, triangle = np.empty(reached.shape), *np.empty((2, rank, rank))

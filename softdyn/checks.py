@@ -42,8 +42,8 @@ def number(
     Raises
     ------
     InputError
-        For anything that is not a real number (text and booleans are not), NaN, and infinities
-        unless `finite` is False, which lets +∞ pass.
+        For anything but a real number (text and booleans are none), for NaN, and for infinities;
+        +∞ is allowed if `finite` is False.
     """
     if isinstance(value, Real) and not isinstance(value, bool | np.bool_):
         try:

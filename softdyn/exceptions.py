@@ -13,7 +13,7 @@ class SoftdynError(Exception):
 
 
 class UrdfError(SoftdynError, ValueError):
-    """A robot description that cannot be used: where, what was expected, what was got.
+    """A robot description that cannot be used.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class InputError(SoftdynError, ValueError):
     expected, got : str
         The expected and the actual value.
     text : str
-        The whole message, if a sentence says it better than these three.
+        The whole message, if a sentence is clearer than the three parts.
     """
 
     def __init__(self, name: str, expected: str, got: object, text: str = "") -> None:

@@ -104,7 +104,7 @@ def as_path(name: str, value: str | Path) -> Path:
     Raises
     ------
     InputError
-        For anything else than a path or a text.
+        If it is neither a path nor a text.
     """
     if not isinstance(value, str | Path):
         raise InputError(name, "a path", repr(value))

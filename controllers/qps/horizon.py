@@ -1,4 +1,4 @@
-"""Inverse dynamics consistent with the zero-order hold: the model at the end of a horizon τ.
+"""Inverse dynamics for the zero-order hold: the model at the end of a horizon τ.
 
 The input stays constant for a control period T. Dampers respond much faster than that: T·λmax(M⁻¹D)
 is 50 and more on soft robots. Backward Euler evaluates springs and dampers at v + τ q̈ and

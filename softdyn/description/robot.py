@@ -337,7 +337,7 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
 def sums_angles(robot: Robot, tendon: Tendon) -> bool:
     """Whether a fixed tendon's coefficients are factors of angles, not moment arms (m).
 
-    A moment arm is shorter than a metre and than the robot.
+    They count as moment arms if all are shorter than a metre and than the robot.
     """
     turns = {joint.name for joint in robot.joints if joint.kind != "prismatic"}
     longest = max((abs(t.coef) for t in tendon.terms if t.joint in turns), default=0.0)

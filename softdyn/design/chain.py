@@ -31,7 +31,7 @@ NOISE = 1e-12
 class Input:
     """A bounded input on a tendon: force per unit, and lower and upper bound.
 
-    Its name is its tendon's, or the letter and the tendon's number where a `letter` is given.
+    It has its tendon's name or, if a `letter` is given, the letter and the tendon's number.
     """
 
     gear: float
@@ -141,7 +141,7 @@ def visual(
     shape: str, material: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
     name: str | None = None,
 ) -> str:  # fmt: skip
-    """Return a ``<visual>`` with a named material; the viewer lofts a skin over those named so."""
+    """Return a ``<visual>`` with a material; one skin is drawn over those with the name ``skin``."""
     named = tag("material", name=material)
     return tag("visual", _placed(xyz, angles), tag("geometry", shape), named, name=name)
 

@@ -203,7 +203,7 @@ def move(model: SoftModel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def check_stops(model: SoftModel, soft: SoftStops | None) -> None:
-    """Refuse what is not the stops of so many joints as the model has."""
+    """Refuse anything but `SoftStops` for the model's number of joints."""
     if soft is None:
         return
     size = len(instance("soft", soft, SoftStops, "SoftStops").weight)

@@ -1,7 +1,8 @@
 """The smooth skin of a soft arm: rings along the visuals that its file names ``skin``.
 
-The page lofts a surface over the rings in every frame. Between two rings it follows a cubic curve
-along both axes, so that the bend of a joint spreads over its segments, as in the continuous arm.
+The page draws a surface through the rings in every frame. Between two rings it follows a cubic
+curve that is tangent to both rings' axes. The bend of a joint is therefore spread over its two
+segments, as in the continuous arm.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from softdyn.description.visuals import CylinderShape, Rgba, Visual
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """A circle about z of `pose` (4, 4), which is in the link's frame."""
+    """A circle about the z-axis of `pose` (4, 4), a pose in the link's frame."""
 
     link: str
     pose: np.ndarray
@@ -27,7 +28,7 @@ class Ring:
 
 
 def skins(robot: Robot, shapes: Sequence[Visual]) -> list[list[Ring]]:
-    """The rings of each skin, from base to tip; a skin lies over one chain of links."""
+    """The rings of each skin, from base to tip; a skin covers one chain of links."""
     rods = [s for s in shapes if s.skin and isinstance(s.shape, CylinderShape)]
     found: list[list[list[Visual]]] = []
     for (link, _), pieces in groupby(rods, key=lambda rod: (rod.link, rod.rgba)):
@@ -39,7 +40,7 @@ def skins(robot: Robot, shapes: Sequence[Visual]) -> list[list[Ring]]:
 
 
 def _rings(strand: list[list[Visual]]) -> list[Ring]:
-    """A ring in the middle of each piece, and at both ends where a joint is not between pieces."""
+    """A ring in the middle of each piece, and one at each end unless a joint follows there."""
     rings = [_end(strand[0][0], -1)]
     for piece, following in pairwise([*strand, []]):
         low, high = _end(piece[0], -1), _end(piece[-1], 1)

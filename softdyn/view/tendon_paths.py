@@ -1,11 +1,11 @@
 """The drawn path of a fixed tendon, which has a length but no path of its own.
 
-It is drawn along the joints that it spans, beside them on the side where a real cable with that
-moment arm would run: one that pulls with force f on a revolute joint with the axis a, on a link in
-the direction d, turns it by +f·r when it lies at r (a × d) from the joint. Over joints that meet in
-one point, as those of a rod that bends both ways, it lies at the sum of these. The distance is the
-moment arm, as of a cable in a channel. A tendon that sums angles has none, and is drawn where it
-clears the link's shapes.
+It is drawn along the joints that it spans, on the side where a real cable with that moment arm
+would run. Take a revolute joint with the axis a, and its link in the direction d. A cable at
+r (a × d) from the joint that pulls with the force f gives the joint the torque +f·r. If joints meet
+in one point, as in a rod that bends both ways, the cable lies at the sum of these vectors. Its
+distance from the joint is the moment arm, as for a cable in a channel. A tendon that sums angles
+has no moment arm; it is drawn where it clears the link's shapes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def _along(
     side: int,
     placed: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> Path:
-    """Without `shapes` at the moment arm."""
+    """The path over one chain of joints: at the moment arm, or with `shapes` clear of them."""
     path: Path = []
 
     def add(link: str, point: np.ndarray) -> None:
