@@ -89,7 +89,7 @@ def parse(
     Raises
     ------
     UrdfError
-        For every misuse of the format, naming file, line, element, expected and got.
+        For every misuse of the format; it names file, line, element, expected and got.
     """
     path = as_path("path", path)
     for name, value in (("floating", floating), ("repair_inertia", repair_inertia)):

@@ -141,7 +141,7 @@ def visual(
     shape: str, material: str, xyz: Sequence[float] = ZERO, angles: Sequence[float] = ZERO,
     name: str | None = None,
 ) -> str:  # fmt: skip
-    """Return a ``<visual>`` with a material; one skin is drawn over those with the name ``skin``."""
+    """Return a ``<visual>`` with a material; the viewer draws a skin over those named ``skin``."""
     named = tag("material", name=material)
     return tag("visual", _placed(xyz, angles), tag("geometry", shape), named, name=name)
 

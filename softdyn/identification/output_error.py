@@ -43,11 +43,8 @@ def identify(
     If all joints were measured, least squares on smoothed angles gives a first guess. The simulated
     outputs are then fitted to the measured ones in the stretches without a stop, in short pieces
     first. The first state of each piece is unknown too. A joint that is nearly always at a stop
-    follows its measured motion.
-
-    Else the robot starts at rest under its first input, and longer and longer parts are fitted. The
-    data end at the sample where the simulated motion brings a joint to a stop.
-
+    follows its measured motion. Else the robot starts at rest under its first input, and longer and
+    longer parts are fitted. The data end where the simulated motion brings a joint to a stop.
     The fit is Levenberg and Marquardt's with bounds and analytic derivatives; each output is
     weighted by its noise. The covariance is σ² (JᵀJ)⁻¹ of the whitened outputs. Coloured residuals
     widen it (Newey–West, `whiteness.widening`).
@@ -130,10 +127,9 @@ def least_deviations(
     hold_out: float = 0.2,
     step: float = np.inf,
 ) -> np.ndarray:
-    """Cramér and Rao's bound (P,): the least standard deviations of any unbiased fit.
+    """Cramér and Rao's bound (P,): least standard deviations of an unbiased fit of the stretches.
 
-    The bound is for the same stretches of data. It is infinite for parameters that `identify` would
-    report as not identifiable with this noise.
+    It is infinite for parameters that `identify` would report as not identifiable with this noise.
 
     Parameters
     ----------
@@ -207,8 +203,7 @@ def fit(problem: FitProblem) -> Fit:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
             theta = np.delete(theta, sorted(drop))
             if not unknowns:
-                expected = "motion that makes a parameter identifiable"
-                raise InputError("data", expected, f"no information on {'; '.join(texts)}")
+                raise InputError("data", "motion that identifies a parameter", "; ".join(texts))
             problem = replace(problem, unknowns=unknowns)
         elif (np.abs(noise / before - 1) < 0.1).all():
             break

@@ -4,6 +4,8 @@ Files
 -----
 scene
     A robot as plain data: links, shapes, cables; the colour of a cable by its tension (`TENSION`).
+skin
+    The smooth skin of a soft arm: rings that the page draws a surface through.
 tendon_paths
     The drawn path of a fixed tendon, which has a length but no path of its own.
 rest_sweep
