@@ -111,9 +111,9 @@ def fixed_terms(
     v, coordinates : ndarray, (n,)
         Joint velocities and coordinates.
     bias, S, momenta, centre, rotations, translations : ndarray
-        Of `softdyn.dynamics.engine.Memory`.
+        Fields of `softdyn.dynamics.engine.Memory`.
     tip, tip_offset, tree, gravity, joints, tendons, coefficients : ndarray
-        Of `Constants`.
+        Fields of `Constants`.
     """
     M, J, Jdot, bias_out, K, h, g = _joint_terms(joint_rows)
     y, ydot, lengths = _tip_terms(tip_and_lengths)
@@ -140,11 +140,11 @@ def spatial_terms(
     v, coordinates : ndarray, (n,)
         Joint velocities and coordinates.
     bias, S, momenta, centre, rotations, translations : ndarray
-        Of `softdyn.dynamics.engine.Memory`.
+        Fields of `softdyn.dynamics.engine.Memory`.
     tip, tip_offset, tree, gravity, joints, tendons, coefficients : ndarray
-        Of `Constants`.
+        Fields of `Constants`.
     bodies, offsets, pairs, signs : ndarray
-        Of `softdyn.dynamics.tendons.Segments`.
+        Fields of `softdyn.dynamics.tendons.Segments`.
     actuated, gear : ndarray, (m,)
         The tendon of each input, and its gear.
     """

@@ -25,7 +25,8 @@ class SoftModel(Protocol):
     """The analytic dynamics of an annotated robot.
 
     Below, n = nv is the number of degrees of freedom and m = nu that of inputs. Units are SI and
-    radians. Each thread may use a model: it has its own scratch memory. States do not use it.
+    radians. Several threads may use a model, because each has its own scratch memory. States do not
+    use this memory.
 
     Attributes
     ----------

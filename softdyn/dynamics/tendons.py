@@ -171,7 +171,7 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
     rotations, translations : ndarray, (bodies, 3, 3), (bodies, 3)
         The bodies' poses.
     bodies, offsets, pairs, signs : ndarray
-        Of `Segments`.
+        Fields of `Segments`.
     """
     wrench = np.empty((len(bodies), 6))
     a, d = np.empty(3), np.empty(3)
