@@ -8,7 +8,7 @@ simulated.
     model = load("finger")
     print(statics.diagnose(model))                              # explains the robot's file
     rest = statics.rest(model)                                  # under the least input
-    here = statics.settle(model, u=[-0.2, -0.1])                # the potential falls: stable
+    here = statics.settle(model, u=[-0.2, -0.1])                # always a stable one
     search = statics.inputs_for_tip(model, [0.13, 0.0, -0.13])  # many starts
     search.nearest.u, search.nearest.stable, search.nearest.eigenvalues[0]
 

@@ -240,7 +240,7 @@ def diagnose(model: SoftModel, samples: int = 100, seed: int = 0) -> Diagnosis:
     poses = tuple(sample_poses(model, samples, seed))
     outsize, unreadable = suspicious_shapes(robot)
     equilibrium = None
-    with suppress(SoftdynError), np.errstate(all="ignore"):  # no force may hold a joint
+    with suppress(SoftdynError), np.errstate(all="ignore"):  # some robots have none
         equilibrium = rest(model)
     fast = fast_springs(model, model.state(model.q0, np.zeros(model.nv)).M)
     return Diagnosis(

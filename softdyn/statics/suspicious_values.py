@@ -104,7 +104,7 @@ def _bodies(robot: Robot) -> Iterator[str]:
     for name, body in bodies.items():
         if body.mass <= 0:
             continue
-        # semi-axes of a solid ellipsoid with these moments a, b, c: 5 (b + c - a) / 2m is a square
+        # squared semi-axes of a solid ellipsoid with these moments a, b, c: 5 (b + c - a) / 2m
         moments = np.linalg.eigvalsh(body.tensor)
         squares = 2.5 / body.mass * (moments.sum() - 2 * moments)
         axes = np.sqrt(np.maximum(squares, 0.0))
