@@ -12,7 +12,7 @@ function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
   const [a, b] = [STOPS[i - 1], STOPS[i]], s = (x - a[0]) / (b[0] - a[0]);
   return [1, 2, 3].map(k => (a[k] + s * (b[k] - a[k])) / 255);
 }
-// what is drawn as a part of full scale: most tensions are a few per cent of their bounds
+// the scale of the colours: most tensions are a few per cent of their bounds
 const scaled = part => Math.cbrt(part);
 const css = value => "rgb(" + shade(value).map(c => Math.round(255 * c)).join(" ") + ")";
 
@@ -48,7 +48,7 @@ function slider(parent, name, low, high, onInput) {
 }
 
 const ROD = new T.CylinderGeometry(1, 1, 1, 10, 1);
-const TUBE = new T.CylinderGeometry(1, 1, 1, 10, 1, true);  // ends would show where rods meet
+const TUBE = new T.CylinderGeometry(1, 1, 1, 10, 1, true);  // open, because caps would show between rods
 const UP = new T.Vector3(0, 1, 0), LAID = new T.Object3D();
 
 function lay(object, a, b, radius) {  // a rod from a to b
@@ -58,7 +58,7 @@ function lay(object, a, b, radius) {  // a rod from a to b
   object.scale.set(radius, Math.max(length, 1e-9), radius);
 }
 
-// Rods through points, of which the first so many can be shown.
+// Rods through points; one may show only the first few.
 class Thread {
   constructor(parent, colour, radius, opacity) {
     this.parent = parent;
@@ -98,7 +98,7 @@ class Thread {
   clear() { this.count = 0; this.last = null; this.show(0); }
 }
 
-// A surface over rings that links carry, its curve between two of them cubic along both axes.
+// A surface through rings on links; between two rings a cubic curve tangent to their axes.
 class Skin {
   constructor(figure, rings, look) {
     const sides = 28, steps = rings.length > 100 ? 1 : 4, last = rings.length - 1;
@@ -110,7 +110,7 @@ class Skin {
       return {carrier, place: new T.Vector3(), turn: new T.Quaternion(), axis: new T.Vector3()};
     });
     const at = (i, t, radius, cap) => ({i: Math.min(i, last - 1), t, radius, cap});
-    this.rows = [at(0, 0, 0, -1), at(0, 0, rings[0].radius, -1)];  // cap: where the normal points
+    this.rows = [at(0, 0, 0, -1), at(0, 0, rings[0].radius, -1)];  // cap: direction of the normal
     for (let k = 0; k <= last * steps; k++) {
       const i = Math.min(Math.floor(k / steps), last - 1), t = k / steps - i;
       this.rows.push(at(i, t, (1 - t) * rings[i].radius + t * rings[i + 1].radius, 0));
@@ -204,11 +204,11 @@ class Figure {
         side: T.DoubleSide, shininess: 22, specular: 0x222222}));
       mesh.material.own = opacity;
       mesh.matrixAutoUpdate = false;
-      mesh.matrix.fromArray(shape.pose);  // may mirror: not for position, quaternion, scale
+      mesh.matrix.fromArray(shape.pose);  // set whole, because it may mirror
       (this.links[shape.link] || this.object).add(mesh);
       geometry.computeBoundingBox();
       mesh.covered = Boolean(shape.skin && data.skins);
-      mesh.visible = !mesh.covered;  // it is there for the pointer
+      mesh.visible = !mesh.covered;  // hidden shapes still catch the pointer
       this.shapes.push(mesh);
     }
     this.skins = (data.skins || []).map(rings => new Skin(this, rings, look));
@@ -223,7 +223,7 @@ class Figure {
         this.links[link].add(site);
         return site;
       });
-      // what the body hides of it shines through
+      // the part inside the body shines through
       const hidden = new T.MeshBasicMaterial({depthFunc: T.GreaterDepth, depthWrite: false,
         transparent: true, opacity: 0.45});
       const rods = [[ROD, material], [TUBE, hidden]]
@@ -268,12 +268,12 @@ class Figure {
     }
     this.skins.forEach(skin => skin.pose(home));
   }
-  look(opacity, wireframe) {  // of the links alone: what they hide are the cables
+  look(opacity, wireframe) {  // of the links only, because they hide the cables
     const set = (material, value) => Object.assign(material,
       {opacity: value, transparent: value < 1, depthWrite: value > 0.35, needsUpdate: true});
     for (const mesh of this.shapes) {
       const value = mesh.material.own * opacity;
-      // a fine mesh drawn as lines would be as opaque as before: its edges, and a ghost of it
+      // a fine mesh as lines would still be opaque, so draw its edges and a faint surface
       if (wireframe && !mesh.children.length)
         mesh.add(new T.LineSegments(new T.EdgesGeometry(mesh.geometry, 15),
           new T.LineBasicMaterial({color: mesh.material.color})));
@@ -308,7 +308,7 @@ function geometryOf(mesh) {
   return geometry;
 }
 
-// Meshcat's viewer in a pane, and a group of it for what is ours.
+// Meshcat's viewer in a pane, with a group for our objects.
 function openViewer(pane) {
   const viewer = new MeshCat.Viewer(pane), stage = new T.Group();
   const set = (path, name, value) => viewer.set_property(path, name, value);
@@ -320,7 +320,7 @@ function openViewer(pane) {
   return [viewer, stage];
 }
 
-// Turns the camera so that points (z up) fill a part of the window, its middle shifted by another.
+// Turns the camera so that points (z up) fill a part of the window around a shifted middle.
 function fitCamera(viewer, points, room, shift) {
   const box = new T.Box3().setFromPoints(points), centre = box.getCenter(new T.Vector3());
   // seen from -y, a little from the side and from above; the camera's frame has y up
@@ -334,7 +334,7 @@ function fitCamera(viewer, points, room, shift) {
   const seen = points.map(p => new T.Vector3(p.x, p.z, -p.y));
   const middle = new T.Vector3(centre.x, centre.z, -centre.y);
   let distance = 1;
-  for (let k = 0; k < 12; k++) {  // centre and distance at which all points fill the room
+  for (let k = 0; k < 12; k++) {  // find centre and distance at which the points fill the part
     const ends = [Infinity, -Infinity, Infinity, -Infinity];
     for (const p of seen) {
       const d = p.clone().sub(middle), depth = Math.max(distance - d.dot(view), 1e-3);

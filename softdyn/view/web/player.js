@@ -1,7 +1,7 @@
 "use strict";
-// Plays robots (figure.js): from a recording that is in the page, or live from a server.
-// Meshcat's own animations move objects, but cables change shape and colour and trails grow, so
-// frames are (t, q, u, y, y_ref) here and everything else follows from them.
+// Plays robots (figure.js) from a recording in the page, or live from a server. Meshcat's own
+// animations only move objects, but cables change shape and colour, and trails grow. Therefore
+// frames are (t, q, u, y, y_ref), and everything is drawn from them.
 
 // One robot in one run: its frames, its trail and its target.
 class Track {
@@ -53,7 +53,7 @@ class Track {
     const [y, r] = [this.vector(frame, 6), this.vector(frame, 3)];
     return Math.hypot(y[0] - r[0], y[1] - r[1], y[2] - r[2]);
   }
-  at(t) {  // the frame before t and how far it is to the next one
+  at(t) {  // the frame before t, and the share of the way to the next one
     let low = 0, high = this.frames.length - 1;
     while (low < high) {
       const middle = (low + high + 1) >> 1;
@@ -150,7 +150,7 @@ class Player {
   }
   advance(seconds) {
     if (this.following) {
-      // frames come in batches: follow them with a steady lag instead of in jumps
+      // frames come in batches; a steady lag avoids jumps
       const lag = Math.max(...this.tracks.map(t => t.end)) - this.time;
       if (lag > 0) this.seek(this.time + (lag < 2e-3 ? lag : lag * Math.min(1, seconds / 0.15)));
     } else if (this.playing) {
@@ -181,7 +181,7 @@ class Player {
     const list = this.find("legend");
     list.replaceChildren();
     for (const track of this.tracks) {
-      if (!track.label) continue;  // one robot, and the title says which
+      if (!track.label) continue;  // one robot: the title names it
       const item = element(list, "li");
       element(item, "i").style.background = track.colour || "#2b6f9e";
       element(item, "b", track.label);
@@ -222,7 +222,7 @@ class Player {
         this.bars.push({track, i, input, fill, value: element(row, "td")});
       });
   }
-  buildJoints() {  // of a robot that one may pose by hand
+  buildJoints() {  // for a robot whose joints the user sets
     if (!this.scene.sliders || this.joints) return;
     const box = this.find("joints"), [track] = this.tracks;
     box.hidden = false;
@@ -343,7 +343,7 @@ class Player {
     const scene = this.viewer.scene.matrixWorld.clone().invert();
     for (const track of this.tracks) {
       const size = track.figure.data.size, offset = new T.Vector3(...track.offset);
-      const include = (point, margin) => {  // but not where a diverged run went
+      const include = (point, margin) => {  // leaves out far points of a diverged run
         if (point.length() > 3 * size) return;
         for (const [x, y, z] of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) for (const sign of [1, -1])
           points.push(point.clone().add(offset)
@@ -371,7 +371,7 @@ class Player {
           (v, x, k) => v.setComponent(k, x), new T.Vector3()), 0.03); });
         if (count) include(vector(track.vector(frames[0], 3)), 0.04);
       }
-      if (this.scene.live)  // what comes is not known: leave room around the robot
+      if (this.scene.live)  // the motion is not known yet: leave room around the robot
         for (const x of [-0.6, 0.6]) for (const z of [-0.9, 0.3])
           include(new T.Vector3(x * size, 0, z * size), 0);
     }
@@ -379,7 +379,7 @@ class Player {
     const bare = document.body.classList.contains("bare"), narrow = innerWidth < 700;
     const room = bare ? [0.96, 0.96]
       : [narrow ? 0.94 : 1 - 270 / innerWidth, 1 - (narrow ? 230 : 120) / innerHeight];
-    // the middle of what the card and the bar leave free
+    // the middle of the part that card and bar leave free
     const shift = bare ? [0, 0] : [narrow ? 0 : 250 / innerWidth, narrow ? -0.1 : 50 / innerHeight];
     fitCamera(this.viewer, points, room, shift);
   }
@@ -397,7 +397,7 @@ class Player {
     }});
     Object.defineProperty(node, "state", {set: text => { this.stateNote.textContent = text; }});
     this.viewer.connect();
-    // when the server ends, what came can still be played
+    // after the server's end the received frames can still be played
     this.viewer.connection.addEventListener("close", () => this.drawCurves());
   }
 }

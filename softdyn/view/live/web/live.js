@@ -1,6 +1,6 @@
 "use strict";
-// A robot that runs somewhere else: draws its frames, and says what the person at the page does.
-// The dragging of the target is three.js's TransformControls, the plots are uPlot's.
+// A robot that runs somewhere else: draws its frames, and sends the user's actions to the server.
+// three.js's TransformControls drag the target; uPlot draws the plots.
 
 const FORCE = 0xe07b00, REACH = 0x1b9e77, GHOST = "#7b52ab";
 const HISTORY = 12;  // s in the plots
@@ -55,7 +55,7 @@ class Plot {
     this.fit();
     addEventListener("resize", () => this.fit());
   }
-  fit() {  // as wide as the panel, which is narrow in a notebook; room for its scroll bar
+  fit() {  // as wide as the panel (narrow in a notebook), without its scroll bar
     const width = Math.max(60, Math.min(274, this.box.clientWidth - 14));
     this.plot.setSize({width, height: 74});
   }
@@ -72,8 +72,8 @@ class Live {
     [this.viewer, this.stage] = openViewer(document.getElementById("pane"));
     this.find = name => document.getElementById(name);
     this.state = {paused: false, law: "", mismatch: {}, inputs: []};
-    this.pending = new Map();  // what a drag has not said yet
-    this.sent = -Infinity;  // when a drag last said something
+    this.pending = new Map();  // unsent messages of a drag
+    this.sent = -Infinity;  // time of a drag's last message
     this.history = {t: []};
     this.leads = false;
     this.size = scene.figure.size;
@@ -115,7 +115,7 @@ class Live {
       this.command(false);
     };
   }
-  say(message) {  // in order: after what a drag has still to say
+  say(message) {  // after a drag's unsent messages, to keep the order
     this.flush();
     if (!document.body.classList.contains("over")) this.notice(this.state.notice || "");
     this.send(message);
@@ -130,7 +130,7 @@ class Live {
     for (const message of this.pending.values()) this.send(message);
     this.pending.clear();
   }
-  often(message) {  // of a drag: not at every event, but surely the last one
+  often(message) {  // messages of a drag: not at every event, but always the last one
     this.pending.delete(message.do);
     this.pending.set(message.do, message);
     const wait = this.sent + EVERY - performance.now();
@@ -158,7 +158,7 @@ class Live {
     }
   }
   notice(text) { this.find("notice").textContent = text; }
-  keep(page) {  // a page of its own, that no server has to serve
+  keep(page) {  // a page that needs no server
     this.kept = true;
     const link = this.find("recorded");
     link.href = URL.createObjectURL(new Blob([page], {type: "text/html"}));
@@ -171,7 +171,7 @@ class Live {
     for (const set of document.querySelectorAll(".command")) set.disabled = !can;
     if (!can) this.held = null;
     this.gizmo.enabled = this.gizmo.visible = can && this.aims;
-    if (!this.gizmo.enabled) {  // nobody drags any more, even if the button is still down
+    if (!this.gizmo.enabled) {  // the drag has ended, even if the button is still down
       this.gizmo.dragging = false;
       this.gizmo.axis = null;
       this.pending.delete("target");
@@ -243,10 +243,10 @@ class Live {
     this.target.renderOrder = 1;
     this.stage.add(this.target);
     this.gizmo = new DRAGGING.TransformControls(this.viewer.camera, this.viewer.dom_element);
-    this.gizmo.space = "local";  // the robot's axes: z is up there
+    this.gizmo.space = "local";  // the robot's axes, where z is up
     this.gizmo.size = 0.55;
     this.gizmo.attach(this.target);
-    const upright = new T.Group();  // the gizmo wants a world that is not turned
+    const upright = new T.Group();  // the gizmo needs a world without rotation
     upright.rotation.x = Math.PI / 2;
     this.viewer.scene.add(upright);
     upright.add(this.gizmo);
@@ -321,7 +321,7 @@ class Live {
       this.softest = b.length() / (a.length() || 1);
       a.copy(b).normalize();
     }
-    const s = 0.12 * this.size / (this.softest || 1);  // the unit ball's image, of a size to see
+    const s = 0.12 * this.size / (this.softest || 1);  // scale the unit ball's image to a visible size
     this.ellipsoid.matrix.set(s * c[0], s * c[1], s * c[2], y[0], s * c[3], s * c[4], s * c[5], y[1],
       s * c[6], s * c[7], s * c[8], y[2], 0, 0, 0, 1);
   }
@@ -560,7 +560,7 @@ class Live {
     }
     const by_hand = this.scene.mode == "explore" || state.law == this.scene.open;
     for (const {range} of this.inputs) range.disabled = !by_hand;
-    // an error is there until the next thing is done, or another is said
+    // an error stays until the next action or the next error
     if (state.notice !== this.stated) this.notice(state.notice || "");
     this.stated = state.notice;
     if (state.busy) this.find("clock").value = state.busy;
