@@ -1,4 +1,4 @@
-"""Rods of jointed links against closed forms, as Markdown: the tables of docs/design.md."""
+"""Compare rods of jointed links with closed forms: the tables of docs/design.md, as Markdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time of one control step of another checkout against this one, process by process."""
+"""Step times of another checkout compared with this one, in alternating processes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from softdyn.commands import cli
 
 ROBOTS = ("finger", "helix", "spirob")
-DRIVER = "soft-id-clf-qp"  # of the loops that states are recorded from
+DRIVER = "soft-id-clf-qp"  # of the loops from which states are recorded
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic", "best")
 EPILOG = """\
 OLD is a folder with another version of softdyn, one that has its packages beside softdyn/ included.

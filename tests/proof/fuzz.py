@@ -1,4 +1,4 @@
-"""Fuzzing: thousands of damaged files, each loaded in a process that may die of it."""
+"""Fuzzing: thousands of damaged files, each loaded in a separate process."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ instead.add_argument("--arguments", action="store_true", help="command lines ins
 cli.add_json(parser)
 
 
-# commands that are run, with options that may join: none that serves, or makes other processes
+# commands that run, with options that may be added; none serves pages or starts processes
 RUN = {
     "run": (
         "finger ic --theta 0.5 --duration 0.01 --log here.npz --json out.json",

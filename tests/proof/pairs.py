@@ -1,4 +1,4 @@
-"""Robots of example-robot-data against the public MJCFs of them, a row a pair."""
+"""Compare URDFs of example-robot-data with public MJCFs of the same robots, a row per pair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""M, C v, g, K and the tip of an arm of two sections at a random state, beside SoRoMoX's."""
+"""Compare M, C v, g, K and the tip of an arm of two sections with SoRoMoX's, at a random state."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ its replay drawn by Chromium without a window.
 
 exit codes: 0 written; 2 bad input, or no Chromium.
 """
-SHOWN = (("finger", 0.5), ("helix", 0.5), ("spirob", 0.5))  # and θ in multiples of π
+SHOWN = (("finger", 0.5), ("helix", 0.5), ("spirob", 0.5))  # robot, and θ in multiples of π
 SIZE = 540  # pixels of each picture, a square
 FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -58,14 +58,14 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def film(target: str) -> int:
-    """Write the clip of `softdyn play`."""
+    """Write a clip of `softdyn play`."""
     from PIL import Image
 
     from softdyn.validation.files import atomic
     from tests.proof.film.clip import COLOURS, RATE, clip
 
     pictures = clip()
-    # by octree: the few pixels of an arrow or a target keep their colour
+    # octree keeps the colours of small objects such as arrows and targets
     palette = pictures[-1].quantize(COLOURS, method=Image.Quantize.FASTOCTREE)
     frames = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
     with atomic(target) as stream:
@@ -90,7 +90,7 @@ def screenshot(browser: str, page: Path, state: str) -> Path:
 
 
 def side_by_side(files: list[Path], stream: BinaryIO) -> None:
-    """One PNG of pictures of equal height."""
+    """Join pictures of equal height into one PNG."""
     from PIL import Image
 
     pictures = [Image.open(file).convert("RGB").crop((0, 0, SIZE, SIZE)) for file in files]

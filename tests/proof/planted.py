@@ -44,7 +44,7 @@ SIZES = {
     "pose": LENGTH, "turn": ANGLE, "displaced": LENGTH, "armature": FORCE, "friction": FORCE,
     "damping": FORCE, "base": ANGLE, "tendon": LENGTH, "actuator": (1, 1),
 }  # fmt: skip
-CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # others are called what they are
+CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # other kinds keep their names
 BODILY = ("mass", "centre", "inertia")
 ROBOTIC = ("base", "tendon", "actuator")
 NOTICED = 1e-6
@@ -55,12 +55,12 @@ MEASURED: dict[str, Callable[[Any, Any], float]] = {
     "armature": lambda a, b: abs(a - b),
     "friction": lambda a, b: abs(a - b),
     "damping": lambda a, b: abs(a - b),
-}  # of what two files say, the planted size
+}  # the planted size, from the values of two files
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A defect: its kind, the joint or body by number and by name, and its size."""
+    """A planted defect: its kind, the number and name of its joint or body, and its size."""
 
     kind: str
     k: int
@@ -73,7 +73,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Trial:
-    """One comparison with planted defects, and what it is called."""
+    """One comparison with planted defects, and its verdict."""
 
     name: str
     plants: tuple[Plant, ...]
@@ -89,19 +89,19 @@ class Trial:
 
 @dataclass(frozen=True)
 class Robot:
-    """One robot in three hands, written to a folder."""
+    """One robot, written to a folder as three different files."""
 
     seed: int
     texts: dict[str, str] = field(repr=False)
     folder: Path
 
     def path(self, hand: str) -> Path:
-        """The file of one hand."""
+        """Path of one of the three files."""
         return self.folder / f"{hand}{'.xml' if hand == 'mjcf' else '.urdf'}"
 
 
 def robots(count: int, seed: int, folder: Path) -> list[Robot]:
-    """The first random robots that have two joints at least."""
+    """The first random robots with at least two joints."""
     found: list[Robot] = []
     while len(found) < count:
         text = random_urdf(seed)
@@ -119,7 +119,7 @@ def robots(count: int, seed: int, folder: Path) -> list[Robot]:
 
 
 def trial(robot: Robot, rng: np.random.Generator) -> Trial | None:
-    """A comparison with one to three defects; none where they cannot be planted."""
+    """A comparison with one to three defects; None if they cannot be planted."""
     hands = sorted(robot.texts)
     wrong, good = rng.choice(hands), rng.choice(hands)
     table = defects.MJCF if wrong == "mjcf" else defects.URDF
@@ -157,13 +157,13 @@ def trial(robot: Robot, rng: np.random.Generator) -> Trial | None:
 
 
 def _plant(robot: Robot, hand: str, plants: list[Plant], path: Path) -> bool:
-    """Write one hand of a robot with defects; False where it has no place for them."""
+    """Write one file of a robot with defects; False if the robot has no place for them."""
     root = etree.fromstring(robot.texts[hand].encode())
     table = defects.MJCF if hand == "mjcf" else defects.URDF
     try:
         for plant in plants:
             table[plant.kind](root, plant.k, plant.size)
-    except (AttributeError, IndexError, TypeError):  # it has no such thing
+    except (AttributeError, IndexError, TypeError):  # the robot has no such element
         return False
     path.write_bytes(etree.tostring(root))
     return True
@@ -171,7 +171,7 @@ def _plant(robot: Robot, hand: str, plants: list[Plant], path: Path) -> bool:
 
 @cache
 def _known(one: Path, other: Path) -> set[tuple[str, str]]:
-    """Kind and place of the causes between two hands without a defect."""
+    """Kind and place of the causes between two files without a defect."""
     return {(cause.kind, cause.where) for cause in compare(one, other).causes}
 
 
@@ -191,19 +191,19 @@ def _called(causes: tuple[Cause, ...], plants: list[Plant], files: list[Path]) -
 
 
 def _unnamed(causes: tuple[Cause, ...], plants: list[Plant], files: list[Path]) -> list[Plant]:
-    """The defects of which no cause speaks."""
+    """The defects that no cause names."""
     parts = _parts(files[0])
     found = {(c.kind, parts.get(c.where, "")) for c in causes}
     return [plant for plant in plants if _place(plant) not in found]
 
 
 def _place(plant: Plant) -> tuple[str, str]:
-    """Kind of the cause that a defect is, and the joint."""
+    """The kind of cause for a defect, and its joint."""
     return CAUSES.get(plant.kind, plant.kind), "" if plant.kind in ROBOTIC else plant.where
 
 
 def _parts(path: Path) -> dict[str, str]:
-    """The joint that moves a joint's or a link's name."""
+    """The joint by a joint's name or by the name of the link that it moves."""
     found: dict[str, str] = {}
     for part in neutral(path).parts:
         names = [part.name, part.link, *(name for name, _ in part.pieces)]
@@ -241,7 +241,7 @@ def _accelerations(path: Path, samples: int = 4) -> np.ndarray:
 
 
 def campaign(count: int, kinds: int, seed: int, folder: Path) -> list[Trial]:
-    """So many trials on so many robots."""
+    """Run `count` trials on some robots."""
     rng = np.random.default_rng(seed)
     some = robots(kinds, seed, folder)
     found: list[Trial] = []
@@ -259,7 +259,7 @@ parser.add_argument("--seed", type=int, default=0, metavar="S", help="(default: 
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Print what is not named, and how many are."""
+    """Print the trials that are not named, and the counts."""
     with tempfile.TemporaryDirectory() as folder:
         found = campaign(arguments.count, arguments.robots, arguments.seed, Path(folder))
     for one in found:

@@ -1,4 +1,4 @@
-"""Many robots through the cross-check: all of example-robot-data, or random ones."""
+"""Cross-check many robots: all of example-robot-data, or random ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def command(arguments: cli.Arguments) -> int:
         given = [" --repair-inertia"] * arguments.repair_inertia
         given += [" --floating"] * arguments.floating
         write_text(arguments.markdown, survey.document("".join([COMMAND, *given])))
-    # of random robots only those worth a look
+    # of random robots only those with problems
     shown = [row for row in survey.rows if arguments.random is None or not row.passed]
     report = {"samples": arguments.samples, "seed": arguments.seed, **survey.to_dict()}
     cli.write_report(report, arguments.json, survey.text_of(shown))

@@ -1,4 +1,4 @@
-"""The time of a control step against n and m, on generated chains."""
+"""The time of a control step by n and m, on generated chains."""
 
 from __future__ import annotations
 

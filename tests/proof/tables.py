@@ -1,4 +1,4 @@
-"""Write the tables of the documents from the figures that stand beside the code."""
+"""Write the tables of the documents from the committed figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every law against the paper's text: each unknown explicit, nothing condensed, another solver."""
+"""Compare every controller with the paper's text, with all unknowns explicit and another solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identify the documents' twins, and write their figures beside the code."""
+"""Identify the documents' twins, and write the committed figures."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from tempfile import TemporaryDirectory
 
 from softdyn.commands import cli, identify
 
-# Ten of its joints rest on their stops. The last input lifts two more off theirs, and is fast, for
-# these two swing fast; the others are slow, for the base. Found by the bound, on 5 s.
+# Ten joints of the helix rest on their stops. The last input lifts two more joints off their stops.
+# It is fast, because these two swing fast. The other inputs are slow, for the joints at the base.
+# The values were found by the lower bound of the deviations, on 5 s.
 HELIX = (
     "--at-rest --knots .3 .3 .3 .3 .3 .3 .3 .3 .12 "
     "--amplitude .018 .018 0 .012 .012 0 .007 .007 .015 --bias 0 0 0 0 0 0 0 0 .012"
 )
-# as given to `softdyn identify`
+# arguments of `softdyn identify`
 CASES = (
     "finger --twin 5 --noise 0",
     "finger --twin 5 --noise 0 --step 1e-3",
@@ -42,7 +43,7 @@ parser.add_argument("cases", nargs="*", metavar="CASE", help="default: all of th
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Case by case, each written when it is there."""
+    """Run the cases; each is written when it is done."""
     from softdyn import InputError
     from softdyn.validation.files import read_json, write_json
     from softdyn.validation.studies.benchmark import MEASURED

@@ -1,5 +1,5 @@
-"""Many robots through the cross-check.
+"""The cross-check of many robots.
 
 - `batch`: every robot of example-robot-data, or random ones, a row each;
-- `random_robots`: a seed in, URDF text out.
+- `random_robots`: the URDF text of a random robot, from a seed.
 """

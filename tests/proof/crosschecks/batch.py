@@ -1,4 +1,4 @@
-"""Many robots through the cross-check: those of example-robot-data, or random ones."""
+"""The cross-check of many robots: those of example-robot-data, or random ones."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VERDICTS = {True: "passed", False: "failed", None: "unsupported"}
 
 @dataclass(frozen=True)
 class RobotJob:
-    """One robot to examine: `name` for people, where it comes from, and how to load it."""
+    """One robot to examine: its displayed `name`, its source, and how to load it."""
 
     name: str
     path: Path | None
@@ -40,30 +40,30 @@ class RobotJob:
 
     @property
     def variant(self) -> str:
-        """How the base is held, and whether inertias are repaired."""
+        """Whether the base is fixed or floats, and whether inertias are repaired."""
         return FLOATING if self.floating else REPAIRED if self.repair_inertia else FIXED
 
 
 @dataclass(frozen=True)
 class BatchRow:
-    """What the cross-check said of one robot.
+    """The cross-check's result for one robot.
 
     Attributes
     ----------
     name, variant : str
-        The robot, and how its base was held.
+        The robot, and its base and repair.
     passed : bool or None
-        None of a robot that is not supported, with the reason why.
+        None for a robot that is not supported.
     nv : int or None
-        Degrees of freedom; None of a robot that was not built.
+        Degrees of freedom; None for a robot that was not built.
     quantity, max_error
-        The one that comes closest to its tolerance, or exceeds it most.
+        The quantity that comes closest to its tolerance or exceeds it most, and its error.
     condition : float or None
-        The largest condition number of M met.
+        The largest condition number of M.
     repairs : tuple of str
-        What was mended.
+        The repairs.
     seconds : float
-        Wall clock, the building of both models included.
+        Wall-clock time, including the building of both models.
     """
 
     name: str
@@ -79,7 +79,7 @@ class BatchRow:
 
     @property
     def verdict(self) -> str:
-        """In words."""
+        """The verdict in words."""
         if self.passed is None:
             return f"unsupported: {self.reason}"
         mended = f"{len(self.repairs)} inertias repaired" if self.repairs else ""
@@ -88,24 +88,24 @@ class BatchRow:
 
     @property
     def shown(self) -> dict[str, Any]:
-        """The row as `COLUMNS` take it."""
+        """The row with the keys of `COLUMNS`."""
         return vars(self) | {"quantity": self.quantity or None, "verdict": self.verdict}
 
 
 @dataclass(frozen=True)
 class BatchReport:
-    """Many robots through the cross-check: a row each."""
+    """The cross-check of many robots, a row each."""
 
     rows: tuple[BatchRow, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether none failed; a robot that is not supported is no failure."""
+        """Whether no robot failed; a robot that is not supported does not count as failed."""
         return all(row.passed is not False for row in self.rows)
 
     @property
     def counts(self) -> dict[str, dict[str, int]]:
-        """By variant, how many robots passed, failed and are not supported."""
+        """The numbers of robots that passed, failed and are not supported, by variant."""
         found: dict[str, dict[str, int]] = {}
         for row in self.rows:
             tally = found.setdefault(row.variant, dict.fromkeys(VERDICTS.values(), 0))
@@ -121,7 +121,7 @@ class BatchReport:
         return self.text_of(self.rows)
 
     def text_of(self, rows: Sequence[BatchRow]) -> str:
-        """A line for each of `rows`, and how many there are of each kind in all."""
+        """A line for each of `rows`, and the total counts."""
         lines = [row.shown | {"verdict": f"{row.variant}: {row.verdict}"} for row in rows]
         table = replace(Table.of(COLUMNS, lines), titles=())
         tallies = [
@@ -131,7 +131,7 @@ class BatchReport:
         return "\n".join([*([table.text()] if lines else []), *tallies])
 
     def document(self, command: str) -> str:
-        """The rows as a document, a table for each variant; `command` wrote it."""
+        """The rows as a document, a table for each variant; it names `command` as its source."""
         blocks = [DOCUMENT.format(command)]
         rows = sorted(self.rows, key=lambda row: row.variant)
         for variant, group in groupby(rows, lambda row: row.variant):
@@ -169,7 +169,7 @@ the building of both models included."""
 def catalogue_jobs(
     samples: int, seed: int, *, floating: bool, repair_inertia: bool, trajectories: bool = True
 ) -> list[RobotJob]:
-    """Every URDF of example-robot-data as it is; floating and repaired on top where asked for."""
+    """Jobs for every URDF of example-robot-data, on request also floating and repaired."""
     jobs = []
     for path in example_files():
         plain = RobotJob(_short(path), path, seed, samples, trajectories=trajectories)
@@ -184,7 +184,7 @@ def catalogue_jobs(
 def random_jobs(
     count: int, samples: int, seed: int, *, floating: bool = False, trajectories: bool = True
 ) -> list[RobotJob]:
-    """`count` random robots of the seeds from `seed` on."""
+    """Jobs for `count` random robots, with the seeds from `seed` on."""
     return [
         RobotJob(f"random_{k}", None, k, samples, floating, trajectories=trajectories)
         for k in range(seed, seed + count)
@@ -192,19 +192,19 @@ def random_jobs(
 
 
 def survey(jobs: Sequence[RobotJob], processes: int = -1) -> BatchReport:
-    """`examine` all, in the order of `jobs`; no row for a repair of what needs none."""
+    """`examine` all `jobs` in their order; a repair job without repairs has no row."""
     rows = in_order(examine, [(job,) for job in jobs], processes)
     return BatchReport(tuple(row for row in rows if row is not None))
 
 
 def examine(job: RobotJob) -> BatchRow | None:
-    """Load one robot, cross-check it, and say what came out; never raises on a bad file."""
+    """Load one robot, cross-check it and return the row; a bad file raises nothing."""
     if job.path is None:
         with TemporaryDirectory() as folder:
             return examine(replace(job, path=write_robot(job.seed, Path(folder))))
     began = perf_counter()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the robot's links; what is mended is in the row
+        warnings.simplefilter("ignore")  # warnings about links; the row has the repairs
         try:
             model = softdyn.load(
                 str(job.path), floating=job.floating, repair_inertia=job.repair_inertia
@@ -239,5 +239,5 @@ def examine(job: RobotJob) -> BatchRow | None:
 
 
 def _short(path: Path) -> str:
-    """A file of the package below its folder of robots."""
+    """A file's path relative to the package's folder of robots."""
     return str(path).rpartition("/robots/")[2] if "/robots/" in str(path) else path.name

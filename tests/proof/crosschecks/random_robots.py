@@ -1,4 +1,4 @@
-"""Random annotated robots: a seed in, URDF text out, every feature of the format in some."""
+"""Random annotated robots as URDF text; together they have every feature of the format."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def inertial(rng: np.random.Generator, kind: str) -> str:
 
 @dataclass
 class Draft:
-    """A robot under construction."""
+    """A random robot while it is built."""
 
     rng: np.random.Generator
     parts: list[str] = field(default_factory=list)
@@ -53,7 +53,7 @@ class Draft:
         return name
 
     def origin(self) -> str:
-        """A joint's <origin>, at times without one of its attributes or not there at all."""
+        """A joint's <origin>, sometimes without an attribute, and sometimes empty."""
         rng = self.rng
         xyz = f'xyz="{numbers(rng.normal(scale=0.15, size=3))}"'
         rpy = f'rpy="{numbers(rng.uniform(-3.1, 3.1, 3))}"'
@@ -62,7 +62,7 @@ class Draft:
         return str(rng.choice(few)) if rng.random() < 0.15 else full
 
     def weld(self, parent: str, body: str) -> str:
-        """A link fixed to `parent`."""
+        """Add a link fixed to `parent`."""
         child = self.link(body)
         self.parts.append(
             f'<joint name="{self.rng.choice(list("kpf"))}{child}" type="fixed">{self.origin()}'
@@ -71,7 +71,7 @@ class Draft:
         return child
 
     def joint(self, parent: str, body: str, *, armature: bool) -> str:
-        """A link moved by a joint of any kind."""
+        """Add a link moved by a joint of random kind."""
         rng = self.rng
         child = self.link(body)
         name = f"{rng.choice(list('qjdm'))}{child}"
@@ -113,7 +113,7 @@ def random_urdf(seed: int, bodies: int = 7) -> str:
     seed : int
         Any non-negative integer.
     bodies : int
-        Moving links with mass; massless ones, fixed ones and the root come on top.
+        Number of moving links with mass, without massless links, fixed links and the root.
     """
     rng = np.random.default_rng(seed)
     draft = Draft(rng)

@@ -1,8 +1,8 @@
-"""The tables of the documents, from the figures that stand beside the code.
+"""The tables of the documents, written from the committed figures.
 
 In a document a table lies between ``<!-- table NAME: written by tests/proof/tables.py -->`` and
-``<!-- end of NAME -->``. Every figure comes from one file of ``validation/studies/measured``, each
-made by a command; so one cell reads the same wherever it stands.
+``<!-- end of NAME -->``. Every figure comes from a file of ``validation/studies/measured``, which a
+command made. So a figure is the same in all documents.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ MARKED = re.compile(
     r"^<!-- end of (?P=name) -->$",
     re.M | re.S,
 )
-# A run is the log's when it prints alike or differs by less than either, or is a chaotic one's.
+# A run equals the log if both print alike, differ by less than either of these, or are chaotic.
 SAME_SHARE, SAME_CM = 0.01, 0.01
 LAW = "soft-id-clf-qp"
-# law → those of its gains that it uses
+# controller → the gains that it uses
 USED = {
     "clf-qp": ("Kp", "eps", "w1", "rho"),
     LAW: ("Kp", "eps", "w1", "w2", "w3", "w4", "rho"),
@@ -58,12 +58,12 @@ GRID = ("clf-qp", LAW, "id-clf-qp", "ic", "uic", "ic-qp", "best")
 
 
 def fill(text: str) -> str:
-    """A document with its tables as they are now.
+    """A document with up-to-date tables.
 
     Raises
     ------
     InputError
-        A table of a name that is none.
+        A table has an unknown name.
     """
 
     def written(found: re.Match[str]) -> str:
@@ -77,7 +77,7 @@ def fill(text: str) -> str:
 
 
 def write(paths: Iterable[Path], check: bool = False) -> list[Path]:
-    """Write the tables of these documents; returns which were not as they should be.
+    """Write the tables of these documents; return the documents that were out of date.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _hard() -> str:
 
 
 def _beyond(controller: str) -> str:
-    """Set points at several periods and trajectories of a controller, the published law beside."""
+    """Set points at several periods and trajectories of a controller and of the published one."""
     own = {k: c for k, c in _cells("beyond").items() if k.split("/")[1] == controller}
     for robot in PAPER_ROBOTS:
         published = f"{1e3 * experiments.setup(robot).period:g} ms"
@@ -204,7 +204,7 @@ def _robustness() -> str:
 
 
 def _reference_plant() -> str:
-    """The law and `best` on the reference's targets, sampling and plant."""
+    """The published controller and `best` on the reference's targets, sampling and plant."""
     return _noted(pivot(_cells("there"), ["experiment", "robot", "controller"]))
 
 
@@ -212,7 +212,7 @@ def _hold() -> str:
     cells = dict(_cells("hold"))
     for label in cells:
         robot, share, _, column = label.split("/")
-        if share == "0":  # the published law itself
+        if share == "0":  # the published controller
             cells[label] = benchmark.committed()[f"{robot}/{LAW}/{column}"]
     return _noted(pivot(cells, ["robot", "τ / ε", "τ"]))
 
@@ -222,7 +222,7 @@ def _one_step() -> str:
 
 
 def _statics() -> str:
-    """Where the tip can rest near the set points, as `scripts/statics.py` found it."""
+    """Equilibria of the tip near the set points, found by `scripts/statics.py`."""
     titles = ["robot", "θ", "closest (cm)", "stable", "λ", "s (1/s)", "drift (cm)", "u",
               "closest stable (cm)", "λ", "drift (cm)", "law (cm)"]  # fmt: skip
     lines = []
@@ -260,7 +260,7 @@ def _gains() -> str:
 
 
 def _published() -> str:
-    """Each published cell: the logs it is the mean of, and the same runs by the emulation."""
+    """Each published cell: the logs behind its mean, and the same runs by the emulation."""
     titles = ["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]
     lines = []
     for cell in _rows("published"):
@@ -284,7 +284,7 @@ def _published() -> str:
 
 
 def _engines() -> str:
-    """The helix' trajectories by the engine that ran them: the reference itself, and we."""
+    """The helix' trajectories by engine, for the reference implementation and for ours."""
     lines = []
     for row in _rows("engines"):
         lines.append([
@@ -298,11 +298,11 @@ def _engines() -> str:
 def verdict(
     published: str, logs: list[float | None] | None, runs: list[Distribution | None]
 ) -> str:
-    """Whether runs are their logs: ✓, or how many of them are, and how far apart the others lie.
+    """Whether runs equal their logs: ✓, or the number that do and the distance of the others.
 
-    A run is its log within 1 % or 0.01 (cm, cm²), or, where it is chaotic, with the log in its
-    range. Without logs the mean and the deviation that were published are held against the runs'
-    in the same way; a published failure against failures.
+    A run equals its log if they differ by at most 1 % or 0.01 (cm, cm²). A chaotic run equals its
+    log if the log lies in its range. Without logs, the published mean and deviation are compared
+    with the runs' in the same way, and a published failure with failures.
     """
     whole = [run for run in runs if run is not None]
     if published == "failed":
@@ -325,7 +325,7 @@ def verdict(
 
 
 def _far(pairs: list[tuple[float, Distribution]]) -> str:
-    """The largest distance: in parts of the log, or as it is where that is more than all of it."""
+    """The largest distance, relative to the log; absolute if it exceeds the log itself."""
     if not pairs:
         return ""
     share = max(abs(run.median - x) / x for x, run in pairs)

@@ -1,5 +1,5 @@
-"""Pages as pictures: a browser without a window, and what it films.
+"""Pictures of pages: a browser without a window, and its clips.
 
 - `chromium`: Chromium driven over its debugging pipe, for tests too
-- `clip`: `softdyn play` in motion
+- `clip`: a clip of `softdyn play`
 """

@@ -1,6 +1,6 @@
 """A real browser, driven over Chromium's debugging pipe: pages, pixels, console, requests.
 
-The pipe needs no port and no library: JSON messages that end with a zero byte, on two descriptors.
+The pipe needs no port and no library: each message is JSON that ends with a zero byte.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ FLAGS = (
 
 
 class NotAnswered(Exception):
-    """The page raised, or refused."""
+    """The page raised an error, or refused."""
 
 
 class Browser:
@@ -44,12 +44,12 @@ class Browser:
     Attributes
     ----------
     console, requests : list of str
-        Errors that the page has said, and addresses it has asked for, since it was opened.
+        Errors that the page reported and addresses that it requested since it was opened.
 
     Raises
     ------
     InputError
-        Where there is no Chromium.
+        Chromium is not installed.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class Browser:
         self._process.wait(60)
         os.close(self._read)
         os.close(self._write)
-        for _ in range(20):  # its children may still be writing there
+        for _ in range(20):  # its child processes may still write there
             try:
                 self._profile.cleanup()
                 break
@@ -95,7 +95,7 @@ class Browser:
                 time.sleep(0.1)
 
     def open(self, url: str, width: int = 640, height: int = 480) -> None:
-        """Load a page from nothing; returns when its first frame is drawn."""
+        """Load a page anew; return when its first frame is drawn."""
         if self._session is not None:
             self._call("Target.closeTarget", {"targetId": self._target}, session=None)
         self.console.clear()
@@ -120,7 +120,7 @@ class Browser:
         self.run(frame)
 
     def run(self, script: str) -> Any:
-        """The value of an expression, a promise awaited."""
+        """The value of an expression; a promise is awaited."""
         answer = self._call(
             "Runtime.evaluate",
             {"expression": script, "awaitPromise": True, "returnByValue": True},
@@ -138,17 +138,17 @@ class Browser:
             time.sleep(0.05)
 
     def press(self, at: Sequence[float], shift: bool = False) -> None:
-        """The left button down at a place of the window (pixels)."""
+        """Press the left button at a place of the window (pixels)."""
         self._mouse("mouseMoved", at, shift=shift)
-        self.settle()  # what the pointer is over shows it in the next frame
+        self.settle()  # the element below the pointer changes in the next frame
         self._mouse("mousePressed", at, button="left", buttons=1, clickCount=1, shift=shift)
 
     def move(self, to: Sequence[float], shift: bool = False) -> None:
-        """The mouse somewhere else, its button as it is."""
+        """Move the mouse without changing its button."""
         self._mouse("mouseMoved", to, buttons=1, shift=shift)
 
     def lift(self, at: Sequence[float], shift: bool = False) -> None:
-        """The left button up."""
+        """Release the left button."""
         self._mouse("mouseReleased", at, button="left", clickCount=1, shift=shift)
 
     def drag(self, start: Sequence[float], end: Sequence[float], shift: bool = False) -> None:

@@ -1,7 +1,7 @@
-"""A moving picture of `softdyn play`: a mouse drags the target, then a link, in a real page.
+"""A clip of `softdyn play`: the mouse drags the target, then a link, in a real page.
 
-The page is what a person sees; only its clock is ours, so that the picture is the same however fast
-the machine draws.
+The page is the one that a user sees. Only its clock is replaced, so that the clip does not depend
+on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ COLOURS = 200
 
 
 def clip(robot: str = "finger") -> list[Image.Image]:
-    """The pictures in turn.
+    """The pictures one after the other.
 
     Raises
     ------
     InputError
-        Where there is no Chromium.
+        Chromium is not installed.
     """
     model = softdyn.load(robot)
     session = Session(model, menu_of(model), Staged.name)
@@ -56,7 +56,7 @@ class _Film:
         browser.until("softdyn.leads")
 
     def scenes(self, start: np.ndarray, end: np.ndarray) -> Iterator[Image.Image]:
-        """The target is dragged, the tip follows; a link is pulled and let go."""
+        """The scenes: the target is dragged and the tip follows; a link is pulled and released."""
         yield from self._wait(0.5)
         yield from self._drag(self._seen(start), self._seen(end), 1.2)
         yield from self._wait(1.5)
@@ -64,7 +64,7 @@ class _Film:
         place = f"new T.Vector3().setFromMatrixPosition(softdyn.figure.links[{link}].matrixWorld)"
         at = self._browser.run(f"softdyn.stage.worldToLocal({place}).toArray()")
         first, last = self._seen(at), self._seen(np.add(at, (0.16, 0.0, 0.05)))
-        self._browser.key("o")  # open loop: nothing works against the hand
+        self._browser.key("o")  # open loop, so that no controller works against the pull
         yield from self._drag(first, last, 1.2, hold=0.8)
         yield from self._wait(1.5)
 
@@ -86,7 +86,7 @@ class _Film:
 
     def _picture(self) -> Image.Image:
         """The page a moment later, with the pointer."""
-        time.sleep(0.05)  # what the page has said is on its way
+        time.sleep(0.05)  # messages of the page may still arrive
         session, steps = self._session, round(1 / RATE / FRAMES / self._session.period)
         for message in self._channel.messages():
             session.apply(message)
@@ -95,7 +95,7 @@ class _Film:
             slowest = max(session.step() for _ in range(steps))
             self._channel.frame(session.frame(step_us=slowest, misses=0))
         here = f"softdyn.last && softdyn.one(softdyn.last, 't') > {session.t} - 1e-3"
-        while not self._browser.run(here):  # frames that come too fast are dropped
+        while not self._browser.run(here):  # the page drops frames that come too fast
             self._channel.frame(session.frame())
             time.sleep(0.02)
         self._browser.run("softdyn.plot()")
@@ -106,7 +106,7 @@ class _Film:
         return picture.resize(SHOWN, Image.Resampling.LANCZOS)
 
     def _seen(self, point: object) -> list[float]:
-        """The place of a point (3,) of the world in the window."""
+        """The place in the window of a point (3,) of the world."""
         found: list[float] = self._browser.run(
             "(p => [(p.x + 1) / 2 * innerWidth, (1 - p.y) / 2 * innerHeight])"
             f"(softdyn.stage.localToWorld(new T.Vector3(...{np.asarray(point).tolist()}))"

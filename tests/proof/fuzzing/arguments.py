@@ -1,10 +1,9 @@
-"""Command lines: damaged, then run as a user would, in this process.
+"""Damaged command lines, run in this process as a user would run them.
 
-A base is a line that works, in a folder with the files that it names; an input is the base after
-one to three changes of its words. A command either ends well, and has then written every file that
-it was asked for, or says in one line what is wrong, and has then written none. What takes long is
-interrupted, as by Ctrl-C, and must end at once. Of commands that run for minutes or open servers,
-only the arguments are read.
+A base is a working command line, in a folder with the files that it names. An input is the base
+after one to three changes of its words. A command must either succeed and write every requested
+file, or report the error in one line and write no file. A slow command is interrupted as by Ctrl-C
+and must end at once. Commands that run for minutes or open servers only read their arguments.
 """
 
 from __future__ import annotations
@@ -34,10 +33,10 @@ from tests.proof.fuzzing.verdict import (
     Verdict,
 )
 
-# s of the processor's time, and by the clock (for a pipe that nobody reads), until an interrupt
+# s of processor time and of wall clock until an interrupt; the latter for a pipe that nobody reads
 PATIENCE, WAITING = 0.7, 10.0
 OUTPUTS = ("json", "log", "html", "mjcf", "urdf", "out", "plot", "markdown")
-ENDS = (0, 1, 2, 130)  # exit codes that mean something
+ENDS = (0, 1, 2, 130)  # defined exit codes
 WORDS = (
     "", "-", "--", "-1", "0", "-0.0", "nan", "inf", "-inf", "1e999", "1e-320", "1e308", "9" * 5000,
     "0x10", "1_000", " 1", "1.5", "１", "٣", "½", "true", "a\nb", "x" * 5000, "\udcff", "%s", "{0}",
@@ -55,14 +54,14 @@ class Line:
     Attributes
     ----------
     module : str
-        Of the command: it has `parser` and `main`.
+        Module of the command, with `parser` and `main`.
     words : tuple of str
     files : mapping
-        Name → content of what lies in the folder where it runs.
+        Name → content of the files in the folder where it runs.
     runs : bool
-        Whether it is run; else its arguments are read only.
+        Whether it runs; otherwise it only reads its arguments.
     options : tuple of str
-        What a change may add.
+        Options that a change may add.
     """
 
     module: str
@@ -73,7 +72,7 @@ class Line:
 
     @property
     def name(self) -> str:
-        """Of the command."""
+        """Name of the command."""
         return self.module.rpartition(".")[2]
 
 
@@ -112,7 +111,7 @@ def change(rng: random.Random, words: list[str], options: Sequence[str]) -> None
 
 
 def judge(line: Line, words: Sequence[str], folder: Path) -> Verdict:
-    """Run a line in a new folder, and look for what went wrong."""
+    """Run a line in a new folder, and look for errors."""
     (folder / "folder").mkdir(parents=True)
     for name, content in line.files.items():
         (folder / name).write_bytes(content)
@@ -145,7 +144,7 @@ def _files(folder: Path) -> dict[str, int]:
 
 
 def _run(line: Line, words: list[str]) -> tuple[int | str, str]:
-    """Exit code of a line, or what it raised, and what it says on stderr."""
+    """Exit code of a line, or its exception, and its text on stderr."""
     module = importlib.import_module(line.module)
     kept, said = [os.dup(number) for number in (1, 2)], Path("../said").resolve()
     outputs = [os.open(os.devnull, os.O_WRONLY), os.open(said, os.O_RDWR | os.O_CREAT | os.O_TRUNC)]
@@ -189,14 +188,14 @@ def _read(parser: Any, words: list[str]) -> int:
 
 
 def _lost(line: Line, words: Sequence[str]) -> str:
-    """Which file a command was asked for and has not written."""
+    """A requested file that a command has not written."""
     asked = vars(importlib.import_module(line.module).parser.parse_args(words))
     for name in OUTPUTS:
         target = asked.get(name)
         if not target or str(target) == "-":
             continue
         path = Path(target)
-        if path.is_relative_to("/dev"):  # this process's own streams may be files
+        if path.is_relative_to("/dev"):  # the streams of this process may be files
             continue
         if not path.exists():
             return f"--{name} {target} is not there"
@@ -227,7 +226,7 @@ def work(pipe: Any, bases: Sequence[Line], seed: int) -> None:
                 finally:
                     os.chdir(name)
 
-        for number, line in enumerate(bases):  # kernels and modules, before any clock runs
+        for number, line in enumerate(bases):  # load kernels and modules before any clock runs
             judge(line, line.words, Path(name) / f"first-{number}" / "here")
         os.chdir(name)
         campaign.serve(pipe, in_a_folder)

@@ -1,4 +1,4 @@
-"""Many damaged files in turn, each loaded in a process that may die of it; what became of them."""
+"""Many damaged files, loaded in a process that is replaced when it dies, and their outcomes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from tests.proof.fuzzing import verdict
 from tests.proof.fuzzing.inputs import Base, mutant
 from tests.proof.fuzzing.verdict import Verdict
 
-CPU_LIMIT, WALL_LIMIT = 5, 300.0  # s an input; the processor's time counts, whatever else it does
-MEMORY = 6 * 2**30  # bytes of address space a process may have
-DEEP = 3  # one input in so many, where it is accepted, is compared term by term in both engines
+CPU_LIMIT, WALL_LIMIT = 5, 300.0  # s per input, of processor time
+MEMORY = 6 * 2**30  # bytes, limit of a process' address space
+DEEP = 3  # one accepted input in this many is compared term by term in both engines
 
 
 class Outcome(NamedTuple):
-    """What became of an input, and the processor's time that took (s)."""
+    """The outcome of an input, and its processor time (s)."""
 
     number: int
     verdict: Verdict
@@ -47,7 +47,8 @@ def base_files(corpus: Path) -> list[Base]:
     bundled = [BUNDLED / f"{name}.urdf" for name in ("finger", "spirob")]
     # small ones twice as often
     found = [Base(path.read_bytes()) for path in (*bundled, *own, *own)]
-    for path in sorted(corpus.glob("base/*.xml")):  # each of the URDF named first in its name
+    # each belongs to the URDF with which its name begins
+    for path in sorted(corpus.glob("base/*.xml")):
         of = path.with_name(f"{path.stem.partition('-')[0]}.urdf")
         found.append(Base(path.read_bytes(), of.read_bytes()))
     return found
@@ -67,7 +68,7 @@ def campaign(
     Parameters
     ----------
     bases : sequence of Base
-        Or whatever `worker` and `kept` take.
+        Base files, or other arguments of `worker` and `kept`.
     seed : int
     numbers : range
     keep : Path, optional
@@ -77,7 +78,7 @@ def campaign(
     worker : callable, optional
         Judges inputs in a process of its own; `work` by default, for robot files.
     kept : callable, optional
-        (bases, seed, number) → end of a file's name and content of an input.
+        (bases, seed, number) → suffix of a file's name, and content of an input.
     """
     kinds, refusals = Counter[str](), Counter[str]()
     findings, deep, slowest, began = [], 0, (0.0, -1), time.perf_counter()
@@ -115,7 +116,7 @@ def campaign(
 
 
 def summary(report: dict[str, Any]) -> str:
-    """The counts for people."""
+    """The counts as text."""
     lines = [
         f"{report['count']} inputs from number {report['first']} of seed {report['seed']}, "
         f"{report['bases']} base files, {report['wall_s']:.0f} s",
@@ -131,7 +132,7 @@ def summary(report: dict[str, Any]) -> str:
 
 
 def robot_file(bases: Sequence[Base], seed: int, index: int) -> tuple[str, bytes]:
-    """Ending of the name and content of an input."""
+    """Suffix of the name, and content of an input."""
     base = mutant(bases, seed, index)
     return "urdf" if base.of is None else "xml", base.data
 
@@ -150,8 +151,8 @@ def work(pipe: Any, bases: Sequence[Base], seed: int) -> None:
 
 
 def serve(pipe: Any, judge: Callable[[int], Verdict]) -> None:
-    """Answer numbers by verdicts until the pipe closes, inside limits of time and memory."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the engines' own complaints
+    """Answer numbers with verdicts until the pipe closes, within limits of time and memory."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # hide the engines' warnings
     _, ceiling = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

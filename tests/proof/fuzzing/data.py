@@ -1,10 +1,9 @@
-"""Damaged logs, stores, summaries and TOML: refused in one line, or read as what they say.
+"""Damaged logs, stores, summaries and TOML files: refused in one line, or read correctly.
 
-A base is a whole file of its kind. An input is the base after one to three changes, of its bytes or
-of its content: a value of a JSON or TOML file, an entry or an array of an NPZ file, written anew.
-What a reader accepts is read a second time by other means (`json`, `tomllib`, `numpy.load`), and
-what those find and the reader lost is a finding. A store has only two answers, the very content
-that it wrote or none.
+A base is a complete file of its kind. An input is the base after one to three changes, of its bytes
+or of its content: a value of a JSON or TOML file, an entry or an array of an NPZ file. An accepted
+file is read a second time by other means (`json`, `tomllib`, `numpy.load`). Content that the reader
+lost is a finding. A store must return exactly the content that it wrote, or nothing.
 """
 
 from __future__ import annotations
@@ -84,13 +83,13 @@ duration = [0.5]
 contacts = [false, true]
 """
 
-# writes a damaged file's content where a reader looks for it, reads, returns what was lost
+# writes the content of a damaged file to a folder, reads it, returns the lost content
 Reader = Callable[[bytes, Path], str]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A base file, how its content is changed, and who reads it as a user would."""
+    """A base file, the change of its content, and the reader that a user would call."""
 
     name: str
     base: bytes
@@ -130,7 +129,7 @@ def kinds() -> list[Kind]:
 
 
 def mutant(bases: Sequence[Kind], seed: int, index: int) -> tuple[Kind, bytes]:
-    """The input number `index` of a seed, and the kind that it is of; independent of all others."""
+    """The input number `index` of a seed, and its kind; independent of all other inputs."""
     rng = random.Random(f"{seed}:{index}")
     kind = rng.choices(bases, (4, 1, 1, 2, 2, 2))[0]
     data = kind.base
@@ -140,7 +139,7 @@ def mutant(bases: Sequence[Kind], seed: int, index: int) -> tuple[Kind, bytes]:
 
 
 def judge(kind: Kind, data: bytes, folder: Path) -> Verdict:
-    """Write an input, read it as a user would, and look for what went wrong."""
+    """Write an input, read it as a user would, and look for errors."""
     path = folder / kind.name
     try:
         with warnings.catch_warnings():
@@ -159,16 +158,17 @@ def judge(kind: Kind, data: bytes, folder: Path) -> Verdict:
 
 
 def template(name: str, text: str) -> str:
-    """A refusal without its particulars."""
+    """The text of a refusal without its variable parts."""
     expected = text.partition("expected ")[2].partition(", got ")[0]
     return re.sub(r"'[^']*'|\d+", "…", f"{name} expected {expected}")[:100]
 
 
-# -- readers, and what they lost ---------------------------------------------------------------
+# -- readers, and the content that they lost
+# ---------------------------------------------------------------
 
 
 def read_log(data: bytes, path: Path) -> str:
-    """A log is what NumPy reads, and comes back when it is saved again."""
+    """Read a log; it must equal NumPy's reading, also after it is saved again."""
     path.write_bytes(data)
     log = Log.load(path)
     with np.load(path) as file:
@@ -197,13 +197,13 @@ def _same_bytes(one: np.ndarray, other: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class Stored:
-    """Of a store's file below `part`: read as it was written in `base`, or taken for missing."""
+    """Reads a store's file in `part`; it must equal the one in `base`, or count as missing."""
 
     part: str
     base: bytes
 
     def __call__(self, data: bytes, path: Path) -> str:
-        """Read it."""
+        """Read the file; return the lost content."""
         store = Store(path.parent, times="times")
         file = path.parent / self.part / path.name
         file.parent.mkdir(exist_ok=True)
@@ -218,7 +218,7 @@ class Stored:
 
 
 def read_summary(data: bytes, path: Path) -> str:
-    """A tuning's settings are those in the file, and can be run."""
+    """Read a tuning's summary; the settings must be those in the file, and valid."""
     path.write_bytes(data)
     search = paper_tuning.read_search(path)
     schedule_search.schedule_toml(search.start)
@@ -229,7 +229,7 @@ def read_summary(data: bytes, path: Path) -> str:
 
 
 def read_sweep(data: bytes, path: Path) -> str:
-    """A sweep has every robot, controller, target and parameter of its file."""
+    """Read a sweep; it must have every robot, controller, target and parameter of the file."""
     path.write_bytes(data)
     sweep = sweep_file.read_sweep(path)
     table = tomllib.loads(data.decode())
@@ -254,7 +254,7 @@ def read_sweep(data: bytes, path: Path) -> str:
 
 
 def read_schedule(data: bytes, path: Path) -> str:
-    """A schedule has every number of its file."""
+    """Read a schedule; it must have every number of the file."""
     path.write_bytes(data)
     table = read_toml(path)
     found = schedule_search.schedule_tables(make_schedule(table))
@@ -271,7 +271,7 @@ def read_schedule(data: bytes, path: Path) -> str:
 
 
 def change_json(rng: random.Random, data: bytes) -> bytes:
-    """Another value, name or nesting somewhere; what is no JSON has its text changed."""
+    """Change a value, a name or the nesting of JSON; other files get another text."""
     try:
         content = json.loads(data)
         _change_tree(rng, content)
@@ -281,7 +281,7 @@ def change_json(rng: random.Random, data: bytes) -> bytes:
 
 
 def change_text(rng: random.Random, data: bytes) -> bytes:
-    """A word somewhere replaced by one of `TEXTS`, or by another of the file; or a line doubled."""
+    """Replace a word by one of `TEXTS` or by another word of the file; or double a line."""
     lines = data.split(b"\n")
     at = rng.randrange(len(lines))
     if rng.random() < 0.2:
@@ -319,7 +319,7 @@ def _places(content: Any) -> list[tuple[Any, Any]]:
 
 
 def change_npz(rng: random.Random, data: bytes) -> bytes:
-    """One entry changed, gone, renamed or with a header that lies, all written anew."""
+    """Change, remove or rename an entry, or write a false header; the file is written anew."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = {i.filename: archive.read(i) for i in archive.infolist() if i.file_size < 1e6}
@@ -342,7 +342,8 @@ def change_npz(rng: random.Random, data: bytes) -> bytes:
     method = rng.choice((0, 8, 8, 8, 12, 14))
     with zipfile.ZipFile(file, "w") as archive:
         for entry, part in entries.items():
-            archive.writestr(zipfile.ZipInfo(entry), part, method)  # of 1980, whenever it is made
+            # a fixed date, 1980, so that the bytes are reproducible
+            archive.writestr(zipfile.ZipInfo(entry), part, method)
     return file.getvalue()
 
 
@@ -355,7 +356,7 @@ def _header(rng: random.Random) -> bytes:
 
 
 def _variants(array: np.ndarray) -> list[np.ndarray]:
-    """An array in other shapes and types."""
+    """The array in other shapes and types."""
     if not array.ndim or array.dtype.kind != "f":
         return [array[None], np.zeros(3)]
     shapes = [array[..., :-1], array.T, array[::-1], array[None], np.concatenate((array, array))]

@@ -1,8 +1,8 @@
-"""Mutated robot files: a base file, a seed and an index in, bytes out, always the same.
+"""Mutated robot files, determined by a base file, a seed and an index.
 
-A mutant is a base file after one to four changes, each at random one of bytes, of tokens, of
-numbers, or of the tree (elements moved, doubled, deleted, renamed; attributes likewise; whole
-subtrees repeated until they are deep or many). Half of the tree's changes aim at the annotations.
+A mutant is a base file after one to four random changes. Each changes bytes, tokens, numbers or the
+tree. In the tree, elements and attributes are moved, doubled, deleted or renamed, and subtrees are
+repeated until they are deep or many. Half of the tree's changes affect the annotations.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def changed_bytes(rng: random.Random, data: bytes) -> bytes:
 
 
 def _tokens(rng: random.Random, data: bytes) -> bytes:
-    """Swap two quoted values, or write one in other words."""
+    """Swap two quoted values, or replace one by another text."""
     found = [m.span() for m in QUOTED.finditer(data)]
     if not found:
         return data
@@ -119,7 +119,7 @@ def _number(rng: random.Random, data: bytes) -> bytes:
 
 
 def _tree(rng: random.Random, data: bytes) -> bytes:
-    """Change the document's tree; what is no document stays as it is."""
+    """Change the document's tree; data that is not XML stays unchanged."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
     try:
         root = etree.fromstring(data, parser)
@@ -181,7 +181,7 @@ def _attribute(rng: random.Random, element: etree._Element, elements: list) -> N
         element.set(name, _sayable(rng.choice((*NUMBERS, *VECTORS))))
     elif kind == 3:
         element.set(name, _sayable(rng.choice(NAMES)))
-    else:  # another element's, of the same attribute or of any
+    else:  # the value of another element, from the same or any attribute
         values = [e.get(name) for e in elements if e.get(name)] if kind == 4 else []
         values = values or [v for e in elements for v in e.attrib.values()]
         element.set(name, rng.choice(values))
@@ -198,7 +198,7 @@ def _swap(rng: random.Random, element: etree._Element, elements: list) -> None:
 
 
 def _repeat(rng: random.Random, element: etree._Element, elements: list) -> None:
-    """Many copies side by side, or one inside the other."""
+    """Repeat an element side by side, or nested."""
     count = rng.choice((3, 30, 300))
     if rng.random() < 0.5:
         for k in range(count):
@@ -219,5 +219,5 @@ def _copy(element: etree._Element) -> etree._Element:
 
 
 def _sayable(text: str) -> str:
-    """`text` without what XML cannot hold."""
+    """`text` without characters that XML cannot contain."""
     return "".join(c for c in text if c >= " " or c in "\t\n")

@@ -1,4 +1,4 @@
-"""Damaged messages to a live robot: each is refused in one line, or done and the robot goes on."""
+"""Damaged messages to a live robot, which must refuse each in one line or obey it and go on."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def mutant(bases: Sequence[bytes], seed: int, index: int) -> bytes:
 
 
 def judge(session: Session, data: bytes) -> Verdict:
-    """Say it to a session and let that go on for a period."""
+    """Send a message to a session and run the session for a period."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -1,8 +1,8 @@
-"""A robot's file read once more, by another parser and other code: what should `Robot` hold?
+"""A second reading of a robot's file, by another parser, to check the content of `Robot`.
 
-`differences` names everything that stands in the file and not in the parse, or the other way
-round. The reading follows docs/format.md, on expat through the standard library; it shares nothing
-with softdyn's own and knows nothing of errors: it is asked about accepted files only.
+`differences` lists everything that is in the file and not in the parse, or the other way round.
+This reading follows docs/format.md and uses expat from the standard library. It shares no code with
+softdyn's reader. It does not look for errors, because it only reads accepted files.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from softdyn import Robot
 from softdyn.description.robot import Joint
 
-# Elements whose children are ours to read; all others belong to other tools.
+# Elements whose children softdyn reads; all others belong to other tools.
 OURS = {
     "robot", "link", "joint", "inertial", "origin", "mass", "inertia", "parent", "child", "axis",
     "limit", "dynamics", "softdyn", "tendon", "site", "actuator", "task",
@@ -27,16 +27,16 @@ COUNTED = ("link", "joint", "tendon", "actuator", "site", "softdyn", "inertial")
 
 
 def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> list[str]:
-    """What the parse and the second reading do not agree on; empty when nothing was lost.
+    """Differences between the parse and the second reading; empty if nothing was lost.
 
     Parameters
     ----------
     robot : Robot
-        What was read.
+        The parse.
     data : bytes
         The URDF.
     annotations : bytes, optional
-        The block, where it has a file of its own.
+        The block, if it is in a separate file.
     """
     try:
         root = ElementTree.fromstring(data)
@@ -54,7 +54,7 @@ def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> 
 
 
 def _lay_over(root: ElementTree.Element, block: ElementTree.Element) -> None:
-    """Write the block into the URDF, springs and dampers of its joints where a URDF has them."""
+    """Write the block into the URDF, with springs and dampers of joints in their usual places."""
     root.append(block)
     joints = {element.get("name"): element for element in root.findall("joint")}
     for element in block.findall("joint"):
@@ -71,7 +71,7 @@ def _lay_over(root: ElementTree.Element, block: ElementTree.Element) -> None:
 
 
 def _counts(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
-    """Elements wherever they stand among ours: a misplaced one must not vanish."""
+    """Count all elements of softdyn, so that a misplaced one is not overlooked."""
     inside = Counter(element.tag for element in _ours(root))
     block = root.find("softdyn")
     armatures = 0 if block is None else len(block.findall("joint"))
@@ -222,7 +222,7 @@ def _vector(element: ElementTree.Element | None, name: str) -> np.ndarray:
 def _pose(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and translation (3,) of an element's <origin>."""
     origin = element.find("origin")
-    turn = Rotation.from_euler("xyz", _vector(origin, "rpy"))  # about fixed axes
+    turn = Rotation.from_euler("xyz", _vector(origin, "rpy"))  # rotations about fixed axes
     return turn.as_matrix(), _vector(origin, "xyz")
 
 

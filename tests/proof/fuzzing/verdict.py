@@ -1,4 +1,4 @@
-"""What becomes of one input: refused in one line, accepted and read alike, or a finding."""
+"""The verdict on one input: refused in one line, accepted and read correctly, or a finding."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from tests.proof.fuzzing.second_reading import differences
 
 REFUSED, ACCEPTED = "refused", "accepted"
 LOST, EXCEPTION, ENGINES, MESSAGE = "lost content", "exception", "engines differ", "message"
-CRASH, HANG = "crash", "hang"  # seen from outside the process
+CRASH, HANG = "crash", "hang"  # detected from outside the process
 FINDINGS = (CRASH, HANG, LOST, EXCEPTION, ENGINES, MESSAGE)
 LONGEST_MESSAGE = 1500
-# Engines are compared where rounding cannot hide a difference, and to what it then leaves.
+# Engines are compared only where rounding cannot hide a difference, with this tolerance.
 LARGEST, SMALLEST, CONDITION, TOLERANCE = 1e3, 1e-9, 1e8, 1e-7
-TERMS = ("M", "bias", "K", "D", "B")  # compared, beside the tip
+TERMS = ("M", "bias", "K", "D", "B")  # compared terms, besides the tip
 LARGEST_TREE = 60  # links; MuJoCo takes seconds to compile the largest ones
 
 
 class Verdict(NamedTuple):
-    """`kind` is one of those above; `deep` says that both engines had their say."""
+    """`kind` is one of the constants above; `deep` says whether both engines were compared."""
 
     kind: str
     detail: str = ""
@@ -38,14 +38,14 @@ class Verdict(NamedTuple):
 
 
 def judge(data: bytes, path: Path, deep: bool, of: bytes | None = None) -> Verdict:
-    """Write an input to `path`, load it as a user would, and look for what went wrong.
+    """Write an input to `path`, load it as a user would, and look for errors.
 
     Parameters
     ----------
     data : bytes
         A URDF, or the annotations of the URDF `of`.
     path : Path
-        Where it is written.
+        The file to which it is written.
     deep : bool
         Whether an accepted robot is also built in MuJoCo and compared term by term.
     of : bytes, optional
@@ -78,7 +78,7 @@ def _refusal(error: SoftdynError, paths: tuple[Path, ...]) -> Verdict:
 
 
 def template(error: UrdfError) -> str:
-    """A refusal without its particulars: which tags, and what was expected of them."""
+    """The text of a refusal without its variable parts: the tags, and the expected value."""
     tags = "".join(re.findall(r"<[\w{}:.-]*", error.element)) or error.element
     return re.sub(r"'[^']*'|\d+", "…", f"{tags} expected {error.expected}")[:150]
 
@@ -97,7 +97,7 @@ def _judge(robot: Robot, deep: bool) -> Verdict:
 
 
 def compare_engines(model: SoftModel) -> str:
-    """Terms of the dynamics that MuJoCo computes otherwise, at one random state; "" if none."""
+    """Terms of the dynamics in which MuJoCo differs, at one random state; "" if none."""
     rng = np.random.default_rng(0)
     twin = Twin(model, limits=False)
     other = MujocoTerms(twin, StateMap(model, twin))
@@ -116,7 +116,7 @@ def compare_engines(model: SoftModel) -> str:
 
 
 def _comparable(model: SoftModel, M: np.ndarray) -> bool:
-    """Whether the robot's numbers leave both engines their digits."""
+    """Whether the robot's numbers are moderate enough for a precise comparison."""
     robot = model.robot
     sizes = [*(abs(x) for j in robot.joints for x in (*j.origin.xyz, j.stiffness, j.damping))]
     sizes += [abs(x) for link in robot.links for x in (link.inertia.mass, *link.inertia.com)]

@@ -1,5 +1,5 @@
-"""The controllers against the paper's QPs, and the reference implementation recorded.
+"""The controllers compared with the paper's QPs, and recordings of the reference implementation.
 
-- `agreement`: every controller against the paper's QP as printed, at random states;
-- `record_reference`: the reference implementation, recorded in an environment of its own.
+- `agreement`: every controller compared with the paper's printed QP, at random states;
+- `record_reference`: records the reference implementation in a separate environment.
 """

@@ -1,4 +1,4 @@
-"""Every law of the paper against its QP as printed, at states that move."""
+"""Every controller of the paper compared with its printed QP, at moving states."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from softdyn.validation.paper import paper_qps
 from softdyn.validation.paper.solvers import LeastNorm, Quadprog, unknowns
 
 TOLERANCE = 1e-6  # of the input range
-SAME_COST = 1e-9  # relative: minimisers of CLF-QP whose cost agrees to this are one to any solver
+# relative: a solver cannot distinguish minimisers of CLF-QP whose cost agrees to this
+SAME_COST = 1e-9
 RIDGE = 1e-7  # of the proximal iteration on CLF-QP's semidefinite QP
 COLUMNS = (
     ("robot", "robot", ""),
@@ -40,7 +41,7 @@ def states(model: SoftModel, count: int, seed: int = 0) -> Iterator[tuple[State,
 
 
 def textbook(name: str, state: State, reference: Reference, gains: Gains) -> np.ndarray:
-    """The input (m,) that the paper's text asks for, every unknown explicit."""
+    """The input (m,) by the paper's text, with every unknown explicit."""
     task = paper_qps.tip(state, reference)
     if name in paper_qps.PAPER_QPS:
         solver = LeastNorm(Quadprog(RIDGE)) if name == "clf-qp" else Quadprog()
@@ -66,10 +67,10 @@ def clf_cost(u: np.ndarray, state: State, reference: Reference, gains: Gains) ->
 def compare(
     model: SoftModel, name: str, count: int, seed: int = 0, tick: Callable[[], Any] = lambda: None
 ) -> dict[str, Any]:
-    """The largest difference of a law from its textbook form, as a share of the input range.
+    """The largest difference of a controller from its textbook form, relative to the input range.
 
-    Where CLF-QP's answer is another than the oracle's, its cost is judged: `excess` is how much
-    dearer the law's is, relative, and `others` in how many states that was asked.
+    If CLF-QP's answer differs from the oracle's, their costs are compared. `excess` is the relative
+    excess of the controller's cost, and `others` is the number of such states.
     """
     law = CONTROLLERS[name](model)
     span = float((model.u_max - model.u_min).max())

@@ -1,15 +1,15 @@
-"""Record the reference implementation at every control step, in an environment of its own.
+"""Record the reference implementation at every control step, in a separate environment.
 
-Nothing of softdyn is imported: the reference's logs were made with MuJoCo 3.2.7 or older, which is
-not our engine. With mujoco==3.2.7, cvxpy, scs==3.2.11 and pandas installed:
+It imports nothing of softdyn, because the reference's logs were made with MuJoCo 3.2.7 or older,
+which softdyn does not support. With mujoco==3.2.7, cvxpy, scs==3.2.11 and pandas installed:
 
     python record_reference.py CHECKOUT FOLDER CELL …        e.g. helix_uic_omega0.5
 
 CHECKOUT is https://github.com/CyPhiLab/tendon_clf at the commit to be recorded. Each cell becomes
-FOLDER/CELL.npz with what `reproduce.py --records` reads: q and v right before each step, ctrl, and
-the target in the reference's own world. A name that ends with _nudgeN starts with velocities of
-1e-9 (rad/s, m/s), normal, of seed N. FOLDER/CELL.json has the engine, the run's figure (cm or
-cm²), that of the checkout's own log, and how far their inputs are apart.
+FOLDER/CELL.npz for `reproduce.py --records`: q and v before each step, ctrl, and the target in the
+reference's own world. A name that ends with _nudgeN starts with normally distributed velocities of
+1e-9 (rad/s, m/s) from seed N. FOLDER/CELL.json has the engine, the run's figure (cm or cm²), that
+of the checkout's own log, and the distance of their inputs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NAMES = ("q", "v", "ctrl", "target")
 def record(
     utils: Any, robot: str, law: str, target: str, nudge: int | None = None
 ) -> tuple[dict[str, Any], Any]:
-    """Arrays by their names, a row a step, and the run as the reference logs it."""
+    """Arrays by name with a row per step, and the run's log by the reference."""
     kept: dict[str, list[np.ndarray]] = {name: [] for name in NAMES}
     start, step = utils.Robot.initialize_simulation_state, utils.Robot.step_simulation
 
@@ -69,7 +69,7 @@ def record(
 
 
 def read_log(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (m) and inputs of a committed log; empty where there is none."""
+    """Errors (m) and inputs of a committed log; empty if it is missing."""
     if not path.is_file():
         return np.zeros(0), np.zeros((0, 0))
     lines = [line for line in path.read_text().splitlines() if line and line[0] != "#"]
@@ -86,7 +86,7 @@ def figure(errors: np.ndarray, target: str) -> float:
 
 def main(checkout: Path, folder: Path, cells: list[str]) -> None:
     """Record each cell."""
-    viewer = types.ModuleType("mujoco.viewer")  # never opened, and it would ask for a display
+    viewer = types.ModuleType("mujoco.viewer")  # never opened, because it would need a display
     sys.modules["mujoco.viewer"] = mujoco.viewer = viewer
     sys.path.insert(0, str(checkout))
     folder.mkdir(parents=True, exist_ok=True)

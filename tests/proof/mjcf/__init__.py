@@ -1,5 +1,5 @@
-"""Public files of the same robots, as tables.
+"""Tables of comparisons between public files of the same robots.
 
-- `public_pairs`: robots of example-robot-data against public MJCFs of them;
-- `reader_survey`: every MJCF of some folders through Pinocchio's own reader.
+- `public_pairs`: URDFs of example-robot-data compared with public MJCFs of the same robots;
+- `reader_survey`: Pinocchio's own reader on every MJCF of some folders.
 """

@@ -1,7 +1,7 @@
-"""Public files of the same robots from different hands, compared: a row a pair.
+"""Comparisons of public files of the same robots by different authors, a row per pair.
 
-The URDFs are those of example-robot-data; the MJCFs are looked for below folders that the user
-names, since their repositories are large.
+The URDFs are those of example-robot-data. The MJCFs are searched in folders that the user names,
+because their repositories are large.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from softdyn.validation.mjcf.comparison.result import Comparison
 from softdyn.validation.tables import Table, document
 from tests.proof.mjcf.reader_survey import Readers, survey_readers
 
-# Ends of paths: of example-robot-data, or of a file below the user's folders.
+# Ends of paths, in example-robot-data or in the user's folders.
 PAIRS = (
     ("urdf/a1.urdf", "unitree_a1/a1.xml"),
     ("robots/anymal.urdf", "anybotics_anymal_b/anymal_b.xml"),
@@ -49,7 +49,7 @@ COMMAND = "python -m tests.proof pairs DIR … --markdown docs/pairs.md"
 
 @dataclass(frozen=True)
 class PairRow:
-    """One pair: its comparison, or why there is none."""
+    """One pair: its comparison, or the reason why there is none."""
 
     a: str
     b: str
@@ -73,7 +73,7 @@ class PairRow:
 
 @dataclass(frozen=True)
 class PairReport:
-    """All pairs whose files were found, and those that were not."""
+    """All pairs whose files were found, and the missing ones."""
 
     rows: tuple[PairRow, ...]
     missing: tuple[str, ...]
@@ -81,12 +81,12 @@ class PairReport:
 
     @property
     def passed(self) -> bool:
-        """Whether every pair was compared, and explained to the end."""
+        """Whether every pair was compared and all its differences have a cause."""
         return all(row.result is not None and row.result.explained for row in self.rows)
 
     @property
     def table(self) -> Table:
-        """A row a pair."""
+        """A table with a row per pair."""
         titles = ["A", "B", "joints", "verdict", "largest causes", "left", "s"]
         formats = ["", "", "", "", "", ".0e", ".1f"]
         return Table(titles, [row.cells for row in self.rows], formats)
@@ -101,7 +101,7 @@ class PairReport:
         return found | {"pinocchio": self.readers.to_dict()}
 
     def document(self) -> str:
-        """The tables as a document."""
+        """A document with the tables."""
         return document(
             "# Public pairs",
             f"Made by `{COMMAND}`; what the words mean: [two files, one robot](compare.md).",
@@ -129,14 +129,14 @@ def survey(folders: Sequence[str], samples: int = 8, seed: int = 0) -> PairRepor
     Parameters
     ----------
     folders : sequence of str
-        Where the repositories of public MJCFs are; the first file that fits is taken.
+        Folders with repositories of public MJCFs; the first file that fits is used.
     samples, seed : int
         Number of random states, and their seed.
 
     Raises
     ------
     InputError
-        For a folder that is none, or where no pair is found.
+        A folder does not exist, or contains no pair.
     """
     files: list[Path] = list(example_files())
     for folder in folders:

@@ -1,4 +1,4 @@
-"""Every MJCF of some folders through Pinocchio's own reader."""
+"""Pinocchio's own reader on every MJCF of some folders."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from softdyn.validation.tables import Table
 
 @dataclass(frozen=True)
 class Readers:
-    """Every MJCF of some folders."""
+    """The verdicts on every MJCF of some folders."""
 
     verdicts: tuple[ReaderVerdict, ...]
     refused: tuple[str, ...]
 
     @property
     def exact(self) -> int:
-        """How many Pinocchio reads right."""
+        """Number of files that Pinocchio reads correctly."""
         return sum(verdict.exact for verdict in self.verdicts)
 
     def __str__(self) -> str:
@@ -31,7 +31,7 @@ class Readers:
 
     @property
     def table(self) -> Table:
-        """The files that are not read exactly; a row for all that share a reason."""
+        """The files that are not read exactly; files with the same reason share a row."""
         groups: dict[str, list[ReaderVerdict]] = {}
         for verdict in self.verdicts:
             if not verdict.exact:
@@ -50,7 +50,7 @@ class Readers:
 
     @property
     def summary(self) -> str:
-        """Counts in one line."""
+        """The counts in one line."""
         return (
             f"{len(self.verdicts)} MJCFs that MuJoCo reads: {self.exact} exact in Pinocchio, "
             f"{len(self.verdicts) - self.exact} not; {len(self.refused)} not asked"
@@ -63,7 +63,7 @@ class Readers:
 
 
 def survey_readers(folders: Sequence[str]) -> Readers:
-    """Read every MJCF below the folders that is a robot of its own."""
+    """Read every MJCF in the folders that is a complete robot."""
     verdicts, refused = [], []
     for folder in folders:
         for path in sorted(Path(folder).rglob("*.xml")):

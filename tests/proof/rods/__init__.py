@@ -1,6 +1,6 @@
-"""Rods whose behaviour theory knows, and the same arm in another code.
+"""Designed arms compared with theory, and with another code.
 
 - `closed_forms`: Euler–Bernoulli, Rayleigh, Timoshenko, the elastica, constant curvature;
-- `tables`: the generator against each of these, as the tables of docs/design.md;
+- `tables`: designed arms compared with each of these, as the tables of docs/design.md;
 - `peer`: the same arm in SoRoMoX.
 """

@@ -1,6 +1,6 @@
-"""What theory says of a straight, uniform, round rod that is clamped at one end.
+"""Closed forms for a straight, uniform, round rod that is clamped at one end.
 
-Written from the textbooks' equations alone: nothing here knows how softdyn models a rod.
+They come from textbooks only and are independent of softdyn's model of a rod.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class Rod:
 
     @property
     def area(self) -> float:
-        """Of the cross-section (m²)."""
+        """Area of the cross-section (m²)."""
         return math.pi * self.radius**2
 
 
 def tip_compliance(rod: Rod) -> float:
-    """δ/P of a small force across the tip, Euler–Bernoulli: L³ / 3EI (m/N)."""
+    """δ/P for a small transverse force at the tip, Euler–Bernoulli: L³ / 3EI (m/N)."""
     return rod.length**3 / (3 * rod.EI)
 
 
@@ -94,10 +94,10 @@ def rayleigh_frequencies(rod: Rod, count: int = 3) -> np.ndarray:
 
 
 def elastica(rod: Rod, angle: float) -> tuple[float, np.ndarray]:
-    """Force P (N) that turns the tip by `angle` (rad), and where the tip is (2,) (m).
+    """Force P (N) that turns the tip by `angle` (rad), and the position of the tip (2,) (m).
 
-    A dead force across the undeformed rod; coordinates along it and along the force
-    (Bisshopp & Drucker, 1945).
+    The force keeps its direction, normal to the undeformed rod. Coordinates are along the
+    undeformed rod and along the force (Bisshopp & Drucker, 1945).
     """
     s = math.sin(angle)
     m = (1 + s) / 2
@@ -109,5 +109,5 @@ def elastica(rod: Rod, angle: float) -> tuple[float, np.ndarray]:
 
 
 def arc(rod: Rod, angle: float) -> np.ndarray:
-    """Tip (2,) of a rod of constant curvature that turns by `angle` (rad): along, across (m)."""
+    """Tip (2,) of a rod of constant curvature that bends by `angle` (rad): along, across (m)."""
     return rod.length / angle * np.array([math.sin(angle), 1 - math.cos(angle)])

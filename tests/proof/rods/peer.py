@@ -1,7 +1,8 @@
 """The same rod in an independent code: SoRoMoX's piecewise constant strain model (extra `peers`).
 
-Its strains are those of `softdyn.design.strain_basis`, so M, C q̇, g, K and the tip compare as they
-are at the same coordinates; what differs is the chain's discretisation, which n takes away.
+Its strains are those of `softdyn.design.strain_basis`, so that M, C q̇, g, K and the tip can be
+compared directly at the same coordinates. They differ by the discretisation of the chain, which
+vanishes with growing n.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ MOST = 42
 
 
 def build(arm: design.Arm) -> tuple[Any, list[str]]:
-    """The peer's model of an arm that is held level, and the names of its coordinates.
+    """The peer's model of a horizontal arm, and the names of its coordinates.
 
     Raises
     ------
     InputError
-        Where the extra is not installed.
+        The extra is not installed.
     """
     try:
         import jax
@@ -76,16 +77,15 @@ def build(arm: design.Arm) -> tuple[Any, list[str]]:
 
 
 def compare(counts: Sequence[int], arm: design.Arm = ARM, seed: int = 0) -> dict[str, Any]:
-    """Ladders of our terms against the peer's at one random state, and the time of each.
+    """Ladders of our terms relative to the peer's at one random state, and the time of each.
 
     Parameters
     ----------
     counts : sequence of int
         Joints in each section.
     arm : Arm
-        Of uniform sections, held level.
-    seed : int
-        Of the state.
+        A horizontal arm of uniform sections.
+    seed : int Seed of the state.
     """
     import jax
 
@@ -154,7 +154,7 @@ def peer_table(found: dict[str, Any]) -> str:
 
 
 def _sag(terms: Callable[..., Any], size: int) -> np.ndarray:
-    """Where the peer's tip (3,) rests under its weight: g + K = 0, in four steps of load."""
+    """Tip (3,) of the peer at equilibrium under its weight: g + K = 0, in four steps of load."""
     xi, still = np.zeros(size), np.zeros(size)
     for share in (0.25, 0.5, 0.75, 1.0):
 

@@ -1,4 +1,4 @@
-"""The generator against closed forms: the tables of docs/design.md."""
+"""Designed arms compared with closed forms: the tables of docs/design.md."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tests.proof.rods import closed_forms
 from tests.proof.rods.closed_forms import Rod
 
 ROD = Rod(1.0, 0.01, 1e10, 0.3, 1e-2)
-"""Of no weight to speak of, for statics."""
+"""Of negligible weight, for statics."""
 SLENDER = Rod(1.0, 0.001, 1e9, 0.3, 1e3)
 STOCKY = Rod(1.0, 0.01, 1e7, 0.3, 1e3)
 THICK = Rod(1.0, 0.1, 1e10, 0.3, 1e-2)
 OFFSET = 0.8
-"""Of a cable, over the radius."""
+"""Offset of a cable, relative to the radius."""
 LEVEL = design.Mount(direction=(1.0, 0.0, 0.0))
 
 
@@ -35,7 +35,7 @@ def arm_of(
     cable: design.Cable | None = None,
     discs: int = 0,
 ) -> design.Arm:
-    """A rod held level."""
+    """A horizontal rod."""
     material = design.Material(rod.modulus, rod.ratio, rod.density)
     section = design.Section(rod.length, rod.radius, material, segments, freedoms, discs=discs)
     cables = (cable,) if cable else ()
@@ -54,7 +54,7 @@ class Case:
     exact : ndarray
         The closed form.
     scale : float
-        What errors are relative to.
+        Scale to which errors are relative.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """Every closed form that the generator is held against."""
+    """Every closed form with which designed arms are compared."""
     small = closed_forms.tip_compliance(ROD)
     found = [
         Case("small force at the tip (Euler–Bernoulli)", _compliance(ROD, ("bend_y",)),
@@ -90,7 +90,7 @@ def cases() -> list[Case]:
 
 
 def tip_under(model: SoftModel, force: np.ndarray) -> np.ndarray:
-    """Where the tip (3,) rests under a dead force (3,) on it and no input (N, m).
+    """Equilibrium (3,) of the tip under a constant force (3,) on it and no input (N, m).
 
     Newton's method on K + g - Jᵀf = 0 in ten steps of load; ∂(Jᵀf)/∂q by differences.
     """
@@ -115,13 +115,13 @@ def tip_under(model: SoftModel, force: np.ndarray) -> np.ndarray:
 
 
 def run(counts: Sequence[int], only: Iterable[Case] | None = None) -> dict[str, list[Ladder]]:
-    """A ladder of every case, by rule."""
+    """Run a ladder of every case, by rule."""
     chosen = cases() if only is None else list(only)
     return {name: [case.ladder(counts, rule) for case in chosen] for name, rule in RULES.items()}
 
 
 def disc_excess(counts: Sequence[int], degrees: float = 60.0) -> list[float]:
-    """By how much straight cables between n discs, at n midpoint joints, bend a rod more."""
+    """Relative excess bending by straight cables between n discs, at n midpoint joints."""
     found = []
     for n in counts:
         cable = design.Cable(math.pi, OFFSET * ROD.radius, True, 1e6)
@@ -133,7 +133,7 @@ def disc_excess(counts: Sequence[int], degrees: float = 60.0) -> list[float]:
 
 
 def fastest(counts: Sequence[int], rule: Rule) -> list[float]:
-    """Fastest mode over the first one: what a plant's step has to follow."""
+    """Ratio of the fastest mode to the first, which decides the plant's step."""
     layouts = [design.lay_out(arm_of(STOCKY, n, rule)) for n in counts]
     return [float(layout.rates[-1] / layout.rates[0]) for layout in layouts]
 

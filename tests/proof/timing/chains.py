@@ -1,4 +1,4 @@
-"""Serial chains of any number of joints and inputs: robots for scaling, not for looking at."""
+"""Serial chains with any number of joints and inputs, for measurements of scaling."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from softdyn.description.urdf_writer import write
 from softdyn.design.chain import Chain, Input
 
 LENGTH, MASS = 0.5, 0.3  # m, kg of the whole chain
-RADIUS = 0.02  # m, the tendons' arms
+RADIUS = 0.02  # m, moment arms of the tendons
 STIFFNESS, DAMPING = 0.04, 0.01  # N·m/rad and N·m·s/rad of a joint, each times their number
 ARMATURE = 1e-3  # kg·m²
-GOLDEN = math.pi * (3 - math.sqrt(5))  # rad between tendons: no two in one direction
+GOLDEN = math.pi * (3 - math.sqrt(5))  # rad between tendons, so that no two have the same direction
 
 
 def chain_urdf(joints: int, tendons: int = 3) -> str:
     """A hanging chain of `joints` hinges, about x and y in turn, with springs and dampers.
 
-    Joint stiffness and damping grow with the number of joints, so that all chains bend alike. The
-    tendons are fixed ones with constant arms, `tendons` of them in directions a golden angle
-    apart; tendon k of m ends (k + 1) m-ths of the way down, so that B has rank m where n ≥ 2 m.
+    Joint stiffness and damping grow with the number of joints, so that all chains bend alike. There
+    are `tendons` fixed tendons with constant moment arms, in directions a golden angle apart.
+    Tendon k of m ends at (k + 1)/m of the length, so that B has rank m for n ≥ 2 m.
     """
     chain = Chain(f"chain{joints}", " A chain for measuring step times. ", {})
     offset, mass = LENGTH / joints, MASS / joints

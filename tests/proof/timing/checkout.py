@@ -1,8 +1,8 @@
-"""A process of `comparison`: the step times of one checkout of softdyn, whatever its layout.
+"""A process of `comparison`: the step times of one checkout of softdyn, of any layout.
 
-Run as a program, ``python -P checkout.py ROUNDS LAW,LAW,… ROBOT=STATES …``, with the checkout on
-PYTHONPATH; prints {robot: {law: median (µs)}}. It must work with older ones, so it imports nothing
-else from here.
+Run it as a program, ``python -P checkout.py ROUNDS LAW,LAW,… ROBOT=STATES …``, with the checkout on
+PYTHONPATH. It prints {robot: {law: median (µs)}}. It must work with older checkouts, so it imports
+nothing else from this folder.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import softdyn
 
 
 def medians(robot: str, states: str, laws: list[str], rounds: int) -> dict[str, float]:
-    """Median (µs) of each law's step (q, v) → u over recorded states, the laws in turn."""
-    # packages beside softdyn, in checkouts that are older than the one name
+    """Median (µs) of each controller's step (q, v) → u over recorded states, taking turns."""
+    # older checkouts have packages beside softdyn
     nested = (Path(softdyn.__file__).parent / "controllers").exists()
     find = import_module("softdyn.controllers" if nested else "controllers").find_controller
     model, now, shuffle = softdyn.load(robot), perf_counter_ns, random.Random(0).shuffle

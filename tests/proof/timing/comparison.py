@@ -1,7 +1,8 @@
-"""Step times of another checkout against this one: alternating processes, ABBA.
+"""Step times of another checkout compared with this one, in alternating processes (ABBA).
 
-Old, new, new, old, …: what drifts linearly in time meets both alike. A process is one sample: its
-memory layout moves all its step times together, so more steps of one process do not average it out.
+The order is old, new, new, old, …, so that a linear drift affects both alike. A process is one
+sample. Its memory layout shifts all its step times together, so more steps in one process do not
+average this out.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from softdyn.validation.tables import Table
 from tests.proof.timing import checkout
 
 HERE = Path(softdyn.__file__).resolve().parents[1]
-LIMIT, HORIZON_LIMIT = 1.03, 1.15  # of new to old; of `best` to the law without a horizon
+# limits of the ratios of new to old, and of `best` to the controller without a horizon
+LIMIT, HORIZON_LIMIT = 1.03, 1.15
 BASE, OVER_HORIZON = "soft-id-clf-qp", "best"
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 COLUMNS = (
@@ -50,26 +52,26 @@ def compare(
     rounds: int = 5,
     tick: Callable[[], Any] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """A row for each robot and law, and for `best` against its base in the new processes.
+    """A row per robot and controller, and for `best` relative to its base in the new processes.
 
     Parameters
     ----------
     old : Path
         A checkout.
     states : dict of Path
-        By robot, a file that `RecordedStates.save` wrote; both checkouts step through it.
+        Robot → a file by `RecordedStates.save`, with the states for both checkouts.
     laws : sequence of str
     pairs : int
-        Processes of each checkout, after one of each that only warms caches of files.
+        Number of processes of each checkout, after one of each that only warms file caches.
     rounds : int
-        Through all states, in each process.
+        Number of passes over all states in each process.
     tick : callable
         Called after each pair.
 
     Raises
     ------
     InputError
-        No checkout, or one that has no such robot or law.
+        `old` is no checkout, or lacks a robot or controller.
     """
 
     if not (old / "softdyn" / "__init__.py").is_file():
@@ -109,7 +111,7 @@ def measure(root: Path, states: Mapping[str, Path], laws: Sequence[str], rounds:
 
 
 def ratio(base: np.ndarray, new: np.ndarray, limit: float, draws: int = 10_000) -> dict[str, Any]:
-    """The ratio of two medians with its 95 % bootstrap interval, pairs (n,) drawn together."""
+    """The ratio of two medians with its 95 % bootstrap interval; pairs (n,) are drawn together."""
     chosen = np.random.default_rng(0).integers(len(base), size=(draws, len(base)))
     ratios = np.median(new[chosen], axis=1) / np.median(base[chosen], axis=1)
     low, high = (float(x) for x in np.percentile(ratios, (2.5, 97.5)))

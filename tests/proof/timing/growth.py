@@ -22,7 +22,7 @@ from softdyn.validation.report.step_figures import save_with_legend
 
 
 def growth(scaling: dict[str, list[dict[str, Any]]], path: Path) -> list[Path]:
-    """The step, its QP and the floor against n and against m; PDF and PNG."""
+    """Draw the step, its QP and the floor by n and by m, as PDF and PNG."""
     with style():
         figure, axes = panels(1, 2, PAGE, 2.6)
         for i, (axis, (key, rows)) in enumerate(zip(axes[0], scaling.items(), strict=True)):

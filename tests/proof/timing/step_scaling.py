@@ -1,4 +1,4 @@
-"""How the cost of a control step grows with a robot's joints and inputs."""
+"""Growth of a control step's time with a robot's joints and inputs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tests.proof.timing.chains import chain_urdf
 JOINTS, INPUTS = (4, 8, 16, 27, 48, 72, 100, 150, 200), (1, 2, 3, 6, 9, 12, 16, 24)
 FIXED_INPUTS, FIXED_JOINTS = 3, 48  # along the other axis
 GAINS = Gains(Kp=100.0, eps=0.05)
-TARGET = np.array([0.04, 0.02, 0.01])  # m from where the tip hangs at rest
-DURATION = 0.5  # s of the closed loop that the states come from
+TARGET = np.array([0.04, 0.02, 0.01])  # m, distance of the target from the tip at rest
+DURATION = 0.5  # s, duration of the closed loop for the states
 
 
 def scaling(
@@ -33,8 +33,8 @@ def scaling(
 ) -> dict[str, list[dict[str, Any]]]:
     """Rows ``joints`` and ``inputs``: the Soft ID-CLF-QP's step on generated chains.
 
-    Every chain is driven to a point beside its rest; its step is timed on states of that loop, all
-    chains in turn. `tick` is called after each of the `rounds`.
+    Every chain moves to a point near its equilibrium, and its step is timed on states of that loop.
+    The chains take turns. `tick` is called after each of the `rounds`.
     """
     asked = {
         "joints": [(n, FIXED_INPUTS) for n in joints],
