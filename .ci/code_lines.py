@@ -1,6 +1,6 @@
-"""Lines of code: Python without blanks, comments, docstrings, tests and docs. `make count`.
+"""Count lines of code: Python without blanks, comments, docstrings, tests and docs. `make count`.
 
-The wheel and the proof of the toolkit, which is not packaged, have a line each.
+The wheel has one sum, and the proof of the toolkit, which is not packaged, another.
 """
 
 import ast
@@ -20,7 +20,7 @@ PROOF = ("tests/proof/", "urdf/", ".ci/")
 
 
 def code_lines(path: str) -> int:
-    """Lines of a file that hold a token which is neither a comment nor part of a docstring."""
+    """Lines of a file with a token that is neither a comment nor part of a docstring."""
     docstrings: set[int] = set()
     for node in ast.walk(ast.parse(Path(path).read_bytes())):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node) is not None:
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def is_test(name: str) -> bool:
-    """Whether pytest collects it."""
+    """Whether pytest collects the file."""
     return Path(name).name.startswith(("test_", "conftest"))
 
 

@@ -1,8 +1,8 @@
-"""The plan of the house: what may stand in it, and where. `make lint` runs it.
+"""Rules for the structure of the repository. `make lint` checks them.
 
-Imports that point one way are import-linter's part; its contracts stand in pyproject.toml.
+import-linter checks that imports point one way; its contracts are in pyproject.toml.
 
-    python .ci/house.py    print what breaks the plan; the exit code is 1 where something does
+python .ci/house.py print the violations; the exit code is 1 if there are any
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ ROOT = Path(__file__).resolve().parents[1]
 WHEEL = {"softdyn": "softdyn", "controllers": "softdyn.controllers",
          "validation": "softdyn.validation", "scripts": "softdyn.commands"}  # fmt: skip
 PROOF = "tests/proof"
-HELPERS = ("__init__", "__main__", "cli")  # of scripts/: no commands
+HELPERS = ("__init__", "__main__", "cli")  # modules of scripts/ that are no commands
 MOST_LINES, MOST_MODULES, MOST_COMMANDS = 400, 15, 24
-# A command is looked up by its name: the one place that imports by a string.
+# It finds a command by its name, so it alone may import by a string.
 COMMAND_TABLE = "scripts/__main__.py"
-# `Log.plot` and `Log.replay` draw a log: the two imports that may close a circle.
+# `Log.plot` and `Log.replay` draw a log: the only two imports that may close a circle.
 OF_LOG = {
     ("softdyn.validation.loop.log", "softdyn.validation.report.time_figures"),
     ("softdyn.validation.loop.log", "softdyn.validation.report.replay"),
@@ -43,9 +43,9 @@ class Module:
     Attributes
     ----------
     path : str
-        From the root, with slashes.
+        Path from the root, with slashes.
     text : str
-        What it holds.
+        Content of the file.
     """
 
     path: str
@@ -53,33 +53,33 @@ class Module:
 
     @property
     def room(self) -> str:
-        """Its folder."""
+        """The folder of the module."""
         return self.path.rpartition("/")[0]
 
     @property
     def stem(self) -> str:
-        """Its name without the folder and the ending."""
+        """The file's name without folder and suffix."""
         return Path(self.path).stem
 
     @property
     def in_wheel(self) -> bool:
-        """Whether the wheel holds it."""
+        """Whether the wheel contains the module."""
         return self.path.split("/")[0] in WHEEL
 
     @property
     def name(self) -> str:
-        """As it is imported; only of a module in the wheel."""
+        """The name under which it is imported, for a module in the wheel."""
         top, *rest = Path(self.path).with_suffix("").parts
         return ".".join([WHEEL[top], *(part for part in rest if part != "__init__")])
 
     @cached_property
     def tree(self) -> ast.Module:
-        """Its syntax."""
+        """The syntax tree."""
         return ast.parse(self.text)
 
 
 def modules(root: Path = ROOT) -> list[Module]:
-    """Every tracked module but tests, examples and the generator of the bundled robots."""
+    """All tracked modules except tests, examples and the generator of the bundled robots."""
     listed = subprocess.check_output(["git", "ls-files", "*.py"], cwd=root, text=True).splitlines()
     kept = (name for name in listed if name.startswith((*WHEEL, ".ci/", f"{PROOF}/")))
     return [
@@ -90,14 +90,14 @@ def modules(root: Path = ROOT) -> list[Module]:
 
 
 def long_modules(house: Iterable[Module]) -> Iterator[str]:
-    """Modules of more lines than a page or ten."""
+    """Modules with too many lines."""
     for module in house:
         if (lines := len(module.text.splitlines())) > MOST_LINES:
             yield f"{module.path}: expected at most {MOST_LINES} lines, got {lines}"
 
 
 def large_rooms(house: Iterable[Module]) -> Iterator[str]:
-    """Rooms of more modules than one can keep in mind; scripts are one command a file."""
+    """Folders with too many modules; scripts/ is exempt, because it has one file per command."""
     count = Counter(m.room for m in house if m.stem != "__init__" and m.room != "scripts")
     for room, number in count.items():
         if number > MOST_MODULES:
@@ -105,7 +105,7 @@ def large_rooms(house: Iterable[Module]) -> Iterator[str]:
 
 
 def silent_modules(house: Iterable[Module]) -> Iterator[str]:
-    """Modules without a docstring, and those whose name hides one of Python's."""
+    """Modules without a docstring, and modules whose name hides one of Python's."""
     for module in house:
         if not ast.get_docstring(module.tree):
             yield f"{module.path}: expected a docstring"
@@ -114,7 +114,7 @@ def silent_modules(house: Iterable[Module]) -> Iterator[str]:
 
 
 def unnamed_modules(house: Iterable[Module]) -> Iterator[str]:
-    """Modules that their package's docstring does not name."""
+    """Modules that the docstring of their package does not name."""
     rooms = defaultdict(dict)
     for module in house:
         rooms[module.room][module.stem] = module
@@ -143,7 +143,7 @@ def repeated_classes(house: Iterable[Module]) -> Iterator[str]:
 
 
 def imports_by_string(house: Iterable[Module]) -> Iterator[str]:
-    """Calls that import one of our modules by a string, which no linter sees."""
+    """Calls that import one of our modules by a string, because linters do not see them."""
     for module in house:
         if not module.in_wheel or module.path == COMMAND_TABLE:
             continue
@@ -157,7 +157,7 @@ def imports_by_string(house: Iterable[Module]) -> Iterator[str]:
 
 
 def too_many_commands(house: Iterable[Module]) -> Iterator[str]:
-    """More commands than a user can choose from."""
+    """Too many commands."""
     names = [m.stem for m in house if m.room == "scripts" and m.stem not in HELPERS]
     if len(names) > MOST_COMMANDS:
         yield f"scripts/: expected at most {MOST_COMMANDS} commands, got {len(names)}"
@@ -187,15 +187,15 @@ def circles(graph: grimp.ImportGraph, allowed: Iterable[tuple[str, str]] = ()) -
 def proof_in_the_wheel(
     house: Iterable[Module], graph: grimp.ImportGraph, public: Mapping[str, str]
 ) -> Iterator[str]:
-    """Modules that no command and no public name reaches, and imports of the proof.
+    """Modules that neither a command nor a public name reaches, and imports of the proof.
 
     Parameters
     ----------
     house : iterable of Module
     graph : ImportGraph
-        Of the wheel.
+        Imports of the wheel's modules.
     public : mapping
-        By package, the text of the stub that lists its public names.
+        Package → text of the stub that lists its public names.
     """
     own = [m for m in house if m.in_wheel]
     for module in own:
@@ -228,7 +228,7 @@ def proof_in_the_wheel(
 
 
 def problems(root: Path = ROOT) -> list[str]:
-    """Everything that breaks the plan, a line each."""
+    """All violations, a line each."""
     house = modules(root)
     graph = grimp.build_graph("softdyn", exclude_type_checking_imports=True, cache_dir=None)
     stubs = {
@@ -254,7 +254,7 @@ def problems(root: Path = ROOT) -> list[str]:
 
 
 def main() -> int:
-    """Print the problems; 1 where there are some."""
+    """Print the problems; return 1 if there are any."""
     found = problems()
     print("\n".join(found) or "the house stands as planned")
     return 1 if found else 0

@@ -1,12 +1,12 @@
 """Mutation testing by cosmic-ray: a seeded sample, kept between runs. `make mutants`.
 
-Faults are planted in a copy of the last commit, build/mutants/tree, one at a time; each is run
-against those tests that .ci/mutants.toml names for its file which run its lines. Results go to a
-session of cosmic-ray, build/mutants/session.sqlite, so that a run that was stopped goes on.
+Faults are planted one at a time in build/mutants/tree, a copy of the last commit. For each fault
+those tests run that .ci/mutants.toml names for its file and that execute its lines. Results go to a
+session of cosmic-ray, build/mutants/session.sqlite, so that an interrupted run can continue.
 
-    python .ci/mutants.py            go on, or begin: draw the sample, then run it
+python .ci/mutants.py continue, or begin: draw the sample, then run it
     python .ci/mutants.py --draw     only draw the sample
-    python .ci/mutants.py --again    run the survivors in the code and tests of the commit of now
+    python .ci/mutants.py --again    run the survivors in the code and tests of the current commit
     python .ci/mutants.py --report   the figures and the survivors
 """
 
@@ -38,16 +38,16 @@ SESSION, AGAIN = FOLDER / "session.sqlite", FOLDER / "again.json"
 
 
 def sources() -> list[Path]:
-    """The files to plant faults in, from the root."""
+    """The files in which faults are planted, from the root."""
     files = (f for name in PLAN["sources"] for f in sorted((TREE / name).glob("**/*.py")))
     return [f.relative_to(TREE) for f in files if f.name not in PLAN["skipped"]]
 
 
 def silent_lines(path: Path) -> set[tuple[int, int]]:
-    """Where (line, column) a fault changes nothing that a test should look at.
+    """Places (line, column) at which a fault changes nothing that a test should check.
 
-    Annotations, the words of error messages (all of a `raise`), how a function is compiled, cached
-    or typed (its decorators), and what only a type checker reads.
+    These are annotations, texts of error messages (all of a `raise`), decorators, which decide how
+    a function is compiled, cached or typed, and code for type checkers only.
     """
     spans: list[ast.AST] = []
     text = (TREE / path).read_text()
@@ -72,9 +72,9 @@ def silent_lines(path: Path) -> set[tuple[int, int]]:
 
 
 def drawn(mutations: Iterable[MutationSpec], count: int) -> list[MutationSpec]:
-    """A sample: `count` places in the code, each with one of the faults possible there.
+    """A sample: `count` places in the code, each with one of the possible faults.
 
-    What is drawn in one file does not depend on the others, but for the number.
+    The draw in one file is independent of the other files, except for its size.
     """
     places: dict[tuple, tuple[bytes, MutationSpec]] = {}
     for mutation in mutations:
@@ -92,7 +92,7 @@ def drawn(mutations: Iterable[MutationSpec], count: int) -> list[MutationSpec]:
 
 
 def last_commit() -> str:
-    """Its name."""
+    """Name of the last commit."""
     line = ["git", "rev-parse", "--short", "HEAD"]
     return subprocess.run(line, cwd=ROOT, stdout=-1, text=True, check=True).stdout.strip()
 
@@ -101,7 +101,7 @@ def unpack(commit: str) -> None:
     """Make TREE a copy of a commit."""
     shutil.rmtree(TREE / "tests", ignore_errors=True)
     for old in (f for name in PLAN["sources"] for f in (TREE / name).rglob("*.py")):
-        old.unlink()  # compiled kernels stay
+        old.unlink()  # keep compiled kernels
     TREE.mkdir(parents=True, exist_ok=True)
     archive = subprocess.run(["git", "archive", commit], cwd=ROOT, stdout=-1, check=True).stdout
     subprocess.run(["tar", "-x", "-C", TREE], input=archive, check=True)
@@ -125,7 +125,7 @@ def draw(session: WorkDB) -> None:
 
 
 def selection(path: Path) -> str:
-    """Pytest's arguments for a file: the tests that should see a fault in it."""
+    """Pytest's arguments for a file: the tests that should detect a fault in it."""
     names = [name for name in PLAN["tests"] if str(path).startswith(name)]
     if not names:
         raise SystemExit(f"{path}: no tests are named for it in .ci/mutants.toml")
@@ -133,7 +133,7 @@ def selection(path: Path) -> str:
 
 
 def groups(faults: Iterable[Fault]) -> list[tuple[str, list[Fault]]]:
-    """Faults by the tests that should see them."""
+    """Faults, grouped by the tests that should detect them."""
     found: dict[tuple[str, bool], list[Fault]] = {}
     for fault in faults:
         found.setdefault((selection(fault.path), plain(fault.path)), []).append(fault)
@@ -142,7 +142,7 @@ def groups(faults: Iterable[Fault]) -> list[tuple[str, list[Fault]]]:
 
 
 def take_results(session: WorkDB, faults: Iterable[Fault]) -> None:
-    """Put what groups have found into the session."""
+    """Write the results of groups into the session."""
     diffs = {fault.job: fault for fault in faults}
     for line in RESULTS.read_text().splitlines() if RESULTS.exists() else ():
         job, killed, said = json.loads(line)
@@ -155,7 +155,7 @@ def take_results(session: WorkDB, faults: Iterable[Fault]) -> None:
 
 
 def drawn_faults(session: WorkDB) -> list[Fault]:
-    """All, from a file that is written once: finding their places takes a while."""
+    """All drawn faults; they are cached in a file, because finding their places is slow."""
     if DRAWN.exists():
         return [Fault(job, Path(path), *rest) for job, path, *rest in json.loads(DRAWN.read_text())]
     found = []
@@ -171,7 +171,7 @@ def drawn_faults(session: WorkDB) -> list[Fault]:
 
 
 def run(session: WorkDB) -> None:
-    """Run what is left of a session."""
+    """Run the rest of a session."""
     everything = drawn_faults(session)
     take_results(session, everything)
     done = {job for job, _ in session.results}
@@ -185,7 +185,7 @@ def run(session: WorkDB) -> None:
 
 
 def survivors(session: WorkDB) -> Iterator[tuple[str, Path, str]]:
-    """Job, file and difference of each fault that no test saw."""
+    """Job, file and diff of each fault that no test detected."""
     results = dict(session.results)
     for item in session.work_items:
         result = results.get(item.job_id)
@@ -194,7 +194,7 @@ def survivors(session: WorkDB) -> Iterator[tuple[str, Path, str]]:
 
 
 def run_again(session: WorkDB) -> None:
-    """Plant the survivors in the code of now, by their differences."""
+    """Plant the survivors in the current code, by their diffs."""
     unpack(last_commit())
     found = json.loads(AGAIN.read_text()) if AGAIN.exists() else {}
     faults = []
@@ -224,7 +224,7 @@ def run_again(session: WorkDB) -> None:
 
 
 def report(session: WorkDB) -> None:
-    """Print how many faults were seen, and the others."""
+    """Print the number of detected faults, and the survivors."""
     seen = json.loads(AGAIN.read_text()) if AGAIN.exists() else {}
     rooms: Counter[tuple[str, str]] = Counter()
     results = dict(session.results)

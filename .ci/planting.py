@@ -1,7 +1,7 @@
-"""Faults planted in running code: a plugin of pytest that collects once, and forks for each.
+"""Faults planted in running code: a plugin of pytest that collects once and forks for each fault.
 
-A fault within functions is planted in their code objects, in a fork of a process that has the
-project imported and the tests collected: what is left to do is to run them.
+The project is imported and the tests are collected once. Each fault is planted in the code objects
+of functions, in a fork of this process, where only the tests have to run.
 """
 
 import ast
@@ -30,20 +30,20 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "build/mutants"
 TREE, LOG = FOLDER / "tree", FOLDER / "log"
-RESULTS = FOLDER / "results.jsonl"  # of a group that runs
+RESULTS = FOLDER / "results.jsonl"  # of the running group
 COMMON = ["-q", "-p", "no:cacheprovider", "--hypothesis-seed=0"]
-SHARED = "shared by "  # before the place of tests that share a fixture
-ELSEWHERE = 77  # exit code of a fork whose fault is in no function
+SHARED = "shared by "  # prefix for tests that share a fixture
+ELSEWHERE = 77  # exit code of a fork whose fault is outside functions
 Found = dict[str, tuple[float, list[str]]]  # test → its time (s) and lines
 
 
 def plain(path: Path) -> bool:
-    """Whether a file's kernels have to run as they stand: compiled, a fault would not be seen."""
+    """Whether a file's kernels must run in Python, because compiled ones would hide the fault."""
     return "@compiled" in (TREE / path).read_text()
 
 
 def interpret_kernels() -> None:
-    """Kernels run as they stand, all of them, and no NumPy in their place."""
+    """Run all kernels in Python, without their NumPy replacements."""
     os.environ["NUMBA_DISABLE_JIT"] = "1"
     import_module("numba").config.DISABLE_JIT = 1
     compiled = import_module("softdyn.compiled")
@@ -53,7 +53,7 @@ def interpret_kernels() -> None:
 
 @dataclass(frozen=True)
 class Fault:
-    """One that is to be planted: whose it is, the file's text with it, and its lines."""
+    """A fault to plant: its file, the file's text with it, and its lines."""
 
     job: str
     path: Path
@@ -62,7 +62,7 @@ class Fault:
     last: int
 
     def lines(self) -> set[str]:
-        """Those that it changes, of a statement over several lines all: not each has code."""
+        """The changed lines, with all lines of their statements, as not every line has code."""
         file, found = os.path.realpath(TREE / self.path), set(range(self.first, self.last + 1))
         for node in ast.walk(ast.parse((TREE / self.path).read_text())):
             if isinstance(node, ast.stmt) and not hasattr(node, "body"):
@@ -71,7 +71,7 @@ class Fault:
         return {f"{file}:{line}" for line in found}
 
     def outside(self) -> set[str]:
-        """Of these, what is in no function: it runs at import."""
+        """The changed lines outside functions, which run at import."""
         file, inside = os.path.realpath(TREE / self.path), set[str]()
         for node in ast.walk(ast.parse((TREE / self.path).read_text())):
             if isinstance(node, ast.FunctionDef | ast.Lambda):
@@ -81,9 +81,9 @@ class Fault:
         return self.lines() - inside
 
     def plant(self, before: str) -> bool:
-        """Exchange the code of all functions that it changes; False where it is outside them.
+        """Exchange the code of all changed functions; False if the fault is outside functions.
 
-        `before` is the file's text without it.
+        `before` is the file's text without the fault.
         """
         file = os.path.realpath(TREE / self.path)
         old, new = (_codes(text, file) for text in (before, self.text))
@@ -91,7 +91,7 @@ class Fault:
         if old.keys() != new.keys() or not changed:
             return False
         planted = set()
-        gc.unfreeze()  # what is frozen is not among its objects
+        gc.unfreeze()  # frozen objects are not among gc's objects
         functions = [x for x in gc.get_objects() if isinstance(x, FunctionType)]
         gc.freeze()
         for function in functions:
@@ -106,7 +106,7 @@ class Fault:
 
 
 def _codes(text: str, file: str) -> dict[tuple[str, int], CodeType]:
-    """The code of all functions in a text, by their name and line."""
+    """The code of all functions in a text, by name and line."""
     found: dict[tuple[str, int], CodeType] = {}
     todo = [x for x in compile(text, file, "exec").co_consts if isinstance(x, CodeType)]
     while todo:
@@ -118,7 +118,7 @@ def _codes(text: str, file: str) -> dict[tuple[str, int], CodeType]:
 
 
 def forget() -> None:
-    """Empty what tests and the project keep between calls, so that each test runs all its lines."""
+    """Clear caches of tests and the project, so that each test executes all its lines."""
     for name, module in list(sys.modules.items()):
         if name.split(".")[0] in ("softdyn", "tests"):
             for kept in list(vars(module).values()):
@@ -127,16 +127,16 @@ def forget() -> None:
 
 
 class Planter:
-    """A plugin of pytest that collects tests once, and runs them in a fork for each fault."""
+    """A pytest plugin that collects tests once and runs them in a fork for each fault."""
 
     def __init__(self, faults: list[Fault]) -> None:
         self.faults, self.failed = faults, set[str]()
         self.coverage: coverage.Coverage | None = None
-        self.now = ""  # the test that runs
+        self.now = ""  # the running test
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Generator:
-        """The lines of a fixture that tests share belong to all that may use it."""
+        """Attribute the lines of a shared fixture to all tests that may use it."""
         if self.coverage is None or fixturedef.scope == "function":
             return (yield)
         self.coverage.switch_context(SHARED + str(fixturedef.baseid))
@@ -146,12 +146,12 @@ class Planter:
             self.coverage.switch_context(self.now)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Which tests fail."""
+        """Record failing tests."""
         if report.failed:
             self.failed.add(report.nodeid)
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """All faults, in place of one run of the tests."""
+        """Run all faults instead of one run of the tests."""
         gc.freeze()
         tests = {item.nodeid: item for item in session.items}
         watched = FOLDER / "watched.json"
@@ -169,7 +169,7 @@ class Planter:
                 before = (TREE / fault.path).read_text()
                 (TREE / fault.path).write_text(fault.text)  # for processes that tests start
                 code = forked(partial(self.judge, fault, before, [tests[n] for n in order]), limit)
-                if code == ELSEWHERE:  # what is made at import: a process of its own
+                if code == ELSEWHERE:  # code that runs at import needs a new process
                     code = forked(partial(judge_whole, fault, order), limit)
                 (TREE / fault.path).write_text(before)
                 killed, how = code != 0, f"{code}"
@@ -186,7 +186,7 @@ class Planter:
         return True
 
     def watch(self, session: pytest.Session, target: Path) -> int:
-        """Write of each test that passes without a fault: its time, the lines that it runs."""
+        """Write the time and the executed lines of each test that passes without a fault."""
         files = {str(TREE / f.path) for f in self.faults}
         files |= {os.path.realpath(f) for f in files}
         files |= {str(TREE / "softdyn" / f.path) for f in self.faults}
@@ -219,7 +219,7 @@ class Planter:
         return 0
 
     def judge(self, fault: Fault, before: str, items: list[pytest.Item]) -> int:
-        """1 where a test fails with the fault, 0 where none does; `before` is without it."""
+        """Return 1 if a test fails with the fault, else 0; `before` is the text without it."""
         if not fault.plant(before):
             return ELSEWHERE
         for item, following in zip(items, [*items[1:], None], strict=True):
@@ -230,7 +230,7 @@ class Planter:
 
 
 def judge_whole(fault: Fault, order: list[str]) -> int:
-    """The same as `Planter.judge` by a new interpreter: the fault is in the file."""
+    """The same as `Planter.judge`, in a new interpreter with the fault in the file."""
     start = "import planting as p; p.interpret_kernels(); " if plain(fault.path) else ""
     code = f"{start}import sys, pytest; sys.exit(pytest.main(sys.argv[1:]))"
     line = [sys.executable, "-B", "-c", code, "-x", *COMMON, *order]
@@ -239,7 +239,7 @@ def judge_whole(fault: Fault, order: list[str]) -> int:
 
 
 def forked(task: Callable[[], int], seconds: int) -> int:
-    """What a task returns in a fork, cut off after so much processor time."""
+    """The value of a task in a fork, which is killed after a limit of processor time."""
     own = Path("/proc/self/autogroup")  # a new session would run at ordinary priority
     priority = own.read_text().split()[-1] if own.exists() else "0"
     child = os.fork()
@@ -256,7 +256,8 @@ def forked(task: Callable[[], int], seconds: int) -> int:
         except BaseException:
             traceback.print_exc()
             os._exit(1)
-    left, found, status = 60.0 * seconds, 0, 0  # a fault that waits needs no processor
+    # wall clock, because a waiting process uses no processor time
+    left, found, status = 60.0 * seconds, 0, 0
     while not found and left > 0:
         found, status = os.waitpid(child, os.WNOHANG)
         time.sleep(0.02)
@@ -269,7 +270,7 @@ def forked(task: Callable[[], int], seconds: int) -> int:
 
 
 def run_group(tests: str, faults: list[Fault]) -> int:
-    """All faults that the same tests should see."""
+    """Run all faults that the same tests should detect."""
     os.environ["PYTHONPATH"] = str(TREE)
     sys.path.insert(0, str(TREE))
     sys.dont_write_bytecode = True

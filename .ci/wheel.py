@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""The wheel as a new user meets it: a fresh environment, a folder with names of ours, own robots.
+"""Test the wheel as a new user would: in a fresh environment and folder, with a user's robots.
 
-Builds the wheel, installs it alone, and in an empty folder beside own ``controllers/`` and
-``validation/`` asks every command for its help and lets it do its job on an arm of 24 joints and 12
-cables; --all does it on finger and on ur5 with an overlay too, and does longer jobs. Ends with 1
-where one fails; times are told, never judged.
+It builds the wheel and installs only that. Then it runs every command's help and job on an arm of
+24 joints and 12 cables, in an empty folder beside a user's own ``controllers/`` and
+``validation/``. --all adds finger, ur5 with an overlay, and longer jobs. The exit code is 1 if a
+command fails; times are printed, but not judged.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 JOINTS, LINK = 24, 0.02
 OVERLAY = ("ur5", "--annotations", "examples/soft_ur5.xml")
-# a robot's options, and a point that its tip can reach
+# robot → its options, and a point that its tip can reach
 ROBOTS = {
     "arm.urdf": (("arm.urdf",), ("0.1", "0.05", "-0.42")),
     "finger": (("finger",), ("0.15", "0", "-0.15")),
     "ur5": (OVERLAY, ("0.45", "0.35", "0")),
 }
-# Jobs of each command; {robot} stands for a robot with its options, {target} for its point. CI does
-# them on the own arm alone. Exit code 1 is a check that failed or a loop that did not settle: the
-# command ran.
+# Jobs of each command; {robot} stands for a robot with its options, {target} for its point. CI runs
+# them only on the arm. Exit code 1 passes, too: the command ran, but a check failed or a loop did
+# not settle.
 JOBS = {
     "examples": ("examples",),
     "new": ("new.toml --out new.urdf",),
@@ -67,14 +67,14 @@ JOBS = {
         "--hostile --robots finger --controllers ic --rounds 2",
     ),
 }  # fmt: skip
-# beside those, with --all
+# further jobs with --all
 LONG = {
     "run": ("{robot} best --target {target}", "{robot} mpc --target {target}"),
     "sweep": ("robustness --robots finger --out robustness --jobs 1",),
     "benchmark": ("--robots finger --controllers ic soft-id-clf-qp --out results",),
 }
-SERVES = "play"  # until it is ended
-# what one measures of a finger: its joints under random inputs, each held for 0.1 s
+SERVES = "play"  # run until it is ended
+# measurements of a finger: its joints under random inputs, each held for 0.1 s
 DATA = """
 import csv
 from types import SimpleNamespace
@@ -127,7 +127,7 @@ duration = 0.1
 
 
 def arm() -> str:
-    """An arm that hangs down: hinges about y and x in turn, four rings of three cables."""
+    """A hanging arm: hinges about y and x in turn, four rings of three cables."""
     parts = ['<robot name="arm"><link name="l0"/>']
     for k in range(1, JOINTS + 1):
         z = 0 if k == 1 else -LINK
@@ -159,7 +159,7 @@ def arm() -> str:
 
 
 def main() -> int:
-    """Build, install, ask, run; the number of failures decides."""
+    """Build, install, run; the number of failures decides the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--all", action="store_true", help="every job on every robot")
     parser.add_argument("--env", type=Path, help="an environment that has the wheel already")
@@ -173,7 +173,7 @@ def main() -> int:
 
 
 def install(folder: Path) -> Path:
-    """A fresh environment with the wheel and what it asks for."""
+    """A fresh environment with the wheel and its dependencies."""
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     wheel_of = [*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT]
@@ -188,7 +188,7 @@ def install(folder: Path) -> Path:
 
 
 def project(folder: Path) -> Path:
-    """A user's folder, whose own packages have names of ours."""
+    """A user's folder with packages that have the names of ours."""
     for name in ("controllers", "validation", "urdf"):
         (folder / name).mkdir(parents=True)
         (folder / name / "__init__.py").write_text("raise RuntimeError('not yours')\n")
@@ -200,7 +200,7 @@ def project(folder: Path) -> Path:
 
 
 class Wheel:
-    """The installed wheel, its environment and the user's folder; counts what fails."""
+    """The installed wheel, its environment and the user's folder; counts the failures."""
 
     def __init__(self, env: Path, folder: Path) -> None:
         self.softdyn, self.folder = env / "bin" / "softdyn", folder
@@ -209,7 +209,7 @@ class Wheel:
         self.environment, self.failures = clean | {"PATH": path}, list[list[str]]()
 
     def run(self, words: list[str], allowed: tuple[int, ...] = (0, 1)) -> str:
-        """One command to its end; a line that says how it went."""
+        """Run one command to its end; print a line with the result."""
         began = time.perf_counter()
         process = subprocess.Popen(
             [self.softdyn, *words], cwd=self.folder, env=self.environment, text=True,
@@ -217,7 +217,7 @@ class Wheel:
         )  # fmt: skip
         if words[0] == SERVES and "--help" not in words:
             assert process.stdout is not None
-            process.stdout.readline()  # its address: it serves
+            process.stdout.readline()  # it prints its address, so it serves
             process.send_signal(signal.SIGTERM)
         out, err = process.communicate()
         fine = process.returncode in allowed and "Traceback" not in err
@@ -229,7 +229,7 @@ class Wheel:
         return out
 
     def refuses(self, words: list[str], said: str) -> None:
-        """One command that must end with code 2 and say why."""
+        """Run one command that must end with code 2 and the expected message."""
         done = subprocess.run(
             [self.softdyn, *words], cwd=self.folder, env=self.environment, capture_output=True,
             text=True,
@@ -240,7 +240,7 @@ class Wheel:
 
 
 def check(env: Path, folder: Path, everything: bool) -> int:
-    """Every command's help, then its jobs; a line each."""
+    """Run every command's help, then its jobs; print a line each."""
     wheel = Wheel(env, folder)
     names = re.findall(r"(?m)^  (\S+) ", wheel.run(["--help"], (0,)))
     if set(names) != set(JOBS):

@@ -1,4 +1,4 @@
-"""The same suite however it was started."""
+"""Settings that make the suite independent of how it is started."""
 
 import signal
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ from softdyn import compiled
 
 @pytest.fixture(scope="session", autouse=True)
 def a_cold_cache_is_no_news() -> Iterator[None]:
-    """Whichever test comes first compiles, and what it says is what it tests."""
+    """Hide the notice of a cold cache, because any test may be the first that compiles."""
     with patch.object(compiled, "say_once"):
         yield
 
 
 def pytest_configure() -> None:
-    """Hear Ctrl-C: a shell starts what it puts in the background with it ignored."""
+    """Enable Ctrl-C, because a shell starts background jobs with SIGINT ignored."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

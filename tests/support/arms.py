@@ -77,7 +77,7 @@ EVERYTHING = design.Arm(
     tip=(0.01, 0.002, -0.003),
     name="every <thing> -- at once",
 )  # fmt: skip
-"""Every field of every part: hollow, curved at rest, measured, on a slant."""
+"""Every field of every part: hollow, curved at rest, measured, oblique."""
 
 
 def loaded(arm: design.Arm, folder: Path) -> SoftModel:
@@ -88,7 +88,7 @@ def loaded(arm: design.Arm, folder: Path) -> SoftModel:
 
 
 def reduced_strains(folder: Path) -> SoftModel:
-    """In units in which a motion of size 1 is one that a rod could do."""
+    """Scale strains so that a motion of size 1 is possible for a rod."""
     basis = design.strain_basis(EVERYTHING, 1)
     size = [0.05 if name.startswith(("shear", "extension")) else 5.0 for name in basis.names]
     basis = replace(basis, matrix=basis.matrix * size)

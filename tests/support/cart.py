@@ -9,7 +9,7 @@ from softdyn import SetPoint
 
 MASS, STIFFNESS, DAMPING = 0.5, 8.0, 0.3
 LENGTH = 0.4
-# A cart along x, the tip 0.4 m ahead of it: gravity does no work.
+# A cart along x with the tip 0.4 m ahead of it, so that gravity does no work.
 CART = """<robot name="cart">
   <link name="base"/>
   <link name="body"><inertial><mass value="0.5"/>

@@ -1,4 +1,4 @@
-"""A command in this process, as `softdyn NAME …` runs it: a new process takes seconds to start."""
+"""Run a command as `softdyn NAME …`, in this process, because a new one takes seconds to start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from softdyn.commands import cli
 
 
 class Done(NamedTuple):
-    """What is left of a command."""
+    """The result of a command."""
 
     code: int
     out: str
@@ -24,7 +24,7 @@ class Done(NamedTuple):
 
 @contextmanager
 def left_as_it_was() -> Iterator[None]:
-    """What a command sets for the rest of its process."""
+    """Restore the settings that a command changes for the rest of its process."""
     with (
         patch.object(cli, "one_thread"),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
@@ -33,12 +33,12 @@ def left_as_it_was() -> Iterator[None]:
 
 
 def of_itself(err: str) -> str:
-    """What a process said to stderr, but for the notice of a cold cache."""
+    """A process' text on stderr, without the notice of a cold cache."""
     return "".join(line for line in err.splitlines(True) if "compiling its kernels" not in line)
 
 
 def command(*words: object, cwd: Path | str = ".") -> Done:
-    """Run it in the folder `cwd`."""
+    """Run a command in the folder `cwd`."""
     out, err = io.StringIO(), io.StringIO()
     with chdir(cwd), left_as_it_was(), redirect_stdout(out), redirect_stderr(err):
         try:

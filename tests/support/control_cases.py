@@ -1,4 +1,4 @@
-"""Robots and states on which controllers are judged: bundled, micro, recorded, random, hostile."""
+"""Robots and states for tests of controllers: bundled, micro, recorded, random, hostile."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ GAINS = Gains(Kp=100.0, eps=0.1)  # for robots without published ones
 
 
 def _chain(axes: str, tendons: tuple[tuple[float, ...], ...], bound: float = 1.0) -> str:
-    """URDF of a serial arm: per joint an axis "x", "y", "z" (revolute), "c" (continuous about y)
-    or "p" (prismatic along z); per tendon its coefficients on the joints."""
+    """URDF of a serial arm, from the kinds of its joints and the coefficients of its tendons.
+
+    A joint is "x", "y", "z" (revolute), "c" (continuous about y) or "p" (prismatic along z)."""
     parts = ['<robot name="micro"><link name="world"/>']
     parent = "world"
     for i, axis in enumerate(axes):
@@ -111,7 +112,7 @@ def recorded(name: str, count: int = 12) -> tuple[tuple[State, SetPoint], ...]:
 
 @cache
 def drawn(name: str, count: int = 18) -> tuple[tuple[State, Reference], ...]:
-    """(state, reference) pairs at random: near and far, at rest, moving and accelerating."""
+    """Random (state, reference) pairs: near and far, at rest, moving and accelerating."""
     model, rng, moves = robot(name), np.random.default_rng(7), np.random.default_rng(8)
     pairs = []
     for k in range(count):

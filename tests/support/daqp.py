@@ -1,4 +1,4 @@
-"""DAQP as one more exact solver of the paper's QPs, for tests alone."""
+"""DAQP as another exact solver of the paper's QPs, only for tests."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Planted defects: one number of a URDF or an MJCF changed, and the kind of cause that it is.
+"""Planted defects: a changed number of a URDF or an MJCF, and its kind of cause.
 
-A size is in m, in rad, or relative; the sense of an axis or a gear has none.
+A size is in m, in rad, or relative. A reversed axis or gear has no size.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import numpy as np
 from lxml import etree
 
 Root = etree._Element
-ASIDE = np.array([0.6, 0.0, -0.8])  # where a centre moves
-AWAY = np.array([2.0, 1.0, -2.0]) / 3  # where a joint moves
+ASIDE = np.array([0.6, 0.0, -0.8])  # direction in which a centre moves
+AWAY = np.array([2.0, 1.0, -2.0]) / 3  # direction in which a joint moves
 
 
 def numbers(node: Root, attribute: str, default: str = "0 0 0") -> np.ndarray:
@@ -82,7 +82,7 @@ def urdf_tilt(root: Root, k: int, size: float = 0.01) -> None:
 
 
 def tilted(axis: np.ndarray, angle: float) -> np.ndarray:
-    """An axis turned towards the coordinate that it has least of."""
+    """An axis turned towards its smallest coordinate."""
     axis = axis / np.linalg.norm(axis)
     aside = np.eye(3)[np.argmin(np.abs(axis))]
     aside = aside - (aside @ axis) * axis
@@ -116,7 +116,7 @@ def urdf_pose(root: Root, k: int, size: float = 0.003) -> None:
 
 
 def urdf_turn(root: Root, k: int, size: float = 0.1) -> None:
-    """The joint's origin turned about an axis across its own."""
+    """Turn the joint's origin about an axis normal to its own."""
     joint = joints(root)[k]
     axis = axis_of(joint)
     across = tilted(axis, np.pi / 2)
@@ -134,7 +134,7 @@ def urdf_actuator(root: Root, _k: int, _size: float = 0.0) -> None:
 
 
 def urdf_zero(root: Root, k: int, size: float = 0.1) -> None:
-    """The joint's origin turned about its axis, or moved along it."""
+    """Turn the joint's origin about its axis, or move it along the axis."""
     joint = joints(root)[k]
     axis = axis_of(joint)
     axis /= np.linalg.norm(axis)
@@ -147,7 +147,7 @@ def urdf_zero(root: Root, k: int, size: float = 0.1) -> None:
 
 
 def turn_origin(origin: Root, axis: np.ndarray, angle: float) -> None:
-    """An <origin> turned about an axis of its own frame."""
+    """Turn an <origin> about an axis of its own frame."""
     cross = np.cross(np.eye(3), axis).T
     turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
     R = rpy(numbers(origin, "rpy")) @ turn
@@ -224,7 +224,7 @@ def mjcf_tilt(root: Root, k: int, size: float = 0.01) -> None:
 
 
 def mjcf_zero(root: Root, k: int, size: float = 0.1) -> None:
-    """MuJoCo's own word for it: the position in the file has another name."""
+    """Set MuJoCo's `ref`: the position in the file has another coordinate."""
     joint = bodies(root)[k].find("joint")
     put(joint, "ref", size + float(joint.get("ref", "0")))
 
@@ -255,7 +255,7 @@ def mjcf_damping(root: Root, k: int, size: float = 0.2) -> None:
 
 
 def mjcf_base(root: Root, _k: int, size: float = 1.0) -> None:
-    """Everything in the world turned about an axis along none."""
+    """Turn everything in the world about an oblique axis."""
     world = root.find("worldbody")
     frame = etree.Element("frame", axisangle=f"0.6 -0.48 0.64 {size!r}")
     frame.extend(list(world))
@@ -263,7 +263,7 @@ def mjcf_base(root: Root, _k: int, size: float = 1.0) -> None:
 
 
 def mjcf_order(root: Root, _k: int, _size: float = 0.0) -> None:
-    """The last of the bodies that stand beside each other, first."""
+    """Move the last of several siblings to the first place."""
     for body in [root.find("worldbody"), *root.iter("body")]:
         beside = [b for b in body.findall("body") if next(b.iter("joint"), None) is not None]
         if len(beside) > 1:

@@ -1,4 +1,4 @@
-"""A worker of the fuzzer that dies of some inputs; it imports nothing, to start fast."""
+"""A fuzzing worker that dies on some inputs; it imports nothing, to start fast."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def fragile(pipe: Any, bases: list[Any], seed: int) -> None:
-    """Answer every number but two."""
+    """Answer all numbers except two."""
     pipe.send("ready")
     while True:
         try:

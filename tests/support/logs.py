@@ -5,11 +5,12 @@ import numpy as np
 from softdyn.validation import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
 
-NOBODY = LoggedRobot("robot.urdf", "", "", False, None, "")  # without a text: nothing to draw
+# without a text, because nothing is drawn
+NOBODY = LoggedRobot("robot.urdf", "", "", False, None, "")
 
 
 def make_log(t, error, **changes):
-    """A log with these samples and nothing else of interest."""
+    """A log with these samples; its other fields do not matter."""
     t, error = np.array(t, float), np.array(error, float)
     steps = len(t) - 1
     about = {

@@ -12,7 +12,7 @@ LIMIT = '<limit lower="-0.8" upper="1.1" effort="1" velocity="1"/>'
 
 
 def joint(name: str, kind: str, parent: str, child: str, more: str = "") -> str:
-    """A joint at an offset, about an axis along none of the frame's."""
+    """A joint with an offset, about an oblique axis."""
     return (
         f'<joint name="{name}" type="{kind}"><origin xyz="0.1 0.2 -0.3" rpy="0.4 -1.1 2.5"/>'
         f'<parent link="{parent}"/><child link="{child}"/><axis xyz="0.3 -0.4 1.2"/>'
@@ -21,7 +21,7 @@ def joint(name: str, kind: str, parent: str, child: str, more: str = "") -> str:
 
 
 DAMPER = '<dynamics damping="0.3"/>'
-# An arm, and on it a hinge that a slide and a continuous joint follow, one of them beyond it.
+# An arm with a hinge that a slide and a continuous joint follow, one of them beyond the hinge.
 GRIPPER = (
     f'<robot name="gripper"><link name="base">{SOLID}</link><link name="arm">{SOLID}</link>'
     f'<link name="finger">{SOLID}</link><link name="jaw">{SOLID}<!--jaw--></link>'
@@ -46,7 +46,7 @@ GRIPPER = (
     '<actuator name="u3" tendon="band" lower="-1" upper="1"/>'
     '<task frame="wheel"/></softdyn></robot>'
 )  # fmt: skip
-# A trunk with two legs of which one turns without limits, a spring, a damper and a cable.
+# A trunk with two legs (one a continuous joint), a spring, a damper and a cable.
 FLOATING = (
     f'<robot name="walker"><link name="trunk">{SOLID}</link><link name="pack">{SOLID}</link>'
     f'<link name="z">{SOLID}</link><link name="a">{SOLID}</link>'
@@ -64,7 +64,7 @@ FLOATING = (
 
 
 def write(folder: Path, text: str) -> Path:
-    """The file of a robot."""
+    """Write the file of a robot."""
     path = folder / "micro.urdf"
     path.write_text(text, encoding="utf-8")
     return path

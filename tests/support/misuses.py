@@ -1,7 +1,7 @@
-"""One valid micro-robot, and every misuse of the format as one change to it.
+"""A valid micro-robot, and every misuse of the format as one change to it.
 
-The tests raise each error from here. ``python -m tests.support.misuses`` writes the table of
-messages in ``docs/format.md`` anew; a test compares the two.
+Tests raise each of these errors. ``python -m tests.support.misuses`` writes the table of messages
+in ``docs/format.md``, and a test compares the two.
 """
 
 from __future__ import annotations
@@ -79,8 +79,9 @@ ARM = f"""\
 class Misuse:
     """A change of `ARM` and the words its error must contain.
 
-    `change` is (old, new), old occurring exactly once, or the whole file. `element` is the
-    element that the message names; a document table row says `title`, `None` leaves it out.
+    `change` is (old, new), where old occurs exactly once, or the whole file. `element` is the
+    element that the message names. `title` is the text of its row in the document; None leaves it
+    out.
     """
 
     title: str
@@ -112,17 +113,17 @@ class Misuse:
 
 
 def inside(new: str) -> tuple[str, str]:
-    """Add something to the block."""
+    """Insert text inside the block."""
     return '<task frame="wheel"/>', f'<task frame="wheel"/>\n{new}'
 
 
 def beside(new: str) -> tuple[str, str]:
-    """Add something to the robot."""
+    """Insert text into the robot, beside the block."""
     return "</robot>", f"{new}\n</robot>"
 
 
 def number(text: str) -> tuple[str, str]:
-    """Write a number in another way."""
+    """Replace a number by another text."""
     return 'damping="0.02"', f'damping="{text}"'
 
 
@@ -524,7 +525,7 @@ MISUSES = [misuse for group in GROUPS.values() for misuse in group]
 
 
 def tables(folder: Path) -> str:
-    """The tables of ``docs/format.md``: what the parser really says about each misuse."""
+    """The tables of ``docs/format.md``, with the parser's messages for all misuses."""
     parts = []
     for group, misuses in GROUPS.items():
         rows = [f"### {group}", "", "| misuse | element | expected | got |", "|---|---|---|---|"]
@@ -540,12 +541,12 @@ def tables(folder: Path) -> str:
 
 
 def documented() -> str:
-    """The tables as they stand in the document."""
+    """The tables in the document."""
     return FORMAT.read_text().partition(START)[2].partition(END)[0].strip()
 
 
 def main() -> None:
-    """Bring the document up to date."""
+    """Update the document."""
     with tempfile.TemporaryDirectory() as folder:
         found = tables(Path(folder))
     before, _, rest = FORMAT.read_text().partition(START)

@@ -1,4 +1,4 @@
-"""Pairs of MJCFs that differ in one feature of MuJoCo's, which changes the motion."""
+"""Pairs of MJCFs that differ in one feature of MuJoCo which changes the motion."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ Edit = Mapping[str, Mapping[str, str]]
 
 
 class Pair(NamedTuple):
-    """`said` is what a comparison has to name; `change` makes B of A, `common` A of the base.
+    """`said` must be in the comparison; `common` turns the base into A, `change` turns A into B.
 
-    A key is the path of an element; one that ends in + is added below its parent.
+    A key is the path of an element. A path that ends in + adds the element to its parent.
     """
 
     said: str

@@ -1,4 +1,4 @@
-"""Central differences, written once: the oracle of every analytic derivative."""
+"""Central differences, the oracle of all analytic derivatives."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def rate(
     v: np.ndarray,
     step: float = 1e-3,
 ) -> np.ndarray:
-    """df/dt along q̇ = v, in f's shape.
+    """df/dt along q̇ = v, with f's shape.
 
-    Central differences at `step` and twice that, extrapolated (Richardson; error ~ step⁴).
+    Central differences at `step` and 2 · `step` are extrapolated (Richardson; error ~ step⁴).
     """
 
     def central(h: float) -> np.ndarray:
@@ -31,11 +31,11 @@ def rate(
 def gradient(
     model: SoftModel, f: Callable[[np.ndarray], object], q: np.ndarray, step: float = 1e-3
 ) -> np.ndarray:
-    """∂f/∂q along every velocity coordinate, in f's shape with one more axis."""
+    """∂f/∂q along every velocity coordinate, with f's shape and one more axis."""
     return np.stack([rate(model, f, q, axis, step) for axis in np.eye(model.nv)], axis=-1)
 
 
 def relative(a: np.ndarray, b: np.ndarray, scale: float = 0.0) -> float:
-    """max|a - b| over the larger of both and `scale`."""
+    """max|a - b| divided by the largest of both and `scale`."""
     size = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0), scale)
     return float(np.abs(a - b).max(initial=0.0) / size) if size > 0 else 0.0

@@ -1,4 +1,4 @@
-"""The same URDF from another hand: every link's frame is turned at random."""
+"""The same robot as a different URDF: every link's frame is turned at random."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.support.defects import numbers, put, rpy
 
 
 def other_hand(text: str, seed: int) -> str:
-    """The robot with all link frames but the root's turned; nothing else of it changes."""
+    """The URDF with all link frames except the root's turned; the robot stays the same."""
     rng = np.random.default_rng(seed)
     root = etree.fromstring(text.encode())
     parents = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
@@ -33,7 +33,7 @@ def other_hand(text: str, seed: int) -> str:
 
 
 def _place(node: etree._Element, before: np.ndarray, after: np.ndarray) -> None:
-    """An <origin> with one rotation before it, and one after."""
+    """An <origin> with a rotation before it and one after it."""
     origin = node.find("origin")
     if origin is None:
         origin = etree.Element("origin")

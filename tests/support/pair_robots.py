@@ -1,4 +1,4 @@
-"""One small robot as a URDF and as an MJCF from another hand: other frames, bodies and order."""
+"""One small robot as a URDF and as an independent MJCF with other frames, bodies and order."""
 
 URDF = """\
 <robot name="pair">
@@ -30,7 +30,7 @@ URDF = """\
 </robot>
 """
 
-# Every body has its frame on its joint, in the axes of the base; the weld is lumped into the arm.
+# Every body's frame lies on its joint with the axes of the base; the weld is a part of the arm.
 MJCF = """\
 <mujoco model="pair">
   <compiler angle="radian"/>

@@ -1,4 +1,4 @@
-"""The predictive controller's cost, from its definition: a state-space form, one run an input."""
+"""The predictive controller's cost by its definition, simulated in state space."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from softdyn import Reference, SoftModel, State
 from softdyn.controllers.mpc import SIZE, STOP, MpcParameters
 from softdyn.dynamics.derivatives import tangent_dynamics
 
-KNOTS = (1, 3, 6, 12, 30)  # of docs/beyond.md, "Predictive control"
+KNOTS = (1, 3, 6, 12, 30)  # weights of docs/beyond.md, "Predictive control"
 
 
 def linear(state: State, u: np.ndarray, held: np.ndarray, stop: float) -> tuple:
-    """K_t and D_t of the prediction, a spring of stop · M_jj at each joint that is held."""
+    """K_t and D_t of the prediction, with a spring of stop · M_jj at each held joint."""
     K, D = tangent_dynamics(state.model, state.q, state.v, u)
     K = K.copy()
     for j in np.flatnonzero(held):
@@ -35,10 +35,10 @@ def cost(
     model: SoftModel, state: State, goal: Reference, u0: np.ndarray, held: np.ndarray,
     unmodelled: np.ndarray, knots: np.ndarray,
 ) -> float:  # fmt: skip
-    """Of the inputs (knots, m) at the ends of the knots, by stepping through the horizon.
+    """The cost of the inputs (knots, m) at the knots, by simulating the horizon.
 
-    The tip along the tangent, joint speeds and inputs in the metric of the robot at rest, each
-    step by the two-stage method of Alexander (1977) in state space.
+    It counts the tip along the tangent, and joint speeds and inputs in the metric of the robot at
+    rest. Each step uses the two-stage method of Alexander (1977) in state space.
     """
     p = MpcParameters()
     H, n, steps = p.horizon, model.nv, KNOTS[-1]
@@ -79,5 +79,5 @@ def metric(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def size(model: SoftModel, u: np.ndarray) -> float:
-    """What the weight of the inputs' size adds for u all along: V leaves it out."""
+    """The cost of the inputs' size for a constant u, which V does not contain."""
     return float(MpcParameters().rate * SIZE * KNOTS[-1] * (u @ metric(model)[1] @ u))

@@ -1,4 +1,4 @@
-"""The oracle's QPs for exact solvers, and what tests change in them."""
+"""The oracle's QPs for exact solvers, and changes that tests need."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def printed(
     margin: float = 0.0,
     **options: Any,
 ) -> SymbolicQp:
-    """A QP at a state; `margin` draws the input bounds in by this share of their range."""
+    """A QP at a state; `margin` narrows the input bounds by this share of their range."""
     qp = write(unknowns, state, tip(state, reference), gains, **options)
     inward = margin * (state.model.u_max - state.model.u_min)
     below = qp.below
@@ -33,7 +33,7 @@ def printed(
 
 
 def with_input(qp: SymbolicQp, u: np.ndarray) -> SymbolicQp:
-    """The same QP with its inputs pinned to `u` (m,), within their bounds or not."""
+    """The same QP with its inputs fixed at `u` (m,), inside or outside their bounds."""
     below = {k: rows for k, rows in qp.below.items() if k not in ("upper", "lower")}
     pin = {"pinned": qp.variables["u"] - u}
     return replace(qp, equal=qp.equal | pin, below=below)
