@@ -45,7 +45,7 @@ class HeldRest:
 
     @classmethod
     def of(cls, rest: Equilibrium, seconds: float) -> HeldRest:
-        """Hold it in the twin."""
+        """Hold an equilibrium in the twin."""
         return cls(rest, seconds, hold(rest, seconds), hold(rest, seconds, nudge=NUDGE))
 
     def to_dict(self) -> dict[str, Any]:

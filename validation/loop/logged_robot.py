@@ -36,7 +36,7 @@ class LoggedRobot:
 
     @classmethod
     def of(cls, model: SoftModel) -> LoggedRobot:
-        """The robot of a model."""
+        """Return the robot of a model."""
         robot = model.robot
         path = str(robot.path.absolute())
         return cls(path, robot.text, robot.annotations, robot.floating, model.bundled, robot.digest)

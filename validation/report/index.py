@@ -186,7 +186,7 @@ def html(
     folder: Path,
     versions: dict[str, str],
 ) -> str:
-    """The page itself."""
+    """The HTML text of the page."""
     total = sum(len(group) for group in groups.values())
     failed = sum(len(row["failed"]) for row in rows)
     cases = [case for group in groups.values() for case in group]
