@@ -1,4 +1,4 @@
-"""Checks of arguments: what passes comes out as floats, what does not is named."""
+"""Checks of arguments: valid ones become floats, invalid ones are named in the error."""
 
 import math
 

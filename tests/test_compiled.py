@@ -1,4 +1,4 @@
-"""Compiled kernels against their own source run by Python, and life without Numba."""
+"""Compiled kernels against their own source run by Python, and softdyn without Numba."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_kernels_keep_their_source():
 
 
 def test_a_read_only_installation_still_compiles(monkeypatch):
-    """Where Numba finds no place for a cache it says so with a RuntimeError."""
+    """Numba raises a RuntimeError if it finds no place for a cache."""
     calls = []
 
     def no_place(function):
@@ -185,7 +185,7 @@ def test_a_kernel_whose_folder_cannot_be_written_is_cached_for_the_user(tmp_path
 
 
 def test_a_closure_is_compiled_and_not_cached(tmp_path):
-    """Two kernels of one source may differ in it."""
+    """Two kernels with one source may differ in their closure."""
     (tmp_path / "kernel.py").write_text(
         "from softdyn.compiled import compiled\ndef times(factor):\n"
         "    @compiled\n    def scale(x):\n        return factor * x\n    return scale\n"
@@ -197,7 +197,7 @@ def test_a_closure_is_compiled_and_not_cached(tmp_path):
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 def test_construction_compiles_everything(name):
-    """The first step of a control loop is not the one that waits for a compiler."""
+    """The first step of a control loop must not wait for a compiler."""
     which = "spirob"
     cases = (*drawn(which, 2), *recorded(which, 2))  # these run a controller of their own
     controller = CONTROLLERS[name](robot(which))
@@ -216,7 +216,7 @@ def _signatures() -> int:
 
 
 def test_a_changed_helper_in_another_file_is_compiled_again(tmp_path):
-    """Numba's own cache looks at the file of the outer kernel alone."""
+    """Numba's own cache only checks the file of the outer kernel."""
     (tmp_path / "outer.py").write_text(
         "from inner import inner\nfrom softdyn.compiled import compiled\n"
         "@compiled\ndef outer(x):\n    return inner(x)\nprint(outer(2.0))\n"
@@ -241,7 +241,7 @@ def test_a_full_disk_costs_the_cache_alone(tmp_path):
     )
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     program = [sys.executable, "-c", "import kernel"]
-    for _ in range(2):  # what the first one left does not disturb the second
+    for _ in range(2):  # leftovers of the first process must not disturb the second
         done = subprocess.run(
             program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
@@ -288,7 +288,7 @@ def test_a_damaged_cache_is_made_anew(tmp_path, capsys):
 
 
 def test_another_numba_only_loses_the_cache(tmp_path):
-    """One whose caching has other classes."""
+    """A Numba version whose caching has other classes."""
     hide = "import numba.core.caching as c\ndel c.CompileResultCacheImpl\n"
     (tmp_path / "kernel.py").write_text(hide + DOUBLE)
     assert run_double(tmp_path) == ["4.0", "0"]
@@ -309,7 +309,7 @@ def test_numba_may_be_switched_off(tmp_path):
 
 @pytest.mark.skipif(not softdyn.compiled.COMPILES, reason="nothing is compiled")
 def test_an_interruption_waits_for_the_compiler() -> None:
-    """Else it ends inside Numba's callbacks: a traceback, or a kernel without its code."""
+    """Otherwise it would interrupt Numba's callbacks: a traceback, or a kernel without code."""
     listener = softdyn.compiled.announce_compilation()
     event, foreign = (
         SimpleNamespace(data={"dispatcher": SimpleNamespace(py_func=SimpleNamespace(__module__=m))})
@@ -326,4 +326,4 @@ def test_an_interruption_waits_for_the_compiler() -> None:
         listener.on_end(event)
     assert signal.getsignal(signal.SIGINT) == before
     listener.on_start(event)
-    listener.on_end(event)  # and is told once
+    listener.on_end(event)  # and the warning appears once

@@ -1,4 +1,4 @@
-"""Every object that a user can hold survives copies and other processes, or says that it cannot."""
+"""Every public object survives copying and pickling, or raises an error that says it cannot."""
 
 import copy
 import multiprocessing
@@ -30,7 +30,7 @@ RUN = paper.set_point("finger", 0.5)
 
 @pytest.fixture(scope="module")
 def held():
-    """One of each kind, made as a user makes it."""
+    """One object of each kind, made as by a user."""
     model = robot("finger")
     twin = Twin(model)
     controller = CONTROLLERS["soft-id-clf-qp"](model)
@@ -72,7 +72,7 @@ def test_a_copied_law_answers_as_the_first(name, duplicate):
         for twin in twins:
             twin.reset(0.005)
             np.testing.assert_array_equal(twin(second, other_goal).u, expected)
-        del law, twins  # what a copy kept of another's memory would be freed now
+        del law, twins  # this frees memory that a shallow copy would still use
         model = duplicate(robot(which))
         assert np.isfinite(model.state(model.q0, np.zeros(model.nv)).M).all()
 

@@ -1,6 +1,6 @@
-"""README and documents: their files are saved, their commands and Python run, in their order.
+"""README and documents: save their files and run their commands and Python code, in order.
 
-A block with `<!-- not run: REASON -->` before it is not run; its commands must exist all the same.
+A block after `<!-- not run: REASON -->` is not run, but its commands must exist.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BLOCK = re.compile(
 )
 GENERATED = re.compile(r"^<!-- (?!not run|end)[^\n]*-->$.*?^<!-- end[^\n]*-->$", re.M | re.S)
 WHOLLY_GENERATED = {"catalogue.md", "pairs.md"}
-# The text around a block tells where its content belongs.
+# the text around a block names the file for its content
 SAVE, APPEND = re.compile(r"Save as\s+`([^`]+)`"), re.compile(r"Append it to\s+`([^`]+)`")
 
 
@@ -54,9 +54,9 @@ def commands(code: str) -> list[list[str]]:
 
 @pytest.fixture
 def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
-    """Does what a page says, in an empty folder; output of each command by its text.
+    """Follow a page in an empty folder; return the output of each command by its text.
 
-    In this process, where the imports are done; tests/test_wheel.py and CI start a new one.
+    It runs in this process, which has all imports. tests/test_wheel.py and CI start a new one.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -74,7 +74,8 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
 
     def python(code: str, page: Path, session: dict[str, object]) -> str:
         with redirect_stdout(io.StringIO()) as out:
-            exec(compile(code, page.name, "exec"), session)  # what one makes, the next may use
+            # a page may use the files of the page before
+            exec(compile(code, page.name, "exec"), session)
         return out.getvalue()
 
     def follow(page: Path) -> dict[str, str]:
@@ -103,7 +104,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
 
 
 def said(output: dict[str, str], command: str) -> str:
-    """What the only command that contains these words printed."""
+    """The output of the only command that contains these words."""
     (found,) = [text for line, text in output.items() if command in line]
     return found
 
@@ -209,7 +210,7 @@ def test_files_that_the_readme_names_exist() -> None:
 
 
 def test_the_documents_stay_short() -> None:
-    """Words by hand; code and what a command writes are not counted."""
+    """Counts hand-written words, without code and generated text."""
     texts = [page.read_text("utf-8") for page in PAGES if page.name not in WHOLLY_GENERATED]
     by_hand = [BLOCK.sub("", GENERATED.sub("", text)) for text in texts]
     words = [word for text in by_hand for word in text.split() if re.search(r"\w", word)]

@@ -1,7 +1,7 @@
-"""What a machine does to a program: nothing is lost or half-written, and the reason is said.
+"""Faults of the machine: nothing is lost or half-written, and the error states the reason.
 
-Elsewhere: killed workers and interrupted grids (test_benchmark.py, test_sweep.py), interrupted
-writes and two writers of one file (test_files.py), kernels without a writable cache
+Tested elsewhere: killed workers and interrupted grids (test_benchmark.py, test_sweep.py),
+interrupted writes and two writers of one file (test_files.py), kernels without a writable cache
 (test_compiled.py). docs/robustness.md lists them all.
 """
 
@@ -28,11 +28,11 @@ from softdyn.validation.files import atomic, write_json, write_text
 from tests.support import ROOT
 
 RUN = ["scripts/run.py", "finger", "ic", "--theta", "0.5", "--duration", "0.5"]
-NOWHERE = "/proc/nowhere"  # where not even root can create a folder
+NOWHERE = "/proc/nowhere"  # a place where not even root can create a folder
 
 
 def start(arguments: list[str], **options) -> subprocess.Popen:
-    """A command of its own process."""
+    """Start a command in a new process."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
     return subprocess.Popen(
         [sys.executable, str(ROOT / arguments[0]), *arguments[1:]], env=environment, text=True,
@@ -47,7 +47,7 @@ def finish(process: subprocess.Popen) -> tuple[int, str, str]:
 
 @contextmanager
 def small_files(size: int = 4096) -> Iterator[None]:
-    """Let no file grow beyond `size` bytes: as on a full disk, small writes go well, then none."""
+    """Limit files to `size` bytes; as on a full disk, small writes succeed and later ones fail."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -101,7 +101,7 @@ def test_a_disk_that_fills_at_the_last_moment(tmp_path: Path, monkeypatch) -> No
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    for call in ("fsync", "replace"):  # delayed allocation reports what write() did not
+    for call in ("fsync", "replace"):  # delayed allocation reports the error later than write()
         with monkeypatch.context() as patch:
             patch.setattr(os, call, full)
             with pytest.raises(InputError, match="No space left"):
@@ -114,7 +114,7 @@ def test_a_disk_that_fills_at_the_last_moment(tmp_path: Path, monkeypatch) -> No
 
 
 def test_killed_while_writing(tmp_path: Path) -> None:
-    """SIGKILL between two writes: the old file is whole, and a later run is not in the way."""
+    """After SIGKILL between two writes, the old file is complete, and a later run succeeds."""
     path = tmp_path / "file"
     path.write_bytes(b"before")
     code = (
@@ -154,7 +154,7 @@ class Slow:
 
 
 def interruptible() -> None:
-    """A shell's background jobs ignore Ctrl-C, and so would their children."""
+    """Enable SIGINT, which a shell's background jobs and their children ignore."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -175,7 +175,7 @@ def test_a_run_that_is_interrupted_leaves_no_file(tmp_path: Path) -> None:
 
 
 def test_two_runs_into_one_file(tmp_path: Path) -> None:
-    """The last one stays, whole."""
+    """The file of the last run remains, complete."""
     path = tmp_path / "run.npz"
     processes = [start([*RUN, "--log", str(path)]) for _ in range(2)]
     for process in processes:
@@ -189,7 +189,7 @@ def test_two_runs_into_one_file(tmp_path: Path) -> None:
 
 
 def test_no_home_and_no_display(tmp_path: Path) -> None:
-    """A home that cannot be written, no display, and a plot library told to use one."""
+    """The home folder is read-only, and a plot library should use a display that does not exist."""
     bare = dict.fromkeys(("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "MPLCONFIGDIR"), "")
     homeless = {"HOME": NOWHERE, "XDG_CACHE_HOME": NOWHERE, "XDG_CONFIG_HOME": NOWHERE}
     folder = tmp_path / "out"
@@ -236,7 +236,7 @@ print(to_json({"half": 0.5}))
 
 
 def test_a_locale_with_decimal_commas(comma: dict[str, str]) -> None:
-    """Libraries that read numbers by the locale would see 0.274 kg as 0 kg."""
+    """Libraries that read numbers by the locale would read 0.274 kg as 0 kg."""
     done = subprocess.run(
         [sys.executable, "-c", COMMA], cwd=ROOT, env={**os.environ, **comma},
         capture_output=True, text=True, check=False,

@@ -1,4 +1,4 @@
-"""Hostile numbers: what no sensor should send is answered by an error or a bounded fallback.
+"""Hostile numbers, which no sensor should send, lead to an error or a bounded fallback.
 
 Every argument of controllers, references, integrators and the model takes NaN, infinities, huge and
 denormal numbers, wrong shapes and wrong types, alone and in combination. docs/robustness.md lists
@@ -33,7 +33,7 @@ CONTROLLED: dict[tuple[str, str], object] = {}
 
 
 def controller_of(name: str, which: str):
-    """One of each: nothing that it was asked before may matter."""
+    """One shared controller of each kind; earlier calls must not influence it."""
     if (name, which) not in CONTROLLED:
         gains = None if which in BUNDLED else GAINS
         CONTROLLED[name, which] = CONTROLLERS[name](robot(which), gains)
@@ -41,7 +41,7 @@ def controller_of(name: str, which: str):
 
 
 def ask(controller, state: State, reference: object) -> Command:
-    """One silent call whose answer is finite, within bounds and counted if it is a fallback."""
+    """Make one call; it must be silent, finite, within bounds, and counted if it is a fallback."""
     model = state.model
     before = controller.guard.fallbacks
     with warnings.catch_warnings():
@@ -86,7 +86,7 @@ def test_any_combination_keeps_the_contract(name, which, case, changes, referenc
     controller = controller_of(name, which)
     state, ordinary = drawn(which)[case]
     ask(controller, hostile.forge(state, changes), reference or ordinary)
-    assert ask(controller, state, ordinary).status is Status.OK  # and none of it sticks
+    assert ask(controller, state, ordinary).status is Status.OK  # and no later answer is affected
 
 
 @every_controller
@@ -150,7 +150,7 @@ def test_another_robot_s_state_is_refused_and_a_copy_s_is_not(name: str, tmp_pat
 
 
 def wrong_arrays(right: np.ndarray) -> list[object]:
-    """Values that cannot stand for an array of this shape."""
+    """Values that are no valid array of this shape."""
     return [
         None, "text", {}, np.zeros((*right.shape, 2)), np.zeros(()), np.zeros(0), right[..., :-1],
         right.astype(complex), right.astype(str), np.full(right.shape, None), [[1.0], [1.0, 2.0]],
@@ -189,7 +189,7 @@ def test_references_refuse_wrong_arrays(name: str) -> None:
 
 
 def call(model: SoftModel, name: str, q: object, v: object) -> object:
-    """A method of the model at (q, v), as far as it takes them."""
+    """Call a method of the model with those of q and v that it takes."""
     method = getattr(model, name)
     if name in ("state", "coriolis", "integrate", "kinetic_energy"):
         return method(q, v)

@@ -1,4 +1,4 @@
-"""The plan of the house, and that the script which checks it sees what breaks it."""
+"""The rules for the repository's structure hold, and .ci/house.py detects violations."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What `import softdyn` and `softdyn.load` load, and what they leave for its first use."""
+"""Modules that `import softdyn` and `softdyn.load` import at once or at their first use."""
 
 from __future__ import annotations
 
@@ -58,6 +58,6 @@ def test_a_closed_loop_needs_no_mjcf_reader_and_no_figures():
     "softdyn.statics.rest(model)",
 ])  # fmt: skip
 def test_a_control_step_needs_no_optimiser_of_scipy(statements):
-    """Its import takes longer than all else that a process of a controller does at its start."""
+    """Its import would take longer than the rest of a controller's start."""
     modules = loaded(f"import softdyn\nmodel = softdyn.load('finger')\n{statements}")
     assert modules.isdisjoint(("mujoco", "scipy.optimize", "scipy.stats"))

@@ -1,4 +1,4 @@
-"""Annotations in a file of their own: what they add, every misuse, and the shipped examples."""
+"""Annotations in a separate file: their effect, every misuse, and the shipped examples."""
 
 from __future__ import annotations
 

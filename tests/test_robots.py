@@ -1,7 +1,7 @@
 """The bundled robots: generated files, geometry, and mass properties against an independent oracle.
 
-The oracle is a MuJoCo model built straight from ``urdf/source/reference_models.json``: it shares
-neither the URDF, nor its generator, nor its parser with what it judges.
+The oracle is a MuJoCo model built directly from ``urdf/source/reference_models.json``. It uses
+neither the URDF, nor its generator, nor its parser.
 """
 
 from __future__ import annotations
@@ -236,8 +236,9 @@ def test_agrees_with_the_reference(name: str) -> None:
     """Compare mass matrix, gravity and tip of the URDF with a model built from the facts.
 
     Both sides normalise the nine-digit quaternions, so they agree to rounding. Every entry is
-    held against its own scale (M_ij against sqrt(M_ii M_jj), without armature; gravity against
-    the same joint's largest), so that the light tail of spirob48 counts as much as its base.
+    compared relative to its own scale, so that the light tail of spirob48 counts as much as its
+    base. The scale of M_ij is sqrt(M_ii M_jj) without armature; that of gravity is the joint's
+    largest.
     """
     ours, theirs = pin_model(name), oracle(name)
     np.testing.assert_array_equal(ours.armature, theirs.dof_armature)

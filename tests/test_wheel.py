@@ -1,4 +1,4 @@
-"""The wheel beside a project whose own folders have the names of ours."""
+"""The wheel in a project whose folders have the same names as softdyn's."""
 
 import json
 import os
@@ -28,7 +28,7 @@ print(json.dumps({
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Built from the source archive, as a release is."""
+    """The wheel, built from the source archive as for a release."""
     folder = tmp_path_factory.mktemp("dist")
     command = [sys.executable, "-m", "build", "--outdir", folder, ROOT]
     done = subprocess.run(command, capture_output=True, text=True)
@@ -72,7 +72,7 @@ def test_it_works_beside_a_project_with_folders_of_our_names(wheel, tmp_path):
     }.items():  # fmt: skip
         (project / name).parent.mkdir(parents=True, exist_ok=True)
         (project / name).write_text(text)
-    # nothing is compiled: that takes long in a new folder, and CI's .ci/wheel.py does it
+    # kernels are not compiled, because that is slow in a new folder; .ci/wheel.py does it
     environment = {**os.environ, "PYTHONPATH": str(target), "SOFTDYN_COMPILE": "0"}
     done = subprocess.run(
         [sys.executable, "main.py"], cwd=project, env=environment, capture_output=True, text=True

@@ -1,4 +1,4 @@
-"""Every argument of the public functions, given what it cannot be: an InputError that names it."""
+"""Wrong values for every argument of the public functions lead to an InputError that names it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LIMITS = (MODEL.lower, MODEL.upper)
 
 
 def listed(generate):
-    """The same as a list, as a generator checks its arguments when it is asked."""
+    """Convert a generator to a list, because it checks its arguments only when it runs."""
 
     def call(**given):
         return list(generate(**given))

@@ -72,7 +72,7 @@ def test_a_large_toml(tmp_path):
 
 
 def test_what_swallows_an_end_does_not_keep_a_command_alive():
-    """As a compiler's callback does with what is raised inside it."""
+    """A compiler's callback swallows exceptions, for example."""
     reached = []
     with cli.ends_cleanly() as over:
         assert not over()

@@ -65,7 +65,7 @@ PENDULUM = """<robot name="finger">
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A user's folder, as the working one."""
+    """A user's folder as the working directory."""
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "neighbour.py").write_text("FORCE = 0.25\n")
     (tmp_path / "arm.urdf").write_text(PENDULUM.format(length=0.2))
@@ -247,7 +247,7 @@ def test_an_own_robot_to_a_target(call, folder):
     assert "set point at 0.1 0 -0.1 m" in out
     assert figures((folder / "r.json").read_text())["kind"] == "set_point"
     assert code in (0, 1)
-    (folder / "gains.toml").write_text("eps = 0.1\n")  # and nothing published to fill it up
+    (folder / "gains.toml").write_text("eps = 0.1\n")  # and no published gains to complete it
     code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0, "--gains", "gains.toml")
     assert (code, "Kp" in err) == (2, True)
 
@@ -357,7 +357,7 @@ def test_bad_gains(call, folder, toml, message):
 
 def test_a_robot_without_length_takes_a_target(call):
     code, out, _ = call("point.urdf", "own.py:Push", "--target", 0, 0, 0, "--duration", 0.01)
-    assert code == 0  # its tip is the joint itself: already there
+    assert code == 0  # its tip is the joint itself, so it is already there
     assert "reached: |e| fell from 0.000 to 0.000 cm" in out
 
 

@@ -1,4 +1,4 @@
-"""Inputs for given joint torques: the exact minimum within the bounds, whatever is asked for."""
+"""Inputs for given joint torques: the exact minimum within the bounds, for all torques."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROBOTS = ("finger", "helix", "spirob")
 
 
 def drawn(name: str, count: int):
-    """States and torques: some that the inputs can give, some beyond, some across."""
+    """States and torques: some feasible, some beyond the bounds, some outside range(B)."""
     model, rng = softdyn.load(name), np.random.default_rng(3)
     for k in range(count):
         wild = rng.uniform(-0.3, 0.3, model.nv) * (k > 0)  # the first: straight, B of spirob rank 2
@@ -32,9 +32,9 @@ def drawn(name: str, count: int):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_input_is_the_optimum_of_its_qp(name: str):
-    """At a minimum over a box the gradient points out of it: necessary, and enough for convexity.
+    """At a minimum over a box the gradient points out of the box; for a convex cost this suffices.
 
-    Where B has full rank there is one minimum, and quadprog finds the same.
+    If B has full rank, the minimum is unique, and quadprog finds the same.
     """
     ranks = set()
     for model, state, tau in drawn(name, 60):
@@ -66,12 +66,12 @@ def tapered(tmp_path_factory: pytest.TempPathFactory) -> softdyn.SoftModel:
 
 
 def shortest(B: np.ndarray, tau: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Two solvers one after the other: SciPy's minimiser, then quadprog's of the same torques."""
+    """SciPy finds a minimiser; then quadprog finds the shortest input with the same torques."""
     one = lsq_linear(B, tau, (low, high), method="bvls", tol=1e-15, max_iter=500).x
     _, singular, rows = np.linalg.svd(B)
     rows = rows[: int((singular > 1e-9 * singular[0]).sum())]
     sides = np.vstack((rows, np.eye(len(low)), -np.eye(len(low))))
-    # the sides give way by a hair: the first minimiser may lie at the rim of the box
+    # the bounds are slightly wider, because the first minimiser may lie on the edge of the box
     ends = np.concatenate((rows @ one, low - 1e-9, -high - 1e-9))
     return quadprog.solve_qp(np.eye(len(low)), np.zeros(len(low)), sides.T, ends, len(rows))[0]
 
@@ -82,7 +82,7 @@ def test_of_all_minimisers_the_shortest_is_taken(tapered: softdyn.SoftModel):
     state = tapered.state(tapered.q0, np.zeros(tapered.nv))
     for k in range(30):
         inside = state.B @ rng.uniform(0, 20, 9)
-        # what cables cannot give, and torques out of reach
+        # torques outside range(B), and torques beyond the bounds
         cases.append((tapered, state, (k % 3) * inside + rng.normal(size=tapered.nv)))
     at_bounds = 0
     for model, seen, tau in cases:
@@ -94,7 +94,7 @@ def test_of_all_minimisers_the_shortest_is_taken(tapered: softdyn.SoftModel):
 
 
 def test_the_input_is_continuous_in_the_torque(tapered: softdyn.SoftModel):
-    """Halve the steps of a path of torques: the largest step of the input halves too."""
+    """Halving the steps of a path of torques halves the largest step of the input, too."""
     rng = np.random.default_rng(1)
     state = tapered.state(tapered.q0, np.zeros(tapered.nv))
     for _ in range(3):

@@ -84,7 +84,7 @@ def test_units_are_millimetres_where_joints_slide_and_hundredths_of_a_radian_els
     np.testing.assert_array_equal(JointLimits(model)(state).unit, [1e-3, 1e-2, 1e-2] * 2)
     for barrier in some_barriers(model, state.y)[1:]:
         np.testing.assert_array_equal(barrier(state).unit, [1e-3])
-    # what is seen of a violation is in them: the slide 5 mm beyond, then a joint 0.05 rad
+    # violations in view of the barriers: the slide by 5 mm, then a joint by 0.05 rad
     rows = BarrierRows(model, (JointLimits(model),), TAU)
     for joint, beyond in ((0, 5e-3), (2, 0.08)):
         at = np.zeros(model.nv)
@@ -95,7 +95,7 @@ def test_units_are_millimetres_where_joints_slide_and_hundredths_of_a_radian_els
 
 
 def test_the_least_by_which_rows_give_way() -> None:
-    """min ‖s‖², matrix u - unit s ≤ upper, u in bounds: another solver's, without a tie's weight.
+    """min ‖s‖² with matrix u - unit s ≤ upper and u in bounds, by another solver.
 
     Inputs of ranges from 1e-3 to 1e3, and rows of which two or three cannot be met together.
     """
@@ -109,7 +109,7 @@ def test_the_least_by_which_rows_give_way() -> None:
         upper = np.array([-0.3, -0.4, -0.2, 5.0])
         found = rows._excess(Rows(matrix, upper, unit))
 
-        # in u / span and s, with a weight on u far below what is asked for
+        # in u / span and s, with a weight on u far below the tested accuracy
         scaled, bound = matrix * span / unit[:, None], upper / unit
         sides = np.block([[-scaled, np.eye(4)], [np.eye(3), np.zeros((3, 4))],
                           [-np.eye(3), np.zeros((3, 4))]])  # fmt: skip
@@ -137,7 +137,7 @@ def test_rows_are_the_barriers_over_the_hold(name: str) -> None:
             wanted.append(
                 (second + 2 * alpha * first + alpha**2 * (b + TAU * first)) / (1 + alpha * TAU) ** 2
             )
-            # a row's unit lets b sink by its own
+            # one unit of relaxation lets b decrease by its own unit
             (unit,) = rows.unit[len(np.concatenate(wanted)) - 1 :][:1]
             assert unit == pytest.approx(
                 alpha**2 * barrier(state).unit[-1] / (1 + alpha * TAU) ** 2
@@ -173,11 +173,11 @@ def test_inputs_are_those_of_the_textbook_form_with_the_rows(name: str) -> None:
         exact = solve_quadprog(with_rows(qp, rows.matrix, upper))
         if exact.residual < 1e-9:
             np.testing.assert_allclose(command.u, exact["u"], rtol=0, atol=1e-5 * spread)
-    assert active  # some row changed an input
+    assert active  # at least one row changed an input
 
 
 def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
-    # two half-spaces that exclude each other: the bounds stay hard, both give way alike
+    # two disjoint half-spaces: the input bounds stay hard, and both barriers relax equally
     model = robot("finger")
     state = model.state(np.full(4, 0.3), np.zeros(4))
     walls = [

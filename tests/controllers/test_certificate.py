@@ -1,4 +1,4 @@
-"""What V does: a certified law's V̇ against differences of V along the motion, law by law."""
+"""A certified controller's V̇ against differences of V along the motion."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.support.control_cases import BUNDLED, drawn, robot
 @pytest.mark.parametrize("which", ["finger", "helix", "spirob"])
 @pytest.mark.parametrize("law", [SoftIdClfQp, IdClfQp, ClfQp, Impedance, Staged])
 def test_the_rate_is_that_of_V_along_the_motion(law, which):
-    """From every state an instant under the held input, towards a moving reference."""
+    """A short motion from every state under the held input, towards a moving reference."""
     model, h = robot(which), 2e-7
     controller = Certified(law(model))
     clf = make_clf(getattr(controller.law, "stage", controller).gains.eps)
@@ -55,7 +55,7 @@ def test_the_rate_is_that_of_V_along_the_motion(law, which):
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_who_keeps_the_promise(which):
-    """The hard law's and CLF-QP's accelerations are the model's; the soft law's are not."""
+    """ID-CLF-QP and CLF-QP have the model's accelerations; Soft ID-CLF-QP has not."""
     model = robot(which)
     broken = dict.fromkeys(CONTROLLERS, 0)
     for name in ("soft-id-clf-qp", "id-clf-qp", "clf-qp"):

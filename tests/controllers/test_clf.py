@@ -45,7 +45,7 @@ def test_riccati_equation(seed: int) -> None:
 def test_decrease_row_is_the_derivative_along_trajectories(eps: float) -> None:
     clf, rng, step = make_clf(eps), np.random.default_rng(1), 1e-5 * eps
     for _ in range(20):
-        # e ~ ε ė, so that no part of V drowns the others
+        # e ~ ε ė, so that no part of V dominates
         eta, mu = shrink(1 / eps) @ rng.normal(size=6), rng.normal(size=3) / eps
 
         def V(t: float, eta: np.ndarray = eta, mu: np.ndarray = mu) -> float:
@@ -120,7 +120,7 @@ def test_at_the_goal_there_is_nothing_to_ask() -> None:
 
 @pytest.mark.parametrize(("share", "rate"), [(0.1, 0.92), (0.15, 0.88), (0.2, 0.83), (0.5, 0.46)])
 def test_what_a_hold_costs(share, rate):
-    """The least μ that meets the condition, held for `share` of ε: the worst rate of all η."""
+    """The worst decay over all η, if the least μ for the condition is held for `share` of ε."""
     clf, rng, worst = make_clf(0.05), np.random.default_rng(1), np.inf
     for angle in np.linspace(0, np.pi, 721):
         along = rng.normal(size=3)

@@ -1,4 +1,4 @@
-"""The CLF-QP has many minimisers and no weight on u: cost, and the choice of the least norm."""
+"""The CLF-QP has many minimisers: tests of its cost, and of the minimiser of least norm."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def cost(u, state, reference, gains) -> float:
 
 @pytest.mark.parametrize("which", BUNDLED + MICRO)
 def test_the_least_norm_minimiser_is_taken(which):
-    """Two exact QPs, one after the other: the optimal cost, then ‖u‖² at that cost.
+    """Two exact QPs in turn: the optimal cost, then the least ‖u‖² at that cost.
 
-    Where an input moves the tip a billion times less than others do (helix), the oracle's choice
-    among costs that agree to 1e-7 is not the QP's: there ours must not be the dearer one.
+    On the helix, some inputs move the tip a billion times less than others. The oracle cannot
+    distinguish costs that agree to 1e-7, so there only our cost must not be higher.
     """
     model = robot(which)
     controller, least_norm = (
@@ -63,7 +63,7 @@ def test_the_least_norm_minimiser_is_taken(which):
 
 
 def test_no_input_is_better():
-    """Against a bounded quasi-Newton search of the paper's QP from the answer and afar."""
+    """A bounded quasi-Newton search of the paper's QP finds no better input."""
     model = robot("finger")
     controller, rng = ClfQp(model), np.random.default_rng(0)
     bounds = list(zip(model.u_min, model.u_max, strict=True))
@@ -80,7 +80,7 @@ def test_no_input_is_better():
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_wild_states_are_solved(which):
-    """A metre from the reference: δ is a million times what the inputs can do."""
+    """A metre from the reference δ is a million times the effect of the inputs."""
     model, rng = robot(which), np.random.default_rng(5)
     controller = ClfQp(model)
     for state, _ in drawn(which, 60):
@@ -92,9 +92,9 @@ def test_wild_states_are_solved(which):
 
 @pytest.mark.parametrize("size", [1.0, 1e-9])
 def test_least_norm_against_a_projection(size):
-    """Random QPs whose optimum is reachable: min ‖u‖² on it, by SciPy's SLSQP.
+    """Random QPs with a feasible optimum: min ‖u‖² over the optima, by SciPy's SLSQP.
 
-    Inputs of a nanonewton are those of a newton, smaller.
+    The result must not depend on the scale of the inputs, nanonewton or newton.
     """
     rng = np.random.default_rng(3)
     for m, pulls in ((4, False), (9, False), (16, False), *[(6, True)] * 12):

@@ -1,4 +1,4 @@
-"""The contract every controller keeps, on every robot, at every state, hostile ones included."""
+"""The contract of all controllers, on every robot, at every state, hostile states included."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from softdyn.controllers.schedule import tuned
 from softdyn.description import library as catalogue
 from tests.support.control_cases import BUNDLED, GAINS, MICRO, drawn, recorded, robot
 
-PATIENCE = 10.0  # s per call, of a busy machine; a hang takes 25 s and more, at every call
+PATIENCE = 10.0  # s per call on a busy machine; a hang takes at least 25 s at every call
 CLASSES = sorted(CONTROLLERS)
 HUGE, TINY = 1e300, 5e-324
 
@@ -51,7 +51,7 @@ def build(name: str, which: str):
 
 
 def ask(controller, model: SoftModel, state, reference) -> Command:
-    """One call, judged: in time, silent, finite, in bounds, counted."""
+    """Make one call and check it: in time, silent, finite, in bounds, counted."""
     for _ in range(2):  # a first call may have to compile
         before, began = controller.guard.fallbacks, time.perf_counter()
         with warnings.catch_warnings():
@@ -116,7 +116,7 @@ def test_hostile_references(name: str, which: str) -> None:
     state = drawn(which)[4][0]
     for reference in hostile_references():
         ask(controller, model, state, reference)
-    after = ask(controller, model, *drawn(which)[4])  # and none of it sticks
+    after = ask(controller, model, *drawn(which)[4])  # and no later answer is affected
     fresh = ask(build(name, which), model, *drawn(which)[4])
     assert after.status is Status.OK
     np.testing.assert_allclose(after.u, fresh.u, atol=1e-6 * np.ptp([model.u_min, model.u_max]))
@@ -144,7 +144,7 @@ def test_hostile_states(name: str, which: str) -> None:
 @every_controller
 @pytest.mark.parametrize("value", [np.nan, np.inf, HUGE, TINY])
 def test_poisoned_states(name: str, value: float) -> None:
-    # States that `model.state` would hardly make
+    # states that `model.state` would hardly return
     model, controller = robot("spirob"), build(name, "spirob")
     state, goal = recorded("spirob")[3]
     for field in ("M", "h", "J", "Jdot", "B", "K", "D", "bias", "y", "ydot"):
@@ -166,7 +166,7 @@ def test_references_that_are_not_numbers_are_refused(name: str, value: float) ->
         SetPoint(np.array([value, 0.0, 0.0]))
     state, goal = recorded("finger")[3]
     broken = SetPoint(goal.y)
-    object.__setattr__(broken, "y", np.array([value, 0.0, 0.0]))  # past the constructor
+    object.__setattr__(broken, "y", np.array([value, 0.0, 0.0]))  # bypasses the constructor
     command = ask(controller, model, state, broken)
     assert command.status is not Status.OK
     assert controller.guard.fallbacks == 1
@@ -270,7 +270,7 @@ def test_any_gains_keep_the_contract(name: str, gains: Gains) -> None:
 
 @pytest.mark.parametrize("name", [*CLASSES, "best", "mpc", "certified"])
 def test_the_guard_is_the_only_way_in(name: str) -> None:
-    """Compiled kernels would read beyond their arrays in a State of another robot."""
+    """With a State of another robot, compiled kernels would read beyond their arrays."""
     if name == "mpc":
         controller = BEYOND[name](robot("spirob"))
     else:

@@ -1,4 +1,4 @@
-"""Gains: the paper's table, and what cannot be one."""
+"""Gains: the paper's table, and invalid gains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dynamics over a hold: published at τ = 0, else backward Euler's; solved exactly."""
+"""The dynamics over a horizon τ: the published ones at τ = 0, else backward Euler's."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""The condensed Soft ID-CLF-QP is the paper's QP: against the textbook form, solved exactly.
+"""The condensed Soft ID-CLF-QP is the paper's QP: compared with the textbook form, solved exactly.
 
-Where the minimiser is unique, inputs are compared. The controller draws the input bounds in by
-`BACKOFF` of their range: u is compared against the true bounds, the objective (whose slope at a
-bound may be anything) against bounds drawn in alike. Where it is not unique (w2 = w4 = 0, or
-w3 = 0 and rank(B) < m), the value is: the controller's u is pinned in the textbook QP,
-whose optimum must then be as good as with u free.
+If the minimiser is unique, inputs are compared. The controller narrows the input bounds by
+`BACKOFF` of their range. So u is compared with the true bounds, and the objective, whose slope at a
+bound may be large, with equally narrowed bounds. If the minimiser is not unique (w2 = w4 = 0, or w3
+= 0 and rank(B) < m), the optimal value is compared: with the controller's u fixed in the textbook
+QP, the optimum must be as good as with u free.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def spread(model: SoftModel) -> float:
 
 
 def solve_both(model: SoftModel, qp: SymbolicQp) -> SolverAnswer:
-    """quadprog's answer, which DAQP confirms; both with their conditions of optimality met."""
+    """quadprog's answer, confirmed by DAQP; both must meet the optimality conditions."""
     one, two = solve_quadprog(qp), solve_daqp(qp)
     assert one.residual < 1e-10
     assert two.residual < 1e-10
@@ -58,7 +58,7 @@ def solve_both(model: SoftModel, qp: SymbolicQp) -> SolverAnswer:
 
 
 def free_at(u_ref: float, qp: SymbolicQp) -> SymbolicQp:
-    """The same with an input that costs nothing."""
+    """The same QP, where one input has no cost."""
     weight, u, _ = qp.cost["input"]
     return replace(qp, cost=qp.cost | {"input": Term(weight, u - u_ref)})
 
@@ -234,7 +234,7 @@ def test_the_rank_threshold_decides_nothing_on_the_paths_of_spirob(theta: float)
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-8, 1e-7, 1e-6, 2e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-2])
 def test_an_almost_singular_input_matrix(scale: float) -> None:
-    # B's smallest singular value passes through every magnitude as q → 0, its inverse with it
+    # as q → 0, B's smallest singular value and its inverse pass through every magnitude
     model, gains = robot("spirob"), gains_of("spirob")
     controller = SoftIdClfQp(model)
     for seed in range(18):
@@ -298,7 +298,7 @@ def test_the_soft_qp_is_the_hard_one_when_fully_actuated() -> None:
 
 
 def test_gains_matter() -> None:
-    # a guard against a textbook and a controller that agree on ignoring something
+    # guards against a term that both textbook form and controller ignore
     model, gains, pairs = robot("helix"), gains_of("helix"), cases("helix")
     base = [SoftIdClfQp(model)(*pair).u for pair in pairs]
     for field in Gains.__dataclass_fields__:

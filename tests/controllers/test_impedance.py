@@ -1,4 +1,4 @@
-"""IC and UIC against the paper's equations as the oracle has them."""
+"""IC and UIC against the paper's equations, as implemented by the oracle."""
 
 from __future__ import annotations
 
@@ -56,10 +56,11 @@ def test_task_inertia_of_a_planar_robot_leaves_out_what_it_cannot_reach():
 
 @pytest.mark.parametrize("more", [0, 1, 3])
 def test_what_counts_as_no_share_of_an_input_is_told_beside_the_largest_singular_value(more):
-    """Of (I - I_p) N, whose largest is 1 where some direction is neither the task's nor an input's.
+    """The threshold is relative to the largest singular value of (I - I_p) N.
 
-    One task direction t and one input b with t·b = 1e-9: where nothing else is there (n = 2) that
-    is the largest singular value, and b / (t·b) meets t; else it is none, and t stays.
+    That value is 1 if some direction belongs neither to the task nor to an input. Take one task
+    direction t and one input b with t·b = 1e-9. For n = 2, this is the largest singular value, and
+    b / (t·b) meets t. For larger n it counts as zero, and t stays.
     """
     n, cosine, force = 2 + more, 1e-9, np.array([3.0])
     t, b = np.zeros((2, 1, n))

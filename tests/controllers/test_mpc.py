@@ -1,4 +1,4 @@
-"""The predictive controller: its prediction against the dynamics, its answer against exact ones."""
+"""The predictive controller: its prediction against the dynamics, its answer against exact QPs."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_the_prediction_is_the_robot_nearby(which: str) -> None:
     state, u = model.state(q, v), np.zeros(model.nu)
     w = 1e-4 * np.eye(model.nu)[0]
     f = model.forward_dynamics(q, v, u)
-    rest = state.M @ f  # what keeps the arm where it is, so that only w moves it
+    rest = state.M @ f  # the force that holds the arm, so that only w moves it
     K, D = tangent_dynamics(model, q, v, u)
     step, count = 0.01, 10
     positions, speeds = respond(state.M, K, D, state.B, 0 * v, v, step, count)
@@ -105,7 +105,7 @@ def test_condensing_is_superposition() -> None:
     for k in range(6):
         pushed = force + state.B @ means[k] + D @ (v - speed) - K @ p
         one, fast = respond(state.M, K, D, state.B, pushed, speed, 0.02, 1)
-        # `respond` takes its damping about the speed it starts from
+        # `respond` linearises the damping about its initial speed
         p, speed = p + one[0, :, 0], fast[0, :, 0]
         np.testing.assert_allclose(state.J @ p, (free + into @ x)[3 * k : 3 * k + 3], atol=1e-9)
 
@@ -134,7 +134,7 @@ def test_the_objective_is_the_sum_it_says() -> None:
 def test_the_answer_is_the_optimum(which: str) -> None:
     model = robot(which)
     for state, goal in drawn(which)[:6]:
-        controller = Mpc(model, period=1.0)  # longer than a knot: u is the first knot's
+        controller = Mpc(model, period=1.0)  # longer than a knot, so u is the first knot's
         seen = watch(controller)
         controller.reset(controller.period)
         command = controller(state, goal)
@@ -145,7 +145,7 @@ def test_the_answer_is_the_optimum(which: str) -> None:
         bounds = np.concatenate([problem.lower, -problem.upper])
         try:
             x = quadprog.solve_qp(scaled, -problem.g / size, C, bounds)[0] / size
-        except ValueError:  # not positive definite to it
+        except ValueError:  # the solver takes it for indefinite
             continue
         objective = [0.5 * y @ problem.H @ y + problem.g @ y for y in (x, full(controller, seen))]
         assert objective[1] <= objective[0] + 1e-6 * max(1.0, abs(objective[0]))
@@ -153,7 +153,7 @@ def test_the_answer_is_the_optimum(which: str) -> None:
 
 
 def watch(controller: Mpc) -> list:
-    """The list that the QPs it solves go to."""
+    """A list that collects the QPs that the controller solves."""
     seen: list = []
     solve = controller._qp.solve
     controller._qp.solve = lambda problem: seen.append(problem) or solve(problem)
@@ -200,7 +200,7 @@ def test_hostile_numbers(which: str) -> None:
             array.flat[0] = value
             ask(controller, model, replace(state, **{name: array}), goal)
     controller.reset(controller.period)
-    assert ask(controller, model, state, goal).status is Status.OK  # none of it sticks
+    assert ask(controller, model, state, goal).status is Status.OK  # no later answer is affected
 
 
 @pytest.mark.parametrize("period", [0.001, 0.005])
@@ -224,7 +224,7 @@ def test_a_robot_of_ones_own_needs_no_gains(tmp_path: Path) -> None:
 
 
 def test_what_the_model_does_not_know_leaves_no_offset() -> None:
-    # 20 % more gravity than the controller's model says
+    # 20 % more gravity than in the controller's model
     model, heavy = robot("finger"), robot("finger")
     goal = paper.set_point("finger", 0.5)
     from softdyn.validation.twin.plant_errors import PlantErrors
@@ -235,9 +235,9 @@ def test_what_the_model_does_not_know_leaves_no_offset() -> None:
 
 @pytest.mark.parametrize("which", ["finger", "helix", "sliding and turning"])
 def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
-    """Every term of the QP, the second call's too, whose forces the first one misses.
+    """Every term of the QP equals `tests.support.predictive`, which simulates the horizon.
 
-    By `tests.support.predictive`, which steps through the horizon once for each input.
+    The second call is compared, too, because it has estimated forces, which the first lacks.
     """
     model, rng, period = robot(which), np.random.default_rng(11), 0.002
     (first, _), (second, _) = drawn(which)[2:4]
@@ -283,7 +283,7 @@ def test_cost_and_estimate_are_those_of_their_definitions(which: str) -> None:
 
 
 def test_forces_at_a_stop_are_no_estimate() -> None:
-    """What a joint at its stop does not do as predicted the stop did, now or a period ago."""
+    """At a joint on its stop, now or a period ago, the stop causes the prediction error."""
     model, period, still = robot("helix"), 0.002, np.zeros(robot("helix").nv)
     inside = model.state(model.q0, still)
     moving = model.state(model.q0, still + 0.1)
@@ -294,7 +294,7 @@ def test_forces_at_a_stop_are_no_estimate() -> None:
         ((inside, moving), True),
         ((inside, stopped), False),
         ((stopped, inside), False),
-        ((inside, moving, stopped), False),  # nor is what was estimated before kept
+        ((inside, moving, stopped), False),  # and the earlier estimate is dropped
     ):
         controller = Mpc(model, period=period)
         for state in states:
@@ -323,7 +323,7 @@ def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
 
 
 def test_one_period_is_backward_euler() -> None:
-    """Against its two equations, M (q̇⁺ - q̇) = T (f - D (q̇⁺ - q̇) - K p), p = T q̇⁺."""
+    """Its two equations are M (q̇⁺ - q̇) = T (f - D (q̇⁺ - q̇) - K p), p = T q̇⁺."""
     rng, n, T = np.random.default_rng(2), 4, 0.1
     M, K, D = (x @ x.T + np.eye(n) for x in rng.normal(size=(3, n, n)))
     push, v = rng.normal(size=(2, n))

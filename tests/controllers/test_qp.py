@@ -1,4 +1,4 @@
-"""Small QPs: exact answers, honest residuals, and no hostile number that hangs the solver."""
+"""Small QPs: exact answers, correct residuals, and no hang on hostile numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, QpProblem, QpSolution,
 from softdyn.validation.paper.solvers import SymbolicQp, Term, unknowns
 from tests.support.printed import solve_daqp, solve_quadprog
 
-PATIENCE = 10.0  # s, of a busy machine; a hang takes 25 s and more
+PATIENCE = 10.0  # s, on a busy machine; a hang takes at least 25 s
 INF = np.inf
 
 
@@ -32,7 +32,7 @@ def draw(seed: int, n: int, rows: int, spread: float = 1.0) -> QpProblem:
 
 
 def one_sided(p: QpProblem) -> SymbolicQp:
-    """The same as sums of squares: ½ xᵀHx + gᵀx = ½ ‖Lᵀx + L⁻¹g‖² + constant, H = L Lᵀ."""
+    """The same problem as least squares: ½ xᵀHx + gᵀx = ½ ‖Lᵀx + L⁻¹g‖² + constant, H = L Lᵀ."""
     pinned = p.lower == p.upper
     above, below = np.isfinite(p.upper) & ~pinned, np.isfinite(p.lower) & ~pinned
     (x,), root = unknowns(len(p.g)), np.linalg.cholesky(p.H)
@@ -45,7 +45,7 @@ def one_sided(p: QpProblem) -> SymbolicQp:
 
 
 def solve(problem: QpProblem, solver: DenseQp | None = None) -> QpSolution | None:
-    """One call, in time."""
+    """Make one call and check its time."""
     solver = solver or DenseQp(len(problem.g), len(problem.lower))
     for _ in range(2):  # a first call may have to compile
         began = time.perf_counter()
@@ -59,7 +59,7 @@ def solve(problem: QpProblem, solver: DenseQp | None = None) -> QpSolution | Non
 
 
 def optimal(p: QpProblem, x: np.ndarray, z: np.ndarray, tolerance: float = 1e-8) -> bool:
-    """Karush, Kuhn and Tucker's conditions, written another way than `residuals`."""
+    """The Karush-Kuhn-Tucker conditions, independent of `residuals`."""
     Ax = p.A @ x
     at_upper, at_lower = np.isclose(Ax, p.upper, atol=1e-7), np.isclose(Ax, p.lower, atol=1e-7)
     size = 1 + np.abs(p.H @ x).max() + np.abs(p.g).max() + np.abs(z).max(initial=0)
@@ -76,7 +76,7 @@ def optimal(p: QpProblem, x: np.ndarray, z: np.ndarray, tolerance: float = 1e-8)
 @pytest.mark.parametrize("ratio", [0.0, 0.5, 1.0, 2.0])
 def test_random_problems(n: int, ratio: float) -> None:
     rows = round(ratio * n)
-    solver = DenseQp(n, rows)  # one workspace for all, as a controller has it
+    solver = DenseQp(n, rows)  # one workspace for all, as in a controller
     for seed in range(12):
         problem = draw(seed, n, rows)
         solution = solve(problem, solver)
@@ -231,7 +231,7 @@ def test_bounds_that_cross() -> None:
 
 
 def test_rows_that_contradict_each_other() -> None:
-    # no row is wrong by itself: the answer is refused by its residuals
+    # each row alone is valid, so that only the residuals show the error
     A = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     problem = QpProblem(
         np.eye(2), np.ones(2), A, np.array([1.0, -INF, -1]), np.array([INF, -1.0, 1])

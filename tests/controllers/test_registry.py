@@ -1,4 +1,4 @@
-"""From a controller's name to a controller, and what goes wrong in a user's file in one line."""
+"""Controllers by name, and one-line errors for mistakes in a user's file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Schedules: tables to stages, and which stage answers when."""
+"""Schedules: their tables, and the stage that acts at each time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_stages_follow_the_distance() -> None:
     approach = SoftIdClfQp(model, FAST, horizon=0.02)
     stay = SoftIdClfQp(model, SLOW, horizon=0.1)
     state = recorded("finger")[2][0]
-    # near for dwell, counted from the first time within; beyond `leave` at once
+    # `stay` begins after `dwell` within `arrive`; `approach` begins at once beyond `leave`
     distances = [0.2, 0.009, 0.009, 0.011, 0.009, 0.009, 0.009, 0.009, 0.04, 0.06, 0.009]
     staying = [False] * 7 + [True, True, False, False]
     for distance, stays in zip(distances, staying, strict=True):
@@ -50,7 +50,7 @@ def test_stages_follow_the_distance() -> None:
         expected = (stay if stays else approach)(state, goal)
         np.testing.assert_allclose(law(state, goal).u, expected.u, rtol=0, atol=1e-8)
         assert law(state, goal).V == expected.V or distance < 0.05
-        law._near -= 0.03 * (law._near > 0)  # the second call was no period
+        law._near -= 0.03 * (law._near > 0)  # the second call was within the same period
     assert not np.allclose(
         approach(state, SetPoint(state.y + 0.05)).u, stay(state, SetPoint(state.y + 0.05)).u
     )
@@ -104,9 +104,9 @@ def test_a_schedule_beside_a_file_is_for_that_content(tmp_path: Path) -> None:
     law = best(softdyn.load(file))
     assert isinstance(law, Staged)
     assert law.gains == SCHEDULE
-    # given by name it is as good as one of a bundled robot
+    # a schedule given by name works like that of a bundled robot
     assert make_schedule(tomllib.loads(written.read_text())) == SCHEDULE
-    # a comment changes nothing; a spring does
+    # a changed comment does not matter, a changed spring does
     file.write_text(file.read_text() + "<!-- mine -->")
     assert isinstance(best(softdyn.load(file)), Staged)
     changed = file.read_text().replace("<springStiffness>0.01", "<springStiffness>0.02", 1)

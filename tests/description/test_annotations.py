@@ -1,4 +1,4 @@
-"""Names in a block that are nearly right, and sites too near one another."""
+"""Almost correct names in a block, and sites that are too close."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def test_letters_left_out_are_a_slip_one_of_four_to_six_and_two_of_more(name, tm
 
 
 def test_sites_of_different_links_are_apart(tmp_path):
-    """In either order; on one link a site may come twice."""
+    """In both orders; on one link a site may occur twice."""
     inertial = (
         '<inertial><mass value="1"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -1,4 +1,4 @@
-"""Spatial inertias against clouds of point masses, whose inertia is a sum and nothing else."""
+"""Spatial inertias against clouds of point masses, whose inertia is a simple sum."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_roll_pitch_yaw_are_pinocchio_s(rpy: tuple[float, float, float]) -> None
 
 
 def test_fixed_links_are_lumped_and_what_is_fixed_to_the_base_is_not(tmp_path) -> None:
-    """Two bodies a moving joint apart, each with a link welded on; one more on the base."""
+    """Two bodies on a moving joint, each with a welded link; a third link is welded to the base."""
     names = ("base", "foot", "a", "a2", "a3", "b", "b2")
     held = {
         "foot": ("base", "fixed"),
@@ -172,7 +172,7 @@ def test_what_is_physical_is_its_own_nearest() -> None:
 
 
 def broken(folder: Path, where: str) -> Path:
-    """A body `a` with `a2` welded on; the inertia of one of them breaks the triangle."""
+    """A body `a` with `a2` welded on; the inertia of one violates the triangle inequality."""
     links = ""
     for name in ("base", "a", "a2"):
         text = INERTIAL

@@ -47,7 +47,7 @@ def test_a_bundled_file_is_known_by_any_of_its_paths(monkeypatch, tmp_path: Path
 
 
 def test_a_copy_is_not_the_bundled_robot(tmp_path: Path) -> None:
-    """Gains belong to the file, not to the name."""
+    """Gains belong to a file, not to a name."""
     copy = Path(shutil.copy(BUNDLED / "finger.urdf", tmp_path))
     assert bundled_name(copy) is None
     assert softdyn.load(copy).bundled is None

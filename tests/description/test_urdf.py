@@ -1,4 +1,4 @@
-"""The annotated URDF: every misuse refused, the rest read, and read alike by both engines."""
+"""The annotated URDF: every misuse is refused, and both engines read valid files alike."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def joint(robot: Robot, name: str):
 
 
 def chain(count: int, kind: str = "fixed") -> str:
-    """`count` links in a row on a revolute joint, the others held by joints of a kind."""
+    """`count` links in a row; the first joint is revolute, the others are of one kind."""
     links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
     joints = "".join(
         f'<joint name="j{i}" type="{kind if i else "revolute"}"><parent link="l{i - 1}"/>'
@@ -221,7 +221,7 @@ def test_without_a_task_the_deepest_leaf_is_it(tmp_path: Path) -> None:
         for name in ("zeta", "alpha")
     )
     robot = changed(tmp_path, ('<task frame="wheel"/>', ""), beside(twins))
-    assert robot.task == "zeta"  # of equals, the first in the file
+    assert robot.task == "zeta"  # the first in the file among equals
 
 
 def test_defaults(tmp_path: Path) -> None:
@@ -355,7 +355,7 @@ def test_names_in_another_encoding_reach_the_engines(tmp_path: Path) -> None:
     ["a b", "a/b", "a:b", "指先", "root_joint", "base", "world", "task", "1", "a" * 10**5, "&lt;'"],
 )
 def test_names_are_just_names(name: str, tmp_path: Path) -> None:
-    """Even a joint named like a link."""
+    """Even a joint may have the name of a link."""
     text = ARM.replace('"bend"', f'"{name}"').replace('"cable"', f'"{name}"')
     robot = parse(write(tmp_path, text))
     assert robot.joints[1].name == robot.tendons[1].name == name.replace("&lt;", "<")
@@ -364,7 +364,7 @@ def test_names_are_just_names(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("order", [("wheel", "slider", "finger"), ("slider", "finger", "wheel")])
 def test_links_may_have_the_names_that_mujoco_keeps_for_itself(order, tmp_path: Path) -> None:
-    """MuJoCo's own body is called world: the twin's names are others, and no two are one."""
+    """MuJoCo has a body `world`, so the twin renames such links, and its names stay unique."""
     text, plain = ARM.replace('"world"', '"ground"'), Twin(parse(write(tmp_path, ARM)))
     for old, new in zip(order, ("world", "link:world", "link:link:world"), strict=True):
         text = text.replace(f'"{old}"', f'"{new}"')
@@ -393,7 +393,7 @@ def test_extreme_numbers_mean_the_same(number: str, tmp_path: Path) -> None:
 
 
 def test_a_namespaced_inertia_reaches_no_engine(tmp_path: Path) -> None:
-    """Pinocchio's own reader knows no namespaces and would take it for the link's."""
+    """Pinocchio's reader ignores namespaces and would take it for the link's inertia."""
     alien = INERTIAL.replace("<inertial>", '<inertial xmlns="http://alien">')
     robot = changed(tmp_path, ('<link name="base"/>', f'<link name="base">{alien}</link>'))
     assert "alien" not in robot.xml
@@ -438,7 +438,7 @@ def test_the_largest_trees(tmp_path: Path) -> None:
 
 
 def assert_read_alike(robot: Robot, twin: bool = True) -> None:
-    """Pinocchio and yourdfpy see the tree, the poses at q = 0 and the masses of the parse."""
+    """Pinocchio and yourdfpy must agree with the parse: tree, poses at q = 0, masses."""
     model = pin.buildModelFromXML(robot.xml)
     assert sorted(model.names[1:]) == sorted(j.name for j in robot.moving_joints)
     data = model.createData()
@@ -559,7 +559,7 @@ def test_a_vandalised_file_is_refused_or_loads(data: bytes, tmp_path: Path) -> N
     assert np.isfinite(state.B).all()
     try:
         read_bodies(path, floating=False)
-    except UrdfError:  # a shape that only the twin would need
+    except UrdfError:  # only the twin would need this shape
         assert_read_alike(model.robot, twin=False)
     else:
         assert_read_alike(model.robot)

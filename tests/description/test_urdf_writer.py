@@ -1,7 +1,7 @@
 """`write` is the inverse of `parse`: what is written is read back as an equal robot.
 
-Equal is `==` of dataclasses of plain numbers, exact to the last bit (-0 equals 0). What does not
-count is listed in `NOT_COMPARED`: where the robot comes from, and the texts that it was read from.
+Robots are compared by `==` of their dataclasses, exact to the last bit (-0 equals 0).
+`NOT_COMPARED` lists the exceptions: the robot's path and the texts of its files.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ LOOKS = """\
 
 
 def again(robot: Robot) -> Robot:
-    """The robot of what is written of a robot, read as if from the same file."""
+    """Write a robot and read it again, as if from the same file."""
     return parse_text(write(robot), path=robot.path, floating=robot.floating)
 
 
@@ -110,7 +110,7 @@ def test_designed_files_are_what_the_writer_writes(text: str) -> None:
 @pytest.mark.parametrize("text", [ARM, micro.GRIPPER, micro.FLOATING, LOOKS])
 @pytest.mark.parametrize("floating", [False, True])
 def test_every_feature(text: str, floating: bool) -> None:
-    """Welds, followers, elastic tendons, aliases of springs, foreign elements, several looks."""
+    """Welds, mimic joints, elastic tendons, aliases of springs, foreign elements, visuals."""
     robot = of_text(text, floating=floating)
     assert robot.floating == floating
     assert again(robot) == robot
@@ -126,7 +126,7 @@ def test_random_robots(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_engines_see_no_difference(seed: int) -> None:
-    """Pinocchio's quantities to the bit; MuJoCo's, as far as the two agree at all."""
+    """Pinocchio's quantities are equal bit by bit; MuJoCo's within the engines' agreement."""
     robot = of_text(random_urdf(seed))
     one, other = softdyn.build(robot), softdyn.build(again(robot))
     rng = np.random.default_rng(seed)
@@ -180,7 +180,7 @@ def test_looks_are_spelled_as_they_were() -> None:
 
 
 def test_what_other_tools_read_stays() -> None:
-    """All but the springs, which are numbers of the robot, and an element that says nothing."""
+    """All of it except springs, which belong to the robot, and empty elements."""
     robot = of_text(LOOKS)
     written = again(robot)
     assert written.others == robot.others

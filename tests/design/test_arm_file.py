@@ -1,4 +1,4 @@
-"""The file of an arm says what the arm is: against the engine, the twin and plain geometry."""
+"""The file of a designed arm, compared with the engine, the twin and plain geometry."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_masses_and_rest_are_those_of_the_parts(model):
 
 
 def test_discs_and_plates_weigh_where_they_are():
-    """A rod of nearly no mass: what is left are four discs and a plate, as points but for r²/4."""
+    """With an almost massless rod, four discs and a plate remain: point masses, plus r²/4."""
     disc, plate = design.Plate(0.012, 1e-9, 0.1), design.Plate(0.02, 0.004, 0.3)
     rod = design.Section(0.08, 0.01, RUBBER, 3, mass=1e-12, discs=4, disc=disc, plate=plate)
     layout = design.lay_out(design.Arm((rod,), unusual=True))
@@ -84,7 +84,7 @@ def test_a_straight_cable_is_as_long_as_its_chords(model):
 
 
 def test_moment_arms_of_a_helical_channel_are_slopes_of_its_length():
-    """The curve itself, bent at one joint, measured as a polygon; no formula of ours."""
+    """The oracle is the curve itself, bent at one joint and measured as a polygon."""
     cable = EVERYTHING.cables[1]
     layout = design.lay_out(EVERYTHING)
     coefficients = layout.coefficients(cable)

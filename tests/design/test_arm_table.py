@@ -1,4 +1,4 @@
-"""`softdyn new`: a table in, a file out, or one line that says what is wrong."""
+"""`softdyn new`: it writes a file from a table, or reports the error in one line."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_units_are_units():
     assert design.lay_out(one).rates == pytest.approx(design.lay_out(two).rates, rel=1e-9)
 
 
-ONE = {  # how many of each unit are one in SI
+ONE = {  # number of units in one SI unit
     "length": {"m": 1, "cm": 100, "mm": 1000},
     "curvature": {"per_m": 1, "per_mm": 1e-3},
     "angle": {"rad": 1, "deg": 57.29577951308232},

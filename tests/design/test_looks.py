@@ -1,4 +1,4 @@
-"""What an arm and a finger look like, read from the file: pieces of rod, balls, discs, contacts."""
+"""The shapes of an arm and a finger in their files: pieces of rod, balls, discs, contacts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENDS = 0.1, 0.104, 0.184  # of the lower section, its plate, the upper section (
 
 
 def radius(x: float) -> float:
-    """Of EVERYTHING's rod at x (m)."""
+    """Radius of EVERYTHING's rod at x (m)."""
     if x <= 0.1:
         return float(np.interp(x, [0, 0.05, 0.1], [0.015, 0.012, 0.012]))
     return 0.01 - 0.002 * ((x - 0.104) / 0.08) ** 2

@@ -1,4 +1,4 @@
-"""Presets: what `softdyn new` writes is what the numbers say, in both engines."""
+"""Presets of `softdyn new`: their files have the stated numbers, in both engines."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def test_layout(pair):
 
 
 def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
-    """Springs, dampers, limits and armature stay with the joint, in both engines."""
+    """Its springs, dampers, limits and armature act on the joint, in both engines."""
     import xml.etree.ElementTree as ElementTree
 
     plain = softdyn.load(write(tmp_path, FLOATING), floating=True)
@@ -74,7 +74,7 @@ def test_a_joint_with_a_name_of_the_base_gives_it_nothing(tmp_path):
 
 @pytest.mark.parametrize("names", [("base_vx", "base_wz"), ("base_wy", "base_vx")])
 def test_a_follower_with_a_name_of_the_base_is_no_base(names, tmp_path):
-    """Nor is its leader: the same robot by other names, and the twin's."""
+    """Neither is its leader; the same robot with other names, and the twin, behave alike."""
     text = GRIPPER
     for old, new in zip(("b_slide", "a_lead"), names, strict=True):
         text = text.replace(f'"{old}"', f'"{new}"')
@@ -114,7 +114,7 @@ def test_there_and_back(pair):
 
 
 def test_velocities_are_those_of_the_same_motion(pair):
-    """MuJoCo's difference of two poses that Pinocchio moved is P v; its rate of P is Ṗ."""
+    """The difference of two poses moved by Pinocchio is P v in MuJoCo; the rate of P is Ṗ."""
     model, twin, states = pair
     q, v = random_state(model, np.random.default_rng(1))
     qpos, qvel = states.to_twin(q, v)
@@ -154,7 +154,7 @@ def test_one_body_obeys_newton_and_euler(tmp_path):
 @pytest.mark.parametrize("text", [FLOATING, GRIPPER], ids=["walker", "mimic"])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_nothing_but_positions_depends_on_where_the_base_is(text, compiled, tmp_path):
-    """The same robot at 0, 1 km and 1000 km: gravity is uniform, rounding must not matter."""
+    """The robot is at 0, 1 km and 1000 km; gravity is uniform, and rounding must not matter."""
     model = softdyn.load(write(tmp_path, text), floating=True)
     tree = getattr(model, "tree", model)
     tree._assemble = tree._by_kernel if compiled else tree._in_numpy
@@ -217,7 +217,7 @@ def test_a_body_alone_is_followed_by_rk4_only(tmp_path):
 
 
 def test_runge_kutta_on_rotations_has_order_four():
-    """Against small steps, of a rotation whose axis turns."""
+    """Compared with small steps, for a rotation about a turning axis."""
 
     def slope(q, w):
         return np.array([np.sin(w[1]), -w[0] * w[2], w[0] * w[1]])
@@ -257,7 +257,7 @@ def test_the_rate_of_a_rotation_vector(angle):
 
 
 def test_closed_loops_run(tmp_path):
-    """The plant falls, model and twin together: half a second of ½ g t² for the mass centre."""
+    """The plant falls in model and twin: ½ g t² for the centre of mass, for half a second."""
     model = softdyn.load(write(tmp_path, FLOATING), floating=True)
 
     class Rest:
@@ -283,7 +283,7 @@ def test_a_twin_of_another_base_is_refused(floating, tmp_path):
 
 
 def test_a_floating_base_without_mass_is_singular(tmp_path):
-    """Its first joint turns nothing that the base does not turn too."""
+    """Its first joint and the base then turn the same bodies."""
     text = f'<robot name="x"><link name="b"/><link name="a">{SOLID}</link>'
     text += joint("j", "continuous", "b", "a") + "</robot>"
     assert softdyn.load(write(tmp_path, text)).nv == 1

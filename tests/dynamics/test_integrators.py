@@ -58,6 +58,6 @@ def test_implicit_damping_is_stable_where_explicit_is_not():
     assert np.linalg.eigvals(np.linalg.solve(s.M, s.D)).real.max() * 5e-3 > 10
     for _ in range(2000):
         q, v = step_implicit(model, q, v, u, 5e-3)
-    # what is left is a slow creep in which damping, springs and gravity balance
+    # only a slow creep remains, in which damping, springs and gravity balance
     assert np.abs(model.state(q, v).h).max() < 1e-6 * np.abs(s.h).max()
     assert np.abs(v).max() < 1e-3

@@ -22,7 +22,7 @@ FIELDS = (
 
 
 def both(model, q, v):
-    """The State of either path, from the same Data."""
+    """The States of both paths, from the same Data."""
     state = model.state(q, v)
     scratch, found = model._scratch, []
     for path in (model._by_kernel, model._in_numpy):
@@ -51,7 +51,7 @@ def check(model, seed: int) -> None:
             assert not fast.flags.writeable
             assert not plain.flags.writeable
             scale = {
-                "J": reach,  # nothing is left where the tip lies on an axis
+                "J": reach,  # zero if the tip lies on the axis
                 "Jdot": reach * np.abs(one.v).max(),
                 "ydot": reach * np.abs(one.v).max(),
                 "h": max(np.abs(x).max() for x in (one.bias, one.K, one.D @ one.v)),
@@ -80,7 +80,7 @@ def test_floating_bases(seed, tmp_path):
 
 
 def test_kernels_take_named_tuples_in_their_order():
-    """One by one, which costs less than as tuples: here their names are compared."""
+    """Kernels take the fields one by one, which is cheaper than tuples; their names must agree."""
     named = (*engine.Memory._fields, *kernels.Constants._fields)
     fixed = list(inspect.signature(kernels.fixed_terms.py_func).parameters)
     spatial = list(inspect.signature(kernels.spatial_terms.py_func).parameters)

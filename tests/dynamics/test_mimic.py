@@ -45,7 +45,7 @@ def test_expansion_is_the_files_relation(gripper):
 
 
 def test_every_public_method_is_defined_anew():
-    """The protocol holds for both kinds of model; what it defines itself stands on the rest."""
+    """Both kinds of model follow the protocol; its own methods only use the others."""
     public = {name for name, _ in inspect.getmembers(SoftModel, callable) if name[0] != "_"}
     for kind in (TreeModel, MimicModel, ReducedModel):
         own = {
@@ -106,7 +106,7 @@ def test_the_twin_agrees(floating, tmp_path):
 
 
 def test_a_free_base_with_followers_is_followed_by_both_engines(tmp_path):
-    """Twenty steps of Runge–Kutta: ours, and the judge's own, which holds followers."""
+    """Twenty Runge–Kutta steps, by our model and by `MujocoTerms` with followers."""
     model = softdyn.load(write(tmp_path, GRIPPER), floating=True)
     twin = Twin(model, limits=False)
     judge, rng = MujocoTerms(twin, StateMap(model, twin)), np.random.default_rng(2)
@@ -121,7 +121,7 @@ def test_a_free_base_with_followers_is_followed_by_both_engines(tmp_path):
 
 
 def test_omitted_rest_lengths_are_those_at_q_0(gripper):
-    """There followers stand at their offsets, in both engines."""
+    """There, followers are at their offsets in both engines."""
     lengths = gripper.tendon_lengths(gripper.q0)
     np.testing.assert_allclose(gripper.tendon_rest, lengths, atol=1e-14)
     assert np.abs(lengths - gripper.tree.tendon_lengths(gripper.tree.q0)).min() > 1e-3

@@ -38,7 +38,7 @@ def model(request, tmp_path) -> SoftModel:
 
 
 def random_state(model: SoftModel, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A configuration well inside the limits, at least half a radian or all there is of them."""
+    """A configuration well inside the limits."""
     rng = np.random.default_rng(seed)
     low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
     q = model.configuration(rng.uniform(low, high))
@@ -46,7 +46,7 @@ def random_state(model: SoftModel, seed: int = 0) -> tuple[np.ndarray, np.ndarra
 
 
 def step_of(model: SoftModel) -> float:
-    """Difference step: short strokes of prismatic joints want smaller ones."""
+    """Difference step; short strokes of prismatic joints need a smaller one."""
     return 1e-3 if np.all(model.upper - model.lower > 0.05) else 2e-4
 
 

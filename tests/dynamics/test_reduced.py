@@ -1,4 +1,4 @@
-"""Reduced models: Gauss's principle, PCC kinematics by the book, laws on them, bad bases.
+"""Reduced models: Gauss's principle, PCC kinematics, controllers on them, bad bases.
 
 The identities of a State are tested in test_model.py, with those of all other models.
 """
@@ -104,7 +104,7 @@ def test_laws_run_on_it_and_tell_its_states_from_the_robot_s(full, pcc):
 
 
 def test_it_rests_where_constant_moments_hold_it(full, pcc):
-    """Cables in channels bend a rod of no weight evenly: q_i = w_i T r / EI; ours is heavy."""
+    """Cables in channels bend a weightless rod evenly: q_i = w_i T r / EI; this rod has weight."""
     u = np.array([1.0, 0, 0.5, 0, 0, 0.8, 0, 0])
     whole, reduced = statics.settle(full, u), statics.settle(pcc, u)
     assert reduced.stable

@@ -1,4 +1,4 @@
-"""What `print` says of a model and of a State: true, on any robot, and never an error."""
+"""The texts of a model and of a State are correct for any robot, and raise no error."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_robots_without_springs_can_be_printed(name, options, said):
 
 
 def test_a_text_solves_nothing():
-    """Equilibria are what `softdyn.statics` finds: no text may need it."""
+    """A text must not compute equilibria, which is the task of `softdyn.statics`."""
     program = (
         "import sys, softdyn\nmodel = softdyn.load('finger')\n"
         "print(model, model.state(model.q0, [0] * 4))\n"

@@ -1,6 +1,6 @@
-"""What the engines' own parsers accept without a word, and softdyn refuses.
+"""Files that the engines' own parsers accept silently and softdyn refuses.
 
-Each case states both sides, so that it fails when an engine learns better, too.
+Each case tests both, so that it also fails when an engine improves.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ def test_a_body_that_pinocchio_reads_otherwise_is_refused(
 
 
 def test_pinocchio_misplaces_the_centre_of_very_light_bodies(tmp_path: Path) -> None:
-    """It divides by no mass below 2e-16 kg: of two equal links the centre is not in the middle."""
+    """Two equal links below 2e-16 kg get a wrong centre; it does not divide by their mass."""
     light = INERTIAL.replace('value="0.1"', 'value="1e-17"').replace("e-5", "e-17")
     far = light.replace('xyz="0.05 0 0"', 'xyz="3 0 0"')
     weld = '<joint name="w" type="fixed"><parent link="bob"/><child link="pin"/></joint>'

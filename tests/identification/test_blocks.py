@@ -1,4 +1,4 @@
-"""Least squares with unknowns of each run's own, against SciPy on the whole problem."""
+"""Least squares where each run has its own unknowns, compared with SciPy on the whole problem."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OWN = [np.array([1.0]), np.array([-2.0]), np.array([0.5])]
 
 
 def model(theta, own):
-    """Blocks of y = a e^(-θ₀ t) + θ₁, with noise that is the same every time."""
+    """Blocks of y = a e^(-θ₀ t) + θ₁, with reproducible noise."""
     rng = np.random.default_rng(5)
     found = []
     for amplitude, true in zip(own, OWN, strict=True):
@@ -27,7 +27,7 @@ def model(theta, own):
 
 @pytest.mark.parametrize("lower", [(0.0, -np.inf), (3.0, -np.inf)])
 def test_the_least_of_the_whole_problem(lower):
-    """The second bound is met: the free least is at θ₀ = 2."""
+    """The second bound is active: the unbounded minimum is at θ₀ = 2."""
     start = np.array([5.0, 0.0])
     theta, own = least_squares(model, start, [np.ones(1)] * RUNS, np.array(lower))
 
@@ -58,7 +58,7 @@ def test_what_is_left_of_the_normal_equations():
 
 
 def test_steps_to_where_there_is_nothing_are_shortened():
-    """From far away Gauss and Newton's first step goes beyond θ₀ = 12, where there is no model."""
+    """From a distant start, the first Gauss-Newton step exceeds θ₀ = 12, where the model fails."""
     asked = []
 
     def partly(theta, own):

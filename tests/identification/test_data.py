@@ -66,7 +66,7 @@ def test_slow_samples_are_read_where_the_title_says_seconds(finger, tmp_path):
 
 
 def test_samples_at_a_stop_and_beside_it(finger):
-    """A stop is left and met between samples: its neighbours count, of that joint alone."""
+    """A joint leaves and meets its stop between samples, so its neighbouring samples count, too."""
     joints = np.zeros((8, 4))
     joints[3, 1], joints[6, 2], joints[7, 0] = finger.upper[1], finger.lower[2], finger.lower[0]
     expected = np.zeros((8, 4), bool)
@@ -75,7 +75,7 @@ def test_samples_at_a_stop_and_beside_it(finger):
 
 
 def test_few_rows(finger):
-    """Too few for a spline are refused; 4 that are held out test nothing."""
+    """Too few rows for a spline are refused; 4 held-out rows give no test."""
     unknowns = identification.parameters(finger, "stiffness", shared=True)
     names = [f"q.{name}" for name in finger.joint_names]
     data, _ = twin_data(finger, unknowns, names, Excitation(0.1), 0.0, 3)
@@ -86,7 +86,7 @@ def test_few_rows(finger):
 
 
 def test_new_numbers_in_the_file(finger, tmp_path):
-    """Read back by the strict parse; the rest of the file stays."""
+    """The strict parser reads them back; the rest of the file is unchanged."""
     values = {
         "stiffness": {"joint2": 0.0123}, "damping": {"joint1": 0.5}, "rest": {"joint3": 0.1},
         "gear": {"u1": -0.7}, "mass": {"joint4": 2.0},
@@ -105,7 +105,7 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     before = [link.inertia.mass for link in finger.robot.links]
     assert sum(masses) > sum(before)
     assert sum(a != b for a, b in zip(masses, before, strict=True)) >= 1
-    # a spring without a reference rests at zero, until one is written
+    # a spring without a reference has its rest at zero, until one is written
     bare = tmp_path / "bare.urdf"
     text = finger.robot.path.read_text().replace("<springReference>0</springReference>", "")
     bare.write_text(text)
@@ -113,7 +113,7 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     assert np.array_equal(
         softdyn.load(path).rest, np.where(np.arange(4) == index["joint3"], 0.1, 0)
     )
-    # so does an armature that the file has no word for
+    # so does an armature that the file does not state
     path.write_text(identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}}))
     assert np.array_equal(softdyn.load(path).armature, [1.0, 0, 0, 0])
     assert identification.rewritten(finger.robot, {}) == finger.robot.path.read_text()

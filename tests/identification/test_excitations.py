@@ -1,4 +1,4 @@
-"""Which excitation is best: where the answer is known beforehand."""
+"""The choice of the best excitation, in cases with a known answer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def finger() -> softdyn.SoftModel:
 
 
 def test_the_bound_is_what_a_fit_of_the_best_has(finger, capsys, monkeypatch):
-    """The deviation that is foretold is the one that a fit of such data then states."""
+    """The predicted deviation is the one that a fit of such data states."""
     monkeypatch.setattr(excitations, "AMPLITUDES", (0.3, 0.6))
     monkeypatch.setattr(excitations, "KNOTS", (0.1, 0.3))
     arguments = ["finger", "--twin", "0.7", "--excitations", "--jobs", "1", "--json", "-"]
@@ -68,7 +68,7 @@ def test_a_twin_that_cannot_be_is_one_line(options, said, capsys):
 
 
 def test_inputs_use_their_shares_about_their_biases(finger):
-    """Range by range: as wide as the amplitude, as far off as the bias, never out of bounds."""
+    """Each input has the width of its amplitude and the offset of its bias, within its bounds."""
     t, span = np.arange(0, 20, 0.005), finger.u_max - finger.u_min
 
     def ends(**shares):

@@ -1,4 +1,4 @@
-"""Identification on MuJoCo's motion, and the pieces it is made of against finite differences."""
+"""Identification from MuJoCo's motion, and its parts against finite differences."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_noisy_joints_of_a_twin_tell_stiffness_and_damping(finger):
 
 
 def test_without_noise_the_error_falls_with_the_step(finger):
-    """The model's: the plant's error at 0.1 ms, by Runge and Kutta's method, is below both."""
+    """The model's step matters; the plant's Runge-Kutta error at 0.1 ms is below both errors."""
     several = unknowns(finger, *COMPLIANCE)
     joints = [f"q.{n}" for n in finger.joint_names]
     errors = []
@@ -129,10 +129,10 @@ def test_without_noise_the_error_falls_with_the_step(finger):
         one = trial(finger, several, joints, Excitation(1.0, amplitude=1.0), 0.0, 6, step)
         errors.append(np.abs(one.relative).max())
         left_out = np.isnan(one.found.residuals).mean()
-        assert 0.2 < left_out < 0.5  # a joint comes to its stop, and that spoils nothing
+        assert 0.2 < left_out < 0.5  # a joint reaches its stop, without harm to the fit
     assert errors[0] < 3e-3
     assert errors[1] < min(1e-4, 0.1 * errors[0])
-    assert one.found.moved > 1  # where nothing else is left, the step is
+    assert one.found.moved > 1  # without other errors, the step's error remains
 
 
 def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
@@ -149,7 +149,7 @@ def test_the_tip_alone_until_a_joint_comes_to_its_stop(finger):
         "q.joint2",
         "q.joint3",
         "tip.x",
-    )  # the twin's own: not all, so from rest too
+    )  # the twin's own outputs, not all joints, so from rest, too
     seen, _ = twin_data(finger, several, some, excitation, 0.0, 0)
     at_stop = np.abs(seen.outputs[:, :3]).max(1) > 0.96 * np.pi / 2
     assert abs(np.isfinite(one.found.residuals).all(1).sum() - np.argmax(at_stop)) <= 3
@@ -172,9 +172,9 @@ def swings(folder, seconds, dt, output, noise):
 
 
 def test_far_from_the_file_s_values(tmp_path):
-    """The tip of a cart: under the file's spring it is 2 swings ahead in 2 s, 20 in all.
+    """With the file's spring, the cart is 2 swings ahead after 2 s, and 20 at the end.
 
-    A fit that begins with 2 s ends where it explains nothing.
+    A fit that begins with 2 s of data ends at wrong parameters.
     """
     model, data = swings(tmp_path, 20, 0.04, "tip.x", 0.001)
     data = replace(data, outputs=data.outputs + cart.LENGTH)
@@ -187,7 +187,7 @@ def test_far_from_the_file_s_values(tmp_path):
 
 
 def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
-    """From a spring twice as stiff: the whole goes elsewhere, pieces lead it to the truth."""
+    """From a spring twice as stiff, a fit of the whole run fails, and a fit by pieces succeeds."""
     monkeypatch.setattr(output_error, "PIECE", 25)
     monkeypatch.setattr(blocks, "EVALUATIONS", 5)
     model, data = swings(tmp_path, 4, 0.02, "q.x", 0.001)
@@ -205,7 +205,7 @@ def test_pieces_keep_in_step_where_the_whole_does_not(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def moved(helix):
-    """Joints of the helix under small inputs, without noise, and its model as it truly was."""
+    """Joint data of the helix under small inputs without noise, and its true model."""
     several = unknowns(helix, *COMPLIANCE)
     joints = [f"q.{n}" for n in helix.joint_names]
     excitation = Excitation(0.5, amplitude=0.02, at_rest=True)
@@ -219,7 +219,7 @@ def with_noise(data, size):
 
 
 def left(model, data, size):
-    """Of the true parameters with first states that are fitted, over the size (outputs,)."""
+    """Residuals of the true parameters with fitted first states, over the size (outputs,)."""
     exact = problem_of(model, data, (), np.inf)
     assert exact.held.sum() == 10
     _, _, simulated = _solve(exact, np.zeros(0), exact.firsts(), size)
@@ -227,9 +227,9 @@ def left(model, data, size):
 
 
 def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(moved):
-    """Under the true parameters only the first states are fitted: what is left is the noise.
+    """With the true parameters only the first states are fitted, and only the noise remains.
 
-    The helix' joints lose a rate within 0.1 ms. Ten of them are held at their stops.
+    The helix' joints lose their velocity within 0.1 ms. Ten of them are fixed at their stops.
     """
     data, true = moved
     size = deviations(true, data.names)
@@ -239,7 +239,7 @@ def test_first_rates_that_die_at_once_do_not_lead_the_fit_astray(moved):
 
 
 def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatch):
-    """Without noise the held joints' micrometres are in all outputs."""
+    """Without noise, all outputs show the micrometres by which the fixed joints move."""
     data, true = moved
     size = deviations(true, data.names)
     for one, moves in ((data, True), (with_noise(data, size), False)):
@@ -252,7 +252,7 @@ def test_a_stop_that_yields_is_followed_where_that_can_be_seen(moved, monkeypatc
 
 
 def test_a_first_guess_is_within_a_factor_of_ten_of_the_file(finger):
-    """Exact motion of robots whose springs are 0.01 to 100 times as stiff as the file says."""
+    """Exact motion of robots whose springs are 0.01 to 100 times as stiff as in the file."""
     springs, rng = unknowns(finger, "stiffness"), np.random.default_rng(4)
     nominal = np.array([one.nominal for one in springs])
     factors = np.array([0.01, 0.5, 3.0, 100.0])
@@ -272,10 +272,10 @@ def test_stretches_without_a_stop():
     stops[10:195, 1] = True
     held, runs = stretches(stops)
     assert held.tolist() == [False, True, False]
-    # where the held one is at its stop, and was and will be: arrivals bounce
+    # only where the fixed joint stays at its stop, because arrivals bounce
     assert runs == [(14, 60), (70, 191)]
     stops[:, 1] = False
-    stops[75:80, 2] = True  # 70 to 75 is too short for a first state of its own
+    stops[75:80, 2] = True  # 70 to 75 is too short for its own first state
     assert stretches(stops)[1] == [(0, 60), (80, 200)]
     assert stretches(np.ones((50, 2), bool))[1] == []
 
@@ -307,7 +307,7 @@ def test_bad_requests(finger):
 
 
 def test_the_zero_of_a_cable_s_length(finger):
-    """Of what is measured, not of the robot: found with the stiffness, and not written to it."""
+    """The zero is found with the stiffness, but belongs to the data, not to the robot."""
     several = [*identification.parameters(finger, "stiffness", shared=True),
                *identification.parameters(finger, "offset")]  # fmt: skip
     cables = [f"length.{name}" for name in finger.tendons.names]

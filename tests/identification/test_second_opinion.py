@@ -1,4 +1,4 @@
-"""MuJoCo's own identification beside ours, and what it refuses."""
+"""MuJoCo's own identification compared with ours, and the problems that it refuses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from softdyn.validation.twin.twin import Twin
 
 @pytest.fixture(scope="module")
 def finger(tmp_path_factory) -> softdyn.SoftModel:
-    """With rotors: without them its dampers ask MuJoCo for steps of less than 0.1 ms."""
+    """The finger with rotor inertias, without which MuJoCo would need steps below 0.1 ms."""
     path = tmp_path_factory.mktemp("finger") / "finger.urdf"
     rotors = "".join(f'<joint name="joint{k}" armature="1e-4"/>' for k in (1, 2, 3, 4))
     text = softdyn.load("finger").robot.path.read_text()
@@ -55,13 +55,13 @@ def test_both_agree_with_each_other_and_with_the_truth(finger, factors, recorded
         assert abs(ours.value - theirs.value) < np.hypot(ours.deviation, theirs.deviation)
         # ours are widened by the residuals' autocorrelation, theirs are not
         assert 0.6 < theirs.deviation / ours.deviation < 1.2
-        assert theirs.deviation < 0.05 * abs(truth)  # else all this says nothing
+        assert theirs.deviation < 0.05 * abs(truth)  # otherwise this test shows nothing
         assert f"{theirs.value:.6g}" in str(opinion)
 
 
 @pytest.mark.parametrize("kind", [*second.WRITERS])
 def test_each_kind_is_written_where_mujoco_reads_it(kind, tmp_path):
-    """Accelerations under other values: the twin's are the model's, and not the file's."""
+    """With other values, the twin's accelerations equal the model's, not those of the file."""
     text = softdyn.load("finger").robot.path.read_text()
     text = text.replace('<tendon name="', '<tendon stiffness="2" damping="0.1" name="')
     text = text.replace("</softdyn>", '<joint name="joint1" armature="1e-3"/></softdyn>')
@@ -77,7 +77,7 @@ def test_each_kind_is_written_where_mujoco_reads_it(kind, tmp_path):
     twin.model = second.written(twin.model, member_values(model, several, theta))
     twin.set_state(*states.to_twin(q, v))
     twin.data.ctrl[:] = u
-    twin.advance(u)  # which leaves the acceleration of the state before
+    twin.advance(u)  # which leaves the acceleration of the previous state
     expected = changed.forward_dynamics(q, v, u)
     size = np.abs(expected).max()
     assert np.allclose(twin.data.qacc[states.dofs], expected, atol=1e-6 * size)

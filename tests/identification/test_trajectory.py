@@ -24,7 +24,7 @@ def finger() -> softdyn.SoftModel:
 
 
 def rubbing(model, friction):
-    """With dry friction (N m, N) in every joint."""
+    """The robot with dry friction (N m, N) in every joint."""
     robot = identification.KINDS["friction"].amended(
         model.robot, dict.fromkeys(model.joint_names, friction)
     )
@@ -33,12 +33,12 @@ def rubbing(model, friction):
 
 @pytest.mark.parametrize(("stopped", "rubs"), [(False, False), (True, False), (False, True)])
 def test_the_trajectory_s_derivatives(finger, stopped, rubs, monkeypatch):
-    """By all parameters and the first state, against central differences of the trajectory.
+    """Derivatives by all parameters and the first state against central differences.
 
-    Joints whose motion is given depend on none of them.
+    Joints with given motion depend on none of these.
     """
     rng = np.random.default_rng(6)
-    monkeypatch.setattr(trajectory, "TOLERANCE", 1e-12)  # a difference is no better than that
+    monkeypatch.setattr(trajectory, "TOLERANCE", 1e-12)  # limit of the differences' accuracy
     finger = rubbing(finger, 1e-3 if rubs else 0.0)
     kinds = ("friction",) if rubs else ("stiffness", "damping", "mass", "gear")
     several = [one for kind in kinds for one in identification.parameters(finger, kind)]
@@ -74,7 +74,8 @@ def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
     t = np.arange(0, 0.4, 0.002)
     u = np.tile(finger.u_max, (len(t), 1))
     path, _ = follow(finger, (), t, u, Start(np.zeros(4), np.zeros(4), *np.zeros((2, 4, 0))))
-    motion, late = make_interp_spline(t, path), slice(100, None)  # no spline has the first jerk
+    # a spline cannot follow the initial jerk
+    motion, late = make_interp_spline(t, path), slice(100, None)
     start = Start(path[100], motion(t[100], 1), *np.zeros((2, 4, 0)))
     joints, rest = np.array([0, 2]), path[late]
     for values, least, most in ((rest, 0.0, 1e-5), (0 * rest, 0.1, np.inf)):
@@ -84,7 +85,7 @@ def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
 
 
 def test_dry_friction_takes_the_same_off_each_swing(tmp_path):
-    """Coulomb's: 2 F / k of the amplitude in half a swing, at any amplitude."""
+    """Coulomb friction takes 2 F / k off the amplitude in each half swing, at any amplitude."""
     k, friction = 8.0, 0.08
     text = cart.CART.replace('"-9" upper="9"', '"-1" upper="1"')
     one = cart.load(tmp_path, text.format(stiffness=k, damping=0, lower=-9, upper=9))

@@ -1,4 +1,4 @@
-"""Whether residuals are white, each formula written out."""
+"""The test for white residuals, with each formula written out."""
 
 from __future__ import annotations
 

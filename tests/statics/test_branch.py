@@ -1,4 +1,4 @@
-"""Branches of equilibria and soft stops, against what one joint does by hand."""
+"""Branches of equilibria and soft stops, against hand calculations for one joint."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ def test_a_branch_is_followed_up_to_its_fold(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limits", "gear", "bounds", "expected"),
     [
-        ((-1, 2), 1, (-2, 2), STIFFNESS + WEIGHT),  # three radians of room: one counts
+        # of the free range of three radians only one counts
+        ((-1, 2), 1, (-2, 2), STIFFNESS + WEIGHT),
         ((-0.1, 0.2), 1, (-2, 2), 0.3 * (STIFFNESS + WEIGHT)),
         ((-1, 2), -4, (-2, 2), (STIFFNESS + WEIGHT) / 4),
         ((-1, 2), 1, (-0.1, 0.5), 0.6),  # its range is less
@@ -47,7 +48,7 @@ def test_the_size_of_an_input(tmp_path: Path, limits, gear, bounds, expected) ->
 
 
 def test_soft_stops_repel() -> None:
-    """-μ log of both gaps is their potential; joints start within, and no step leaves."""
+    """Their potential is -μ log of both gaps; joints start inside, and no step goes outside."""
     lower, upper = np.array([-1.0, 0.5, 2.0]), np.array([2.0, 0.6, 7.0])
     weight = np.array([1e-3, 2e-3, 5e-3])
     stops = SoftStops(weight, lower, upper)

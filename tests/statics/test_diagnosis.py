@@ -1,4 +1,4 @@
-"""What check.py says, against pendulums whose answers are known in closed form."""
+"""The diagnosis of check.py, against pendulums with closed-form answers."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_motor_takes_its_direction_out(tmp_path: Path) -> None:
 
 
 def test_where_gravity_begins_to_win(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # hanging at 0, its spring weaker than gravity pulls beyond cos q = -k / m g l
+    # hanging at 0; gravity exceeds its spring beyond cos q = -k / m g l
     stiffness = 0.5 * MASS * G * LEVER
     model = load(tmp_path, links(1, False, stiffness))
     weak = examine(model, np.array([3.0]), "up")
@@ -218,7 +218,7 @@ def test_bundled_robots_look_right(name: str) -> None:
 
 @pytest.mark.parametrize("share", [0.99, 1.01])
 def test_a_spring_too_fast_for_the_plant(share: float, tmp_path: Path) -> None:
-    """λ h² = k h² / (m l²) reaches 4, of explicit steps of 0.5 ms the bound."""
+    """λ h² = k h² / (m l²) reaches 4, the stability limit of explicit steps of 0.5 ms."""
     bound = 4 * MASS * LEVER**2 / 5e-4**2
     found = diagnose(load(tmp_path, links(1, False, share * bound)), 1).doubts
     assert any("too fast for plant steps of 0.0005 s" in line for line in found) is (share > 1)

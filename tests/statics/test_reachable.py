@@ -1,4 +1,4 @@
-"""Where a robot can be asked to go: rests that are rests in the twin too, paths with a slope."""
+"""Targets that a robot can reach: equilibria that hold in the twin, and inclined paths."""
 
 from __future__ import annotations
 

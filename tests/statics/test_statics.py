@@ -66,7 +66,7 @@ def test_pendulum_with_spring(tmp_path, u):
 
 
 def test_upright_pendulum(tmp_path):
-    """m g r > k: upright is an equilibrium and unstable; downhill of it lie two buckled ones."""
+    """For m g r > k the upright equilibrium is unstable, and there are two buckled ones below."""
     model = pendulum(tmp_path, height=0.1)
     upright = statics.balance(model, [0.0], [1e-3])
     assert upright.q == pytest.approx([0.0], abs=1e-9)
@@ -74,7 +74,7 @@ def test_upright_pendulum(tmp_path):
     assert upright.poles[0].real > 0
     leaning = statics.settle(model, [0.0])
     angle = brentq(lambda q: STIFFNESS * q - 0.1 * G * np.sin(q), 0.5, 2, xtol=1e-14)
-    # one side is stopped before it gets there
+    # a limit stops one side before its equilibrium
     expected = angle if leaning.q[0] > 0 else -1.0
     assert leaning.q == pytest.approx([expected], abs=1e-9)
     assert leaning.stable
@@ -152,7 +152,7 @@ def test_settled_robots_are_balanced_and_lowest(model):
 
 
 def test_sensitivities_are_those_of_the_settled_robot(model):
-    """∂y/∂u and the tip's compliance, each against settling again with a small change."""
+    """∂y/∂u and the tip's compliance, each against a new equilibrium after a small change."""
     u = some_input(model)
     found = statics.settle(model, u)
     step = 1e-5
@@ -198,7 +198,7 @@ def test_a_ramp_counts_its_snaps(tmp_path):
 
 
 def test_approach_recovers_a_tip_that_is_reachable():
-    """From rest to the tip of an equilibrium, exactly; the branch has one input for it."""
+    """From rest exactly to the tip of an equilibrium; the branch has a single input for it."""
     model = softdyn.load("finger")
     goal, _ = statics.ramp(model, [-0.03, 0.02])
     found = statics.approach(statics.rest(model), goal.y)
@@ -209,13 +209,13 @@ def test_approach_recovers_a_tip_that_is_reachable():
 
 @pytest.mark.parametrize(("robot", "size"), [("finger", 0.1), ("spirob", 0.02)])
 def test_explored_equilibria_are_exact(robot, size):
-    """From random shapes to the tip of a known rest: what is returned balances, within bounds."""
+    """From random shapes to the tip of a known equilibrium: the results balance, within bounds."""
     model = softdyn.load(robot)
     target = statics.settle(model, some_input(model, size)).y
     distances = []
     for q, u in statics.random_shapes(model, 3):
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # nor does the solver say anything
+            warnings.simplefilter("error")  # and the solver prints nothing
             try:
                 found = statics.explore(model, target, q, u)
             except statics.StaticsError:
@@ -231,7 +231,7 @@ def test_explored_equilibria_are_exact(robot, size):
 
 
 def test_rests_are_sampled_under_small_inputs_as_under_large_ones(tmp_path):
-    """All along each ray: of the last two and a half of three decades none is left out."""
+    """Samples cover each ray: none of the last two and a half of three decades is empty."""
     model = pendulum(tmp_path)
     sizes = [abs(float(one.u[0])) / 2.0 for one in statics.sample_rests(model, 15)]
     decades = np.sort(np.log10(sizes))
@@ -241,7 +241,7 @@ def test_rests_are_sampled_under_small_inputs_as_under_large_ones(tmp_path):
 
 
 def test_newton_s_damping_is_at_most_twice_what_it_takes():
-    """Of (H + c diag |H_ii|) s = -r: c is at least -λ_min of the pencil, and none where H > 0."""
+    """In (H + c diag |H_ii|) s = -r, c is at least -λ_min of the pencil, and 0 for H > 0."""
     rng = np.random.default_rng(7)
     for k in range(30):
         H, r = rng.normal(size=(3, 3)), rng.normal(size=3)
@@ -276,7 +276,7 @@ def test_what_is_stable_stays_in_the_twin(tmp_path):
 
 
 def test_the_twin_settles_where_statics_says():
-    """Helix with joints on their stops: MuJoCo's damped motion from nearby ends there."""
+    """For a helix with joints on their stops, MuJoCo's damped motion from nearby ends there."""
     model = softdyn.load("helix")
     found = statics.settle(model, some_input(model))
     assert found.held.any()
@@ -308,7 +308,7 @@ def test_spread_rests_are_stable_and_apart(tmp_path):
     assert len(samples) == 24
     assert len(more) == 5
     assert all(one.stable for one in (*samples, *more))
-    # targets off the circle and beyond its ends: each rest is as close to some point as it gets
+    # targets off the circle and beyond its ends: each result is the closest equilibrium to a target
     angles = np.array([one.q[0] for one in (*samples, *more)])
     assert angles.min() >= -1 - 1e-9
     assert angles.max() <= 2 + 1e-9
@@ -332,7 +332,7 @@ def test_the_command_reports_every_target(tmp_path, capsys, monkeypatch):
     )
     assert closest["stable"] == (closest["smallest_eigenvalue"] > 0)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert drawn[0][2] is None  # nobody's robot is asked to follow the paper's ellipse
+    assert drawn[0][2] is None  # only the paper's robots follow its ellipse
 
 
 def test_the_command_leads_inputs_somewhere(tmp_path, capsys):
@@ -359,7 +359,7 @@ def test_the_command_refuses_bad_input(arguments, capsys):
 
 
 def test_what_hangs_straight_down_rests_there(tmp_path):
-    """No force is left at all, and rounding is no scale for itself."""
+    """All forces vanish there, so that rounding must not be judged relative to itself."""
     path = tmp_path / "pendulum.urdf"
     path.write_text(PENDULUM.format(height=-0.1, stiffness=0))
     model = softdyn.load(path)
@@ -378,7 +378,7 @@ def test_the_error_crosses_processes():
 
 
 def test_cables_that_pull_against_one_another_leave_a_rest() -> None:
-    """Their forces sum to rounding alone, which is no scale for what is left unbalanced."""
+    """Their forces cancel up to rounding, so their sum is no scale for the residual."""
     model = softdyn.load("spirob")
     rest = statics.settle(model, np.full(model.nu, 0.3))
     assert rest.stable

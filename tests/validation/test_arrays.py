@@ -1,4 +1,4 @@
-"""NPZ files of anyone: what a header or a zip file claims is not believed."""
+"""NPZ files of any origin: headers and zip entries are checked."""
 
 import io
 import struct
@@ -94,7 +94,7 @@ def test_every_flipped_bit_is_refused_or_changes_nothing(tmp_path):
         except InputError:
             refused += 1
             continue
-        # one may be gone, with its place in the list: who reads knows what there should be
+        # an array and its name in the list may be missing: the caller checks the names
         assert all(array.tobytes() == saved[name].tobytes() for name, array in found.items())
     assert refused > len(content) // 2
     for length in range(len(content)):

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and JSON that is JSON."""
+"""Files that appear complete or not at all, and strict JSON."""
 
 import json
 import math
@@ -62,7 +62,7 @@ def test_two_writers_of_one_file_do_not_meet(tmp_path):
     path = tmp_path / "out"
     with atomic(path) as first:
         first.write(b"first")
-        with atomic(path) as second:  # the same process, so the same number of a process
+        with atomic(path) as second:  # the same process, so the same process number
             second.write(b"second")
         assert path.read_bytes() == b"second"
     assert path.read_bytes() == b"first"

@@ -1,4 +1,4 @@
-"""The files that a command reads, directly or not, and outputs that would take their place."""
+"""The files that a command reads, directly or not, and outputs that would replace them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Gains of any kind as JSON: the same text whatever the process."""
+"""Gains of any kind as JSON, with the same text in every process."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The pages in a real browser: what is drawn, what is said on the console, whom they talk to."""
+"""The pages in a real browser: their pixels, their console and their requests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support import ROOT
 from tests.support.browser import Browser, required
 
 pytestmark = required()
-ALIKE = 40  # sum over the colours of a pixel that is taken for another colour
+ALIKE = 40  # sum over the channels above which a pixel counts as changed
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_opacity_and_wireframe_show_what_links_hide(browser, tmp_path):
     hidden = "softdyn.tracks[0].figure.shapes.forEach(s => { s.visible = false; })"
     browser.run(hidden)
     cables = browser.pixels("canvas")
-    # little is left of the links' colour beside that of the cables alone
+    # little of the links' colour is left beside the cables'
     assert np.abs(clear - cables).sum() < np.abs(opaque - cables).sum() / 2
     browser.run("softdyn.tracks[0].figure.shapes.forEach(s => { s.visible = true; })")
     wireframe = "(e => (e.checked = %s, e.onchange(), 1))(document.getElementById('wireframe'))"
@@ -271,5 +271,5 @@ def test_a_whole_spirob_run_is_a_small_page():
         contacts=False, complete=True, failed=False, reason=None, not_solved=0, fallbacks=0,
         max_bound_violation=0.0, gains=None, versions={}, source=LoggedRobot.of(model),
     )  # fmt: skip
-    # a tip that jumps about at every step: as many frames as there can be
+    # a tip that jumps at every step needs the largest number of frames
     assert len(replay(log, model).html()) < 5e6

@@ -1,4 +1,4 @@
-"""A robot as the viewer draws it: poses, cables on the right side, and its response at rest."""
+"""The viewer's drawing of a robot: poses, the side of cables, and the response at rest."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def polyline(figure: Figure, cable, q: np.ndarray) -> float:
 
 
 def page_tip(data: dict, q: np.ndarray) -> np.ndarray:
-    """Where the tip is by what the page is told, joint by joint."""
+    """The tip's position, computed joint by joint from the page's data."""
     base = np.eye(4)
     if data["floating"]:
         base[:3, 3], base[:3, :3] = q[:3], Rotation.from_rotvec(q[3:6]).as_matrix()
@@ -79,7 +79,7 @@ def test_link_poses_are_pinocchio_s(name):
 @pytest.mark.parametrize("floating", [False, True])
 @pytest.mark.parametrize("mimic", ["", '<mimic joint="j" multiplier="0.1" offset="0.05"/>'])
 def test_the_tip_of_any_tree_is_the_model_s(tmp_path, mimic, floating):
-    if mimic:  # a continuous joint leads nobody
+    if mimic:  # a continuous joint has no follower
         text = STICKS.replace(
             'type="continuous"><parent link="base"/><child link="a"/>',
             'type="revolute"><parent link="base"/><child link="a"/>'
@@ -118,7 +118,7 @@ def test_spatial_cables_have_the_model_s_lengths():
 
 @pytest.mark.parametrize("name", ["finger", "helix"])
 def test_a_fixed_tendon_is_drawn_on_the_side_where_it_would_pull(name):
-    """The joints turn under tension such that the drawn cable becomes shorter."""
+    """Under tension, the joints turn so that the drawn cable becomes shorter."""
     model = softdyn.load(name)
     figure = Figure.of(model)
     B = model.state(model.q0, np.zeros(model.nv)).B
@@ -184,7 +184,7 @@ def test_the_sweep_starts_at_rest_and_moves_the_tip():
 
 
 def test_the_helix_rests_on_its_stops(monkeypatch):
-    for part in ("RAMP", "HOLD"):  # what follows the rest is counted alone
+    for part in ("RAMP", "HOLD"):  # short, because only the rest matters here
         monkeypatch.setattr(f"softdyn.view.rest_sweep.{part}", 0.05)
     sweep = rest_sweep(model := softdyn.load("helix"))
     beyond = np.maximum(model.lower - sweep.q[0], sweep.q[0] - model.upper).max()
@@ -228,7 +228,7 @@ def test_a_joint_moves_where_it_has_room_and_back(tmp_path, limits, peak):
 
 
 def test_a_led_cable_of_a_rod_is_drawn_on_its_side(tmp_path):
-    """Over joints that bend both ways in one point, it lies where its moment arms say."""
+    """At joints that bend both ways in one point, its moment arms determine its place."""
     arm = design.arm_of(tomllib.loads(THREE_SECTIONS))
     figure = Figure.of(loaded(arm, tmp_path))
     assert len(figure.cables) == len(arm.cables) == 12
@@ -248,7 +248,7 @@ def channels(tmp_path_factory):
 
 
 def test_a_cable_in_a_channel_is_drawn_in_it_and_turns_red(channels):
-    """At its offset, which shrinks towards the tip; a pull counts as positive, as in the legend."""
+    """Its offset shrinks towards the tip; a pull is positive, as in the legend."""
     figure = Figure.of(channels)
     (cable,) = figure.cables
     placed = figure.link_poses(channels.q0)

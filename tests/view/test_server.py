@@ -56,7 +56,7 @@ def started(*arguments: str) -> tuple[subprocess.Popen, str]:
 
 
 def test_view_listens_on_loopback_only_and_ends_cleanly():
-    """By Ctrl-C; test_browser.py ends it by SIGTERM."""
+    """It ends by Ctrl-C; test_browser.py ends it by SIGTERM."""
     process, url = started("finger")
     try:
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", url), (url, process.stderr.read())
@@ -86,7 +86,7 @@ def test_a_taken_port_is_one_line(monkeypatch, capsys):
 
 
 def test_two_viewers_find_different_ports(model):
-    with listener(None) as held, listener(None) as other:  # from the moment that one is found
+    with listener(None) as held, listener(None) as other:  # from the moment when one is found
         assert held.getsockname() != other.getsockname()
     with Viewer(blank(model)) as one, Viewer(blank(model)) as two:
         assert one.url != two.url
@@ -103,7 +103,7 @@ def test_another_host_s_name_is_refused(model):
 
 
 def test_a_late_browser_gets_every_frame_and_meshcat_s_objects(model):
-    """Seen from a websocket, which is what a browser has."""
+    """The test uses a websocket, as a browser does."""
     import asyncio
 
     import meshcat

@@ -1,4 +1,4 @@
-"""`softdyn.show`: what is displayed is what is saved, and bad arguments are refused."""
+"""`softdyn.show`: displayed and saved page are equal, and bad arguments are refused."""
 
 from __future__ import annotations
 

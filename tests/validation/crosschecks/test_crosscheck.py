@@ -1,4 +1,4 @@
-"""The cross-check passes on every kind of robot and names what differs where something does."""
+"""The cross-check passes on every kind of robot, and names differing quantities."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def write(folder: Path, body: str, name: str = "robot") -> Path:
 
 @pytest.fixture
 def short(monkeypatch):
-    """Trajectories of 0.1 s, which five inputs drive: faults show at once, to 1e-11."""
+    """Trajectories of 0.1 s with five inputs; they show faults at once, to 1e-11."""
     monkeypatch.setattr(trajectories, "HORIZON", 0.1)
     monkeypatch.setattr(trajectories, "HORIZON_UNDAMPED", 0.1)
 
@@ -203,7 +203,7 @@ def test_damping_that_couples_branches_is_compared_with_runge_kutta(tmp_path):
 
 
 def test_how_fast_a_falling_rod_moves(tmp_path):
-    """q̈ = m g l / (I + m l²) of a rod held level: its square root is a rate."""
+    """A horizontal rod falls with q̈ = m g l / (I + m l²), whose square root is the rate."""
     level = link("base", "") + (
         '<link name="rod"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>'
         '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
@@ -281,7 +281,7 @@ def test_a_fault_is_named_by_the_quantities_that_see_it(old, new, expected, tmp_
 
 
 def test_what_is_the_plants_alone_is_left_out(tmp_path, short):
-    """Friction, limits, contacts, the integrator and its step do not enter the comparison."""
+    """Friction, limits, contacts, the integrator and its step do not influence the comparison."""
     model = softdyn.load(write(tmp_path, FAULTY))
     assert crosscheck(model, samples=2).passed
     options = {"limits": True, "contacts": True, "friction": True, "integrator": "euler"}

@@ -1,4 +1,4 @@
-"""A URDF in Pinocchio against an MJCF from another hand in MuJoCo."""
+"""A URDF in Pinocchio compared with an independent MJCF in MuJoCo."""
 
 import json
 from pathlib import Path
@@ -100,7 +100,7 @@ def test_one_degree_of_freedom(tmp_path, capsys):
 
 
 def test_rounding_between_two_files_does_not_fail_the_command(pair, capsys):
-    """The comparison calls it agreement; the cross-check's 1e-10 is for one file in two engines."""
+    """The comparison accepts it; the cross-check's 1e-10 applies to one file in two engines."""
     edit(pair[1], lambda root: root.find(".//inertial").set("mass", "0.90000001"))
     words = [*map(str, pair), "--engines", "--samples", "1", "--json", "-"]
     assert command.main(words) == 0

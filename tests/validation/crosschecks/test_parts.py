@@ -1,4 +1,4 @@
-"""Pieces of the cross-check by hand: tolerances, distances of states."""
+"""Parts of the cross-check by hand: tolerances, distances of states."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_what_spatial_tendons_enter_has_the_wider_tolerance():
 
 
 def test_the_distance_of_two_states():
-    """The larger part of positions and of velocities; of angles on a circle the shorter way."""
+    """The larger one of positions and velocities; for continuous joints the shorter way."""
     circular = np.array([True, False])
     zero = np.zeros(2)
 

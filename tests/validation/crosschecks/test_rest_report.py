@@ -1,4 +1,4 @@
-"""What Python users get of scripts/statics.py: a report that reads, and its numbers."""
+"""The report of scripts/statics.py for Python users: its text and its numbers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_a_reachable_point_is_held_and_the_text_says_so():
     (target,) = report.targets
     assert target.search.distance(target.closest.rest) < 1e-6
     assert target.closest.rest.stable
-    # one equilibrium is judged once, whatever it is the best of
+    # an equilibrium runs once, even if it is the best in several respects
     assert target.closest_stable is target.closest
     away = [np.linalg.norm(sample.y - goal.y) for sample in report.samples]
     assert min(away) < max(away)

@@ -1,4 +1,4 @@
-"""The server of a live robot: whom it serves, who commands, and that no page delays the loop."""
+"""The server of a live robot: access, the page in command, and no delay of the loop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from softdyn.validation.live.session import Session, menu_of
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock
 
-LONG = 120.0  # s: of a machine that has much else to do
+LONG = 120.0  # s, on a busy machine
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def join(channel, url=None, origin=None):
 
 
 async def news(link, key):
-    """The next text with this member."""
+    """The next text message with this key."""
     while True:
         got = await asyncio.wait_for(link.read_message(), LONG)
         assert got is not None, "the server has ended"
@@ -58,20 +58,20 @@ async def news(link, key):
 
 
 async def leading(channel):
-    """A page that commands: those of tests before may still be about to leave."""
+    """A page in command; pages of earlier tests may still be connected."""
     link = await join(channel)
     await told(link, "leads", True)
     return link
 
 
 async def told(link, key, value):
-    """Wait until the page has been told so."""
+    """Wait until the page has received this message."""
     while (await news(link, key))[key] != value:
         pass
 
 
 def heard(channel, last):
-    """What the loop reads until a message of this kind comes."""
+    """The messages that the loop reads until one of this kind arrives."""
     end, found = time.monotonic() + LONG, []
     while last not in (type(message).__name__ for message in found):
         assert time.monotonic() < end, found
@@ -145,13 +145,13 @@ def test_one_commands_several_watch_and_bad_messages_change_nothing(channel):
 
     asyncio.run(play())
     kinds = [type(message).__name__ for message in heard(channel, "SetSpeed")]
-    # whoever takes over finds no hand on the robot
+    # the next page in command finds no drag on the robot
     assert [kind for kind in kinds if kind != "Release"] == ["Push", "SetSpeed"]
     assert kinds[kinds.index("SetSpeed") - 1] == "Release"
 
 
 def test_a_loop_that_is_busy_for_long_loses_nothing_of_what_is_said(channel):
-    """It builds a law, say; of a drag that is said meanwhile the last place counts."""
+    """It may build a controller, for example. Only the last place of a drag in that time counts."""
 
     async def play():
         link = await leading(channel)
@@ -159,7 +159,7 @@ def test_a_loop_that_is_busy_for_long_loses_nothing_of_what_is_said(channel):
             await link.write_message(f'{{"do": "target", "y": [0.1, 0, {-i / 40000}]}}')
         await link.write_message('{"do": "reset"}')
         await link.write_message('{"do": "speed", "factor": 0.5}')
-        await link.write_message("{}")  # its answer comes when all of that is read
+        await link.write_message("{}")  # its answer comes after all these messages
         assert "expected one of" in (await news(link, "error"))["error"]
         found = await asyncio.to_thread(heard, channel, "SetSpeed")
         link.close()
@@ -173,11 +173,11 @@ def test_a_loop_that_is_busy_for_long_loses_nothing_of_what_is_said(channel):
 
 
 def test_an_old_state_does_not_overtake_a_new_one(session):
-    """What did not fit in the socket is not sent after what was said later."""
+    """A state that did not fit into the socket is not sent after later messages."""
 
     async def watch(channel):
         link = await leading(channel)
-        channel._process.send_signal(19)  # the server stands still
+        channel._process.send_signal(19)  # the server is blocked
         while channel.dropped == 0:
             channel.frame(session.frame())
         channel.state({"notice": "old"})
@@ -198,7 +198,7 @@ def test_an_old_state_does_not_overtake_a_new_one(session):
 
 
 def test_what_is_shown_last_arrives_and_so_does_a_page_to_keep(session):
-    """The robot stops, or the run is over: no later frame brings what the last one said."""
+    """When the robot stops or the run ends, no later frame repeats the content of the last one."""
 
     async def watch(channel):
         link = await leading(channel)
@@ -237,7 +237,7 @@ def test_a_loop_whose_server_is_gone_says_so(session):
 
 
 def test_what_is_said_at_once_all_arrives_without_a_frame(channel):
-    """A paused robot sends no frames: nothing that a page is told may wait for one."""
+    """A paused robot sends no frames, so no message may wait for a frame."""
 
     async def play():
         link = await leading(channel)
@@ -251,7 +251,7 @@ def test_what_is_said_at_once_all_arrives_without_a_frame(channel):
 
 
 def test_a_page_that_does_not_read_delays_nothing_and_others_see_frames(channel, session):
-    """More than the sockets between hold: what the deaf page is sent has to wait."""
+    """The messages exceed the sockets' buffers, so those for the deaf page must wait."""
     frame = session.frame()
     host, port = channel.url.partition("//")[2].partition("/")[0].split(":")
     with socket.socket() as deaf:
@@ -283,7 +283,8 @@ def test_a_page_that_does_not_read_delays_nothing_and_others_see_frames(channel,
 
 def test_a_frame_that_nobody_takes_is_dropped(session):
     channel = open_play_page(session)
-    channel._process.send_signal(19)  # the server stands still: who waits for it waits for ever
+    # the server is blocked, so that waiting for it would never end
+    channel._process.send_signal(19)
     for _ in range(2000):
         channel.frame(session.frame())
     assert channel.dropped > 100
@@ -301,7 +302,7 @@ def test_what_is_recorded_is_a_replay_page(channel, session):
             session.step()
             dropped = channel.dropped
             channel.frame(session.frame())
-            while channel.dropped > dropped:  # a server that is not as fast
+            while channel.dropped > dropped:  # a slower server
                 await asyncio.sleep(0.001)
                 dropped = channel.dropped
                 channel.frame(session.frame())

@@ -1,4 +1,4 @@
-"""`softdyn play` in a real browser, as a person uses it: mouse, keys, menus."""
+"""`softdyn play` in a real browser, used by mouse, keys and menus."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Idle:
 
 @pytest.fixture(scope="module")
 def url(tmp_path_factory):
-    """A finger to play with, in a process of its own, and a law of the user's in the menu."""
+    """A finger in a separate process, with a user's controller in the menu."""
     own = tmp_path_factory.mktemp("own") / "idle.py"
     own.write_text(LAW)
     command = [sys.executable, SCRIPTS / "play.py", "finger", "soft-id-clf-qp", f"{own}:Idle"]
@@ -57,7 +57,7 @@ def page(url):
 
 @pytest.fixture
 def browser(page):
-    """The page, its robot at rest again and as the model says: no test rests on another."""
+    """The page with its robot reset, so that no test depends on another."""
     for message in ("do: 'mismatch'", "do: 'law', name: 'soft-id-clf-qp'", "do: 'ghost', on: false",
                     "do: 'pause', on: true", "do: 'reset'"):  # fmt: skip
         page.run(f"softdyn.say({{{message}}})")
@@ -92,7 +92,7 @@ def vector(browser, name):
 
 
 def on_screen(browser, point):
-    """Where a point of the world (m) is in the window (pixels)."""
+    """The place in the window (pixels) of a point of the world (m)."""
     return browser.run(
         f"(p => [(p.x + 1) / 2 * innerWidth, (1 - p.y) / 2 * innerHeight])"
         f"(softdyn.stage.localToWorld(new T.Vector3(...{np.asarray(point).tolist()}))"
@@ -161,7 +161,7 @@ def test_inputs_by_slider_and_laws_and_plant_by_menu_while_it_runs(browser):
 def test_pause_step_and_reset_by_key(browser):
     browser.key(" ")
     browser.until("softdyn.state.paused")
-    browser.until(f"softdyn.frames > {browser.run('softdyn.frames')} + 2")  # those on their way
+    browser.until(f"softdyn.frames > {browser.run('softdyn.frames')} + 2")  # frames on their way
     t = vector(browser, "t")[0]
     browser.key(".")
     browser.until(f"softdyn.one(softdyn.last, 't') > {t}")
@@ -230,11 +230,11 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     right = "[...document.querySelectorAll('%s')].map(c => c.getBoundingClientRect().right)"
     plots, (panel,) = other.run(right % ".plot canvas"), other.run(right % "#side")
     assert len(plots) > 4
-    assert max(plots) < panel  # what is newest is not cut off
+    assert max(plots) < panel  # the newest part is not cut off
 
 
 def test_sliders_explore_rests(other, tmp_path):
-    """`view --sliders`: an input leads to a rest with its ellipsoid, a joint to that pose."""
+    """`view --sliders`: an input leads to an equilibrium with its ellipsoid, a joint to a pose."""
     page = other
     command = [sys.executable, SCRIPTS / "view.py", "finger", "--sliders", "--no-open"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

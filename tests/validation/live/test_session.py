@@ -1,4 +1,4 @@
-"""A plant and a law that change while they run, without a clock and without a page."""
+"""A plant and a controller that change while they run, without clock and page."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_what_cannot_be_done_changes_nothing(model):
 
 
 class Stubborn:
-    """It cannot be begun."""
+    """A controller whose reset fails."""
 
     def __init__(self, model):
         self.u = np.ones(2)
@@ -166,7 +166,7 @@ def test_what_pages_show_is_said_again_only_when_it_has_changed(model):
 
 
 def test_a_law_that_is_chosen_late_says_so_and_costs_no_period(model):
-    """Its kernels are compiled before its first step, while the page is told to wait."""
+    """Its kernels are compiled before its first step, and the page shows a notice meanwhile."""
 
     class Told:
         ended, said, shown, errors = (

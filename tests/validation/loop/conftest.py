@@ -1,4 +1,4 @@
-"""The cart, for all tests of the loop."""
+"""The fixture of the cart for all tests of the loop."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a loop is given: the mistakes that users make, and what they are told."""
+"""Arguments of a loop: users' mistakes and their messages."""
 
 import re
 import warnings

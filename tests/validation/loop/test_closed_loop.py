@@ -34,7 +34,7 @@ def step_response(t, force):
 
 
 def implicit(inputs, substeps, h):
-    """The cart by implicitfast, written out: forces at the start, damping at the end of a step."""
+    """The cart by implicitfast's formulas: forces at the start, damping at the end of a step."""
     x, v, states = 0.0, 0.0, [(0.0, 0.0)]
     for u, n in zip(inputs, substeps, strict=True):
         for _ in range(n):

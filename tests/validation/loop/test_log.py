@@ -1,4 +1,4 @@
-"""The record of a run: as a file, as figures, as text."""
+"""The log of a run: its file, figures and text."""
 
 import io
 import json

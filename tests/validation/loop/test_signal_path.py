@@ -1,4 +1,4 @@
-"""What stands between plant and controller: delay, noise, a lag of the actuators."""
+"""The signal path between plant and controller: delay, noise, lag of the actuators."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_actuators_lag() -> None:
     late.reset(0.005)
     assert inner.period == 0.005
     acts, dt = 0.0, 1e-6
-    for k in range(3):  # what acts follows the command by Euler's fine steps
+    for k in range(3):  # the acting input follows the command, by small Euler steps
         inner.calls, mean = 0, 0.0  # each command is (1, 1)
         for _ in range(5000):
             mean += acts / 5000

@@ -1,4 +1,4 @@
-"""How a run is divided into periods and plant steps."""
+"""The division of a run into control periods and plant steps."""
 
 import math
 

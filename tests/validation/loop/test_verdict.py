@@ -1,4 +1,4 @@
-"""What a run came to, from samples whose answers are known in closed form."""
+"""The verdict on a run, from samples with closed-form answers."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Written in the other format, a robot is the same robot."""
+"""A robot written in the other format is the same robot."""
 
 import mujoco
 import numpy as np
@@ -74,7 +74,7 @@ def test_round_trip(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["finger", "spirob", "pair", "gripper", "walker"])
 def test_a_converted_robot_is_written_as_it_is(tmp_path, name):
-    """The inverse of the parser: no number changes between conversion and loading."""
+    """No number changes between conversion and loading."""
     path = tmp_path / "robot.xml"
     if name == "pair":
         path.write_text(pair_robots.MJCF)
@@ -108,7 +108,7 @@ def test_what_a_urdf_cannot_say_is_listed(tmp_path):
 
 
 def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
-    """MuJoCo refuses a + b < c: what a last digit breaks is mended by thirds, and told."""
+    """MuJoCo refuses a + b < c, so a violation by the last digit is repaired and reported."""
     moments = np.array([1e-3, 2e-3, 3e-3 + 3e-12])
     found = to_mjcf.possible(moments)
     np.testing.assert_allclose(found - moments, [1e-12, 1e-12, -1e-12], rtol=1e-3)
@@ -119,8 +119,8 @@ def test_an_inertia_that_no_body_has_becomes_the_nearest_one(tmp_path):
 
 
 def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
-    """MuJoCo's compiler takes frames for the same that are less than 1e-6 apart."""
-    for turn in ("ixy", "ixz", "iyz"):  # one of these has axes whose sense is that of the frame's
+    """MuJoCo's compiler merges frames that differ by less than 1e-6."""
+    for turn in ("ixy", "ixz", "iyz"):  # one of these has axes along the frame's axes
         for sense in ("", "-"):
             moments = f'ixx="1e-3" iyy="2e-3" izz="2.5e-3" {turn}="{sense}4e-10"'
             result, lost = one_hinge(tmp_path, moments)
@@ -129,7 +129,7 @@ def test_an_inertia_that_is_hardly_turned_stays_turned(tmp_path):
 
 
 def one_hinge(folder, moments):
-    """A hinge about an axis at a slant, exported; MuJoCo must load it."""
+    """Export a hinge about an oblique axis; MuJoCo must load it."""
     products = "".join(f'{name}="0" ' for name in ("ixy", "ixz", "iyz") if name not in moments)
     source = folder / "hinge.urdf"
     source.write_text(

@@ -1,4 +1,4 @@
-"""Hostile MJCF: one line, exit 2, and no file outside its folder opened."""
+"""Hostile MJCF files lead to one line and exit code 2; no file outside their folder is opened."""
 
 import builtins
 import subprocess
@@ -78,7 +78,7 @@ HOSTILE = {
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder of its own, and secrets beside it."""
+    """A new folder, with secret files beside it."""
     robot = tmp_path / "robot"
     robot.mkdir()
     (tmp_path / "secret.xml").write_text(SECRET)
@@ -152,7 +152,7 @@ def test_includes_defaults_and_meshes_below_the_folder(folder):
         + "</worldbody></mujocoinclude>"
     )  # fmt: skip
     path = folder / "robot.xml"
-    # the mesh is only seen, so that it need not be there: the inertia is given
+    # the mesh is only visual, so it may be missing: the inertia is given
     path.write_text(
         '<mujoco><asset><mesh name="m" file="gone.stl"/></asset>'
         '<default><joint axis="0 1 0" damping="3" range="-90 45"/></default>'
@@ -177,7 +177,7 @@ def test_inertia_from_a_mesh(folder):
 
 
 def test_what_stands_in_a_world_is_no_robot(folder):
-    """Free boxes and floors of a scene are left out of the comparison."""
+    """A comparison leaves out free boxes and floors of a scene."""
     (folder / "robot.xml").write_text(pair_robots.MJCF)
     scene = folder / "scene.xml"
     scene.write_text(
@@ -213,7 +213,7 @@ def test_an_attached_model_is_what_mujoco_makes_of_it(folder):
     mujoco.mj_saveLastXML(str(flat), mujoco.MjModel.from_xml_path(str(path)))
     result = compare(flat, path)
     assert result.matched == {name: name for name in ("j", "l_j", "k", "r_j")}
-    assert max(result.waterfall[0].left.values()) < 1e-5  # XML of MuJoCo's has six digits
+    assert max(result.waterfall[0].left.values()) < 1e-5  # MuJoCo writes XML with six digits
     assert neutral(path).parts[3].upper == pytest.approx(np.radians(20))
 
 

@@ -1,4 +1,4 @@
-"""A law on the analytic model drives the user's own MJCF."""
+"""A controller on the analytic model drives a user's MJCF."""
 
 import json
 from pathlib import Path
@@ -39,7 +39,7 @@ def without_obstacles(root) -> None:
 
 
 def test_the_same_robot_from_another_hand_moves_as_the_twin_does(finger, tmp_path):
-    # names, units, the sense of a joint and of its tendon are other ones: the map undoes them
+    # names, units, and the senses of a joint and its tendon differ; the map corrects them
     scene = Scene(finger, changed(tmp_path, without_obstacles))
     assert scene.comparison.turns == {"joint4": (-1.0, 0.0)}
     plan = paper.set_point("finger", theta=0.5)
@@ -68,7 +68,7 @@ def test_gears_zeros_and_what_only_the_scene_has_are_mapped(finger, tmp_path):
     def change(root) -> None:
         without_obstacles(root)
         first, *_, last = root.findall(".//joint[@name]")
-        first.set("ref", "20")  # its zero is elsewhere: the limits and the spring too
+        first.set("ref", "20")  # its zero differs, and with it the limits and the spring
         first.set("range", "-69.954374 109.954374")
         first.set("springref", "20")
         for motor in root.iter("motor"):
@@ -183,7 +183,7 @@ def test_a_plant_that_cannot_be_is_refused(finger):
 
 
 def test_what_stands_around_the_robot_is_drawn(finger, tmp_path):
-    """The post and the shelf, and a floor; neither the block, which moves, nor the robot again."""
+    """Only the post, the shelf and a floor are drawn; not the moving block, nor the robot again."""
 
     def add(root):
         world, base = root.find("worldbody"), root.find(".//body[@name='phalanx_1']")
@@ -220,7 +220,7 @@ def test_the_command_reports_the_differences_first_and_shows_the_scene(capsys, t
     assert page["runs"][0]["tracks"][0]["note"] == "in finger_scene.xml"
     log = Log.load(tmp_path / "run.npz")
     assert log.plant == "finger_scene.xml"
-    with np.load(tmp_path / "run.npz") as file:  # and one of before there was a word for it
+    with np.load(tmp_path / "run.npz") as file:  # and an older log without this key
         about, arrays = json.loads(file["about"].item()), dict(file)
     del about["plant"]
     np.savez(tmp_path / "old.npz", **(arrays | {"about": np.array(json.dumps(about))}))

@@ -1,4 +1,4 @@
-"""What Pinocchio's own reader makes of MJCFs, judged by MuJoCo's."""
+"""Pinocchio's own MJCF reader, compared with MuJoCo's."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The certificates' command: its table from its own logs, a picture a robot, bad input."""
+"""The command certify: its table from its own logs, a figure per robot, bad input."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def test_the_table_and_the_pictures(tmp_path, capsys):
     assert code == 0
     assert list(rows) == ["soft-id-clf-qp", "id-clf-qp", "clf-qp"]
     assert all(row["samples"] == 40 for row in rows.values())
-    # only the soft law's accelerations are not the model's
+    # only Soft ID-CLF-QP's accelerations differ from the model's
     assert rows["soft-id-clf-qp"]["above"] > 0.5
     assert rows["id-clf-qp"]["above"] == rows["clf-qp"]["above"] == 0
     assert rows["id-clf-qp"]["weak"] == 0 < rows["id-clf-qp"]["least"]

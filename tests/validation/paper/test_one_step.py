@@ -1,4 +1,4 @@
-"""One-step differences: of a cut record of the reference implementation, and of made ones."""
+"""One-step differences, for a short record of the reference implementation and for made ones."""
 
 import json
 import math
@@ -120,7 +120,7 @@ def test_scs_is_its_own_yardstick(cut):
 
 
 def test_a_law_s_own_record_is_met(tmp_path):
-    """What the emulation itself does is reproduced to the last digits, helix's inputs included."""
+    """A record of the emulation itself is reproduced to the last digits, with helix's inputs."""
     name, period = "reference", paper.setup("helix").period
     cell = Case("helix", "ic", "set_point", 0.5)
     case, model = changed(cell, name), softdyn.load("helix")
@@ -182,7 +182,7 @@ def test_command_prints_the_table(tmp_path, monkeypatch, capsys):
 
 
 def test_the_lines_that_another_engine_needs_otherwise_are_there(tmp_path):
-    """What docs/reproduction.md tells to change for the engine of the records still changes."""
+    """The edits that docs/reproduction.md states for the engine of the records still apply."""
     text = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
     told = re.findall(r"^(sed -i .*) (validation/twin/\w+\.py)$", text, re.M)
     assert len(told) == 3

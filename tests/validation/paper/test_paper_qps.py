@@ -1,4 +1,4 @@
-"""The oracle itself: its formulas against the paper's definitions, nothing of `controllers`."""
+"""The oracle's formulas against the paper's definitions, independent of `controllers`."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_impedance_gives_the_task_the_acceleration_it_asks_for():
         torque = impedance(state, task, gains) + state.D @ state.v + state.K + state.g
         qdd = np.linalg.solve(state.M, torque - state.h)
         yddot = state.J @ qdd + state.Jdot @ state.v
-        # J⁺ᵀ C q̇ stands for Λ J M⁻¹ C q̇: what remains is that difference alone
+        # J⁺ᵀ C q̇ replaces Λ J M⁻¹ C q̇: only that difference remains
         mobility = state.J @ np.linalg.inv(state.M) @ state.J.T
         coriolis = state.C @ state.v
         rest = mobility @ inverse(state.J).T @ coriolis
@@ -100,7 +100,7 @@ def test_impedance_gives_the_task_the_acceleration_it_asks_for():
 
 
 def test_uic_leaves_no_torque_where_nothing_acts():
-    # eq. (null): J'f + N τ_null lies in range(B), as far as N can bring it there
+    # eq. (null): J'f + N τ_null lies in range(B), as far as N permits
     for state, reference in drawn("helix", 4):
         task, gains = tip(state, reference), gains_of("helix")
         torque = impedance(state, task, gains)

@@ -1,4 +1,4 @@
-"""The reference implementation's peculiarities: each does what it says, and nothing else."""
+"""The reference implementation's deviations: each has its stated effect and no other."""
 
 import json
 import math
@@ -53,7 +53,7 @@ def random_state(model, seed, pull=0.3):
 
 
 class Spy:
-    """A controller that keeps what it was shown."""
+    """A controller that records the states that it gets."""
 
     gains, guard = "gains", "guard"
 
@@ -83,7 +83,7 @@ def run(cell, name):
 
 @pytest.fixture
 def prepare(monkeypatch):
-    """What `simulate` is asked for by a cell with an experiment's changes."""
+    """The arguments of `simulate` for a cell with an experiment's changes."""
 
     def prepare(cell, name):
         asked = {}
@@ -112,7 +112,7 @@ def test_wrong_sign_doubles_the_passive_forces(models, robot):
     model = models[robot]
     q, v = random_state(model, 1)
     (seen,) = shown(model, [wrong_sign], [(q, v)])
-    # MuJoCo's bias less its own passive forces, by a path of its own
+    # MuJoCo's bias less its passive forces, computed independently
     twin = Twin(model.robot)
     judge = MujocoTerms(twin, StateMap(model, twin))
     judge.place(q, v)
@@ -141,7 +141,7 @@ def test_stale_shows_the_last_step_s_forces_and_this_step_s_jacobian(models):
     states = [random_state(model, seed) for seed in (3, 4, 5)]
     true = [model.state(*s) for s in states]
     seen = shown(model, [Stale()], states)
-    np.testing.assert_array_equal(seen[0].M, true[0].M)  # nothing older yet
+    np.testing.assert_array_equal(seen[0].M, true[0].M)  # no older state yet
     for now, before, got in zip(true[1:], true, seen[1:], strict=False):
         np.testing.assert_array_equal(got.M, before.M)
         np.testing.assert_array_equal(got.bias, before.bias)
@@ -211,7 +211,7 @@ def test_friction_is_in_the_plant_only(models, prepare):
     assert not plant.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     q, v = random_state(model, 10)
     ours, theirs = models["spirob"].state(q, v), model.state(q, v)
-    for name in ("M", "h", "B", "J"):  # the controller's model does not know it
+    for name in ("M", "h", "B", "J"):  # the controller's model does not contain it
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 

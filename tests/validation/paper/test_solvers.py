@@ -1,4 +1,4 @@
-"""Solvers of QPs: one QP, several answers to it that agree."""
+"""Solvers of QPs: their answers to one QP agree."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_expressions_are_what_their_operators_say():
 
 
 def test_least_norm_among_the_minimisers():
-    # x₀ + x₁ = 3 is all that is asked for, x₁ ≤ 1: of all such points (2, 1) is nearest to 0
+    # (2, 1) is nearest to 0 among all points with x₀ + x₁ = 3, x₁ ≤ 1
     (x,) = unknowns(3)
     sum_ = np.array([[1.0, 1.0, 0.0]]) @ x
     bound = np.array([[0.0, 1.0, 0.0]]) @ x - 1.0
@@ -56,7 +56,7 @@ def test_least_norm_of_the_clf_qp_costs_nothing_and_is_no_longer():
         gain = np.linalg.norm(one["u"]) - np.linalg.norm(least["u"])
         assert gain > -1e-6
         shorter += gain > 1e-3
-    assert shorter  # the first solver's choice was another
+    assert shorter  # the first solver chose another minimiser
 
 
 @pytest.mark.parametrize("name", PAPER_QPS)

@@ -1,4 +1,4 @@
-"""The benchmark's page: whole, self-contained, honest about failed runs, and linked."""
+"""The benchmark's page: complete, self-contained, with failed runs and valid links."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Nan:
 
 
 class Links(HTMLParser):
-    """Everything that a page refers to, and which tags it leaves open."""
+    """All links of a page, and its unclosed tags."""
 
     VOID = frozenset({"meta", "link", "img", "br", "input"})
 

@@ -1,4 +1,4 @@
-"""The page of two files: posed as MuJoCo poses them, what differs in colour, offline."""
+"""The page of two files: poses equal MuJoCo's, differences are coloured, no network."""
 
 import json
 import re
@@ -71,7 +71,7 @@ def test_balls_and_free_bodies_turn_as_in_the_neutral_form(tmp_path):
         wanted = there.point(part, shape.pose[:3, 3])[0]
         assert np.allclose(pose[:3, 3], wanted, atol=1e-8)
         assert np.allclose(pose[:3, :3], there.rotation[part, 0] @ shape.pose[:3, :3], atol=1e-8)
-    rest = drawing.coordinates({})  # where the file puts it
+    rest = drawing.coordinates({})  # at its place in the file
     assert np.allclose(rest[:3], [1, 2, 3])
 
 
@@ -91,7 +91,7 @@ def test_the_page_of_a_pair(tmp_path, capsys):
     assert command.main(["finger", str(SCENE), "--html", str(target)]) == 1
     capsys.readouterr()
     text = target.read_text()
-    assert not re.search(r'(src|href)="(?!data:)', text)  # nothing from elsewhere
+    assert not re.search(r'(src|href)="(?!data:)', text)  # no external resource
     scene = scene_of(text)
     assert [run["title"] for run in scene["runs"]] == ["side by side", "in one place"]
     assert ["axis", "joint4 reversed"] in scene["rows"]
@@ -112,7 +112,8 @@ def test_values_that_move_nothing_have_a_colour_of_their_own_and_sticks_stand_fo
     page = pair_page(*files, compare(*files))
     found = [colours(figure.data) for figure in page.figures]
     assert [set(paint) for paint in found] == [{VALUES, PLAIN}] * 2
-    assert len(page.runs[0].tracks[0].frames) == 1  # they agree in M, g and tips: zero alone
+    # they agree in M, g and tips, so only the zero pose is shown
+    assert len(page.runs[0].tracks[0].frames) == 1
     assert page.figures[0].data["cables"][0]["name"] == "cable"
 
 

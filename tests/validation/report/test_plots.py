@@ -1,4 +1,4 @@
-"""The figures: there, whole, of the size of a page's column, and the same bytes every time."""
+"""The figures: present, complete, as wide as a page's column, and reproducible byte by byte."""
 
 import struct
 import warnings
@@ -28,7 +28,7 @@ ALL = {
 
 
 def make_log(case, *, end=1.0, steps=120, failed=False, V=True):
-    """A log as a run would leave it: a decaying spiral, cut off at a part of its duration."""
+    """A log of a plausible run: a decaying spiral, cut off at a part of its duration."""
     duration = 10.0 if case.kind == "set_point" else 4 / case.value
     n, nu = max(int(steps * end), 0), NU.get(case.robot, 2)
     t = duration / steps * np.arange(n + 1)

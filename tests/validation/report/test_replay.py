@@ -1,4 +1,4 @@
-"""Logs as pages: what is kept of them, how several are told apart, and the commands."""
+"""Pages of logs: the thinned samples, the names of several runs, and the commands."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_replay_compares_saved_runs(call, log, tmp_path):
 
 
 def test_a_replay_draws_the_robot_that_ran(call, tmp_path):
-    """Not the bundled one of its name, and not what its file says by now."""
+    """It draws neither the bundled robot of that name nor the changed file."""
     text = (ROOT / "urdf" / "finger.urdf").read_text()
     longer = text.replace('<origin xyz="0.06 0 0"/><parent link="link1"/>',
                           '<origin xyz="0.1 0 0"/><parent link="link1"/>')  # fmt: skip
@@ -233,7 +233,7 @@ def test_replay_s_bad_input_is_one_line(call, log, tmp_path, arguments):
 
 
 def test_run_writes_its_replay_and_shows_it_live(call, tmp_path, monkeypatch):
-    """Live without a browser: the loop waits for none, keeps its pace, and reports its frames."""
+    """Without a browser the live loop does not wait, keeps its pace and reports its frames."""
     monkeypatch.setattr("softdyn.validation.live.watching.WAIT", 0.0)
     common = ("finger", "ic", "--theta", "0.5", "--duration", "0.5", "--json", "-")
     code, plain, _ = call("run", *common, "--html", "run.html")

@@ -1,4 +1,4 @@
-"""The plane that rests, shapes and targets are drawn in is the robot's, and one for all."""
+"""Equilibria, shapes and targets are drawn in one plane, that of the robot."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Errors, orders and joints for a tolerance, on figures whose law is known."""
+"""Errors, orders and joints for a tolerance, for figures with known convergence."""
 
 from __future__ import annotations
 

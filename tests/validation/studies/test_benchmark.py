@@ -1,4 +1,4 @@
-"""The command benchmark.py: one result, whatever runs it, interrupts it, or changes under it."""
+"""The command benchmark.py: its result does not depend on processes, interruptions or changes."""
 
 import json
 import os
@@ -78,12 +78,12 @@ ARM = """<robot name="finger">
 GRID = ["--robots", "finger", "--thetas", "--omegas", "20", "25", "40"]
 CONTROLLERS = ["--controllers", "soft-id-clf-qp", "own.py:Push"]
 CASES = 6
-PATIENCE = 300.0  # s: of a machine that has much else to do
+PATIENCE = 300.0  # s, on a busy machine
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A user's folder, as the working one."""
+    """A user's folder as the working directory."""
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "neighbour.py").write_text("FORCE = 0.25\n")
     (tmp_path / "arm.urdf").write_text(ARM.format(damping=0.05))
@@ -105,10 +105,10 @@ def call(folder):
 
 
 def start(*arguments, jobs=2, **options):
-    """The command as a process of its own, without figures."""
+    """Start the command in a separate process, without figures."""
     command = [sys.executable, str(SCRIPT), *arguments, "--jobs", str(jobs), "--no-plots"]
     pipe = subprocess.PIPE
-    # a shell's background jobs, the tests among them, may have been started deaf to SIGINT
+    # a shell's background jobs, and so the tests, may ignore SIGINT
     hear = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     return subprocess.Popen(
         command, stdout=pipe, stderr=pipe, text=True, preexec_fn=hear, **options
@@ -123,7 +123,7 @@ def contents(out, *without):
 
 
 def differences(one, other):
-    """Names of files that are not the same in both folders, step times aside."""
+    """Names of files that differ between both folders, except step times."""
     a, b = (contents(out, "times") for out in (one, other))
     return sorted(name for name in a.keys() | b.keys() if a.get(name) != b.get(name))
 
@@ -214,7 +214,7 @@ def test_a_lost_or_damaged_file_redoes_its_case_alone(call, reference, name, dam
 
 
 def test_figures_come_from_the_logs(call, reference):
-    """Even a result whose own hash is right is not believed where there is a log."""
+    """A log overrides a result, even if the result's hash is correct."""
     shutil.copytree(reference, "out")
     path = Path("out/runs/finger/soft-id-clf-qp/tracking_20.json")
     content = json.loads(path.read_text()) | {"mse_cm2": 123.456, "not_solved": 77}
@@ -330,7 +330,7 @@ def test_a_changed_robot_redoes_its_cases_alone(call, folder):
     changed = [p for p in before if p.stat().st_mtime_ns != before[p][0]]
     assert {p.parent.parent.name.partition("-")[0] for p in changed} == {"arm_urdf"}
     assert len(changed) == 3
-    for path in changed:  # the new robot's numbers, not the old one's again
+    for path in changed:  # the numbers of the new robot, not of the old one
         new, old = json.loads(path.read_bytes()), json.loads(before[path][1])
         assert new["final_error_cm"] != old["final_error_cm"]
 
@@ -386,7 +386,7 @@ def test_the_json_contract(call, reference):
     figures = list(soft["trajectories_cm2"].values())
     assert soft["tt_mean_cm2"] == pytest.approx(np.mean(figures))
     assert soft["tt_std_cm2"] == pytest.approx(np.std(figures))
-    # what failed says so, and a mean over it is no number
+    # failed runs are marked, and a mean over them is None
     assert own["tt_mean_cm2"] is None
     assert own["tt_std_cm2"] is None
     assert [run["value"] for run in own["failed"]] == [20, 25, 40]

@@ -1,4 +1,4 @@
-"""Cells as distributions: what is run, what is told, and what stands beside the code."""
+"""Cells as distributions: their runs, their text, and the committed figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ GONE = Case("finger", "uic", "tracking", 0.5)
 
 
 class Made:
-    """An executor that runs nothing: a figure hangs on the draw, one in four has any."""
+    """An executor that runs nothing; its figures depend on the draw, and some are missing."""
 
     def __init__(self) -> None:
         self.ran: list[Case] = []
@@ -54,7 +54,7 @@ def test_only_what_moves_is_run_often(tmp_path: Path) -> None:
     assert found["chaotic"].values == (3.0, *np.arange(4.0, 12.0))
     assert found["chaotic"].text() == "~7.00 [3.00, 11.0]"
     assert found["gone"].text() == "~none [5.00, none]"
-    # all is kept: nothing runs a second time, another seed but for what has none
+    # all results are kept: nothing runs twice; another seed only runs cells that depend on it
     assert run(tmp_path)[1] == []
     assert {case.draw[0] for case in run(tmp_path, seed=2)[1] if case.draw} == {2}
 
@@ -83,13 +83,13 @@ def test_a_file_of_distributions(tmp_path: Path) -> None:
     again = distribution.join(found, run(tmp_path, seed=2)[0])
     assert set(again["chaotic"].seeds) == {"1", "2"}
     assert again["chaotic"].overlap()
-    # of one seed the longer list stays, with its failures
+    # the longer list of one seed is kept, with its failures
     short = Distribution(30.0, {"1": (31.0,)}, {"1": 1})
     long = Distribution(30.0, {"1": (31.0, 32.0), "2": (3.0,)}, {"1": 2, "nominal": 1})
     for old, new in ((short, long), (long, short)):
         joined = distribution.join({"a": old}, {"a": new})["a"]
         assert (joined.seeds, joined.failed["1"]) == (long.seeds, 2)
-    # runs of another code are not joined
+    # runs of another code version are not joined
     other = Distribution(30.0, {"2": (31.0, 32.0)})
     assert distribution.join(again, {"chaotic": other})["chaotic"] == other
     for text in ("", "[]", "{}", '{"cells": 1}', '{"cells": {"a": {"1": [1]}}}',
@@ -164,7 +164,7 @@ def test_seeds_of_one_distribution_are_told_from_seeds_of_two() -> None:
     same, other = (Agreement.of(cells(shift)) for shift in (0.0, 1.5))
     assert (len(same.cells), same.allowed) == (60, 7)
     assert len(same.apart) <= same.allowed < len(other.apart)
-    # 2 of the 1287 ways to put 5 among 13 are at least as far apart as ends that do not meet
+    # 2 of the 1287 ways to choose 5 of 13 are as extreme as two disjoint groups
     assert Distribution(1.0, {"1": tuple(range(8)), "2": tuple(range(8, 13))}).chance() == (
         pytest.approx(2 / 1287)
     )
@@ -175,7 +175,7 @@ def test_two_seeds_of_the_committed_ensembles_agree() -> None:
     found = Agreement.of(benchmark.committed())
     assert found.disjoint == ()
     assert len(found.apart) <= found.allowed
-    # what moves with one seed is run as often with the other
+    # cells that vary with one seed run equally often with the other
     runs = [len(x) for cell in found.cells.values() for x in cell.seeds.values()]
     assert len(found.cells) >= 90
     assert min(runs) >= 5

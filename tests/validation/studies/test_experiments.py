@@ -1,4 +1,4 @@
-"""The paper's experiments and table, against its own text."""
+"""The paper's experiments and table, against the text of the paper."""
 
 import math
 import re

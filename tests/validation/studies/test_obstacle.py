@@ -1,4 +1,4 @@
-"""The tip and an obstacle, as the library runs it."""
+"""The obstacle study, called from Python."""
 
 import numpy as np
 

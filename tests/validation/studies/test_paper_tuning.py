@@ -1,4 +1,4 @@
-"""Tuning of the bundled robots: what a run costs, the search, the command and its summary."""
+"""Tuning of the bundled robots: the cost of a run, the search, the command and its summary."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     trace = json.loads(Path("trace.json").read_text())
     assert len(trace["trace"]) == 2 * (1 + 2 * 6) + 3
     assert trace["settings"]["start"] == schedule_search.schedule_tables(start)
-    # the approach is judged alone; the finals are of whole schedules on other cases
+    # the approach is judged alone; the finals judge complete schedules on other cases
     first, last = seen[0].parameters, seen[-1].parameters
     assert first is not None
     assert first["stay"] == first["approach"]
@@ -129,7 +129,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     best = min(finals, key=lambda entry: entry["cost"])
     assert table == best["schedule"]
 
-    # the summary: what made it, each stage's winner, the finals with the scores of the best
+    # the summary: settings, each stage's winner, the finals with the scores of the best
     summary = json.loads(Path("tuning.json").read_text())
     assert summary["settings"] == trace["settings"]
     for stage, winner in summary["winners"].items():
@@ -141,7 +141,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
         {key: best[key] for key in ("schedule", "scores", "cost")}
     ]
 
-    # and it is enough to make the same again
+    # and it suffices to repeat the search
     Path("tuning.json").rename("first.json")
     assert tune.main(["--again", "first.json", "--trace", "again.json"]) == 0
     assert Path("again.json").read_text() == Path("trace.json").read_text()
@@ -153,7 +153,7 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 
 def test_the_kept_summaries_can_be_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also those from before a stage had `u_ref`."""
+    """Also older ones, whose stages lack `u_ref`."""
     pytest.importorskip("cma")
     run = {"failed": False, "first_error_cm": 1.0, "mse_cm2": 1.0, "final_error_cm": 1.0}
     monkeypatch.setattr(schedule_search, "run_all", lambda cases, _: [run] * len(cases))

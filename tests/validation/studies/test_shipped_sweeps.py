@@ -1,4 +1,4 @@
-"""Sweeps that come with softdyn, one change at a time, and the table of all cases."""
+"""Shipped sweeps, sweeps with one change at a time, and the table of all cases."""
 
 from __future__ import annotations
 
@@ -252,7 +252,7 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
     ]  # fmt: skip
     assert sweep("stiffness -2").code == 1
 
-    # an ensemble adds its starts to what is there, and another one joins it
+    # an ensemble adds its starts to the existing results, and another one joins it
     done = sweep("none", "--ensemble", 2, "--keep", "kept.json", "--json", "-")
     assert done.code == 0, done.err
     report = json.loads(done.out)

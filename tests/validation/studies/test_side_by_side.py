@@ -10,7 +10,7 @@ from softdyn.validation import benchmark, paper, simulate
 
 
 class Mine:
-    """Sags: no input at all."""
+    """A controller without any input, so that the robot sags."""
 
     def __init__(self, model):
         self.model = model

@@ -1,4 +1,4 @@
-"""Sweeps: what a file means, what it leaves behind, and that nothing depends on who runs it."""
+"""Sweeps: the meaning of a file, its results, and their independence of the workers."""
 
 import csv
 import importlib.util
@@ -222,7 +222,7 @@ gains.horizon = 0.2
         model, Mpc(model, {"horizon": 0.2}), SetPoint([0.5, 0.2, 0]), duration=0.02, period=0.002
     )
     assert expected.figures["final_error_cm"] == log.final_error_cm
-    # a worker without the file gets it
+    # a worker without the file receives it
     sha = dict(job.robot.overlay.files)["mine.xml"]
     there = replace(job.robot, overlay=replace(job.robot.overlay, path="/nowhere/mine.xml"))
     sources._kept.__dict__.clear()
@@ -241,7 +241,8 @@ def test_samples_are_seeded_paired_and_stable(written):
 
     few, many = drawn(5), drawn(400, "eps = { uniform = [0.01, 0.1] }")
     assert few["ic"] == few["uic"]  # the same sample for every controller
-    assert many["ic"][:5] == few["ic"]  # neither a count nor a parameter changes the others
+    # neither a larger count nor a new parameter changes other samples
+    assert many["ic"][:5] == few["ic"]
     sample, theta, kp = zip(*many["ic"], strict=True)
     assert sample == tuple(range(400))
     assert 0 <= min(theta) < 0.1 < 1.9 < max(theta) <= 2
@@ -440,7 +441,7 @@ def test_a_failing_case_is_recorded_and_stops_nothing(folder, call):
     assert first.startswith(f"| 1 | {best:g} | (0.1, 0, -0.17) m |")
     assert "stiffness = 13, (0.1, 0, -0.17) m: raised, own.py" in text
 
-    # only what no worker could run is tried again
+    # only cases that no worker could run are tried again
     _, out, _ = call(folder / "sweep.toml", "--out", "out", "--dry-run", "--json", "-")
     assert json.loads(out)["missing"] == 1
 
@@ -489,7 +490,7 @@ def test_another_softdyn_makes_a_case_run_again(folder, written, monkeypatch):
     after = wanted.jobs()
     assert not set(before) & {job.fingerprint for job in after}
     monkeypatch.undo()
-    result = worker.attempt(after[0])  # here is this softdyn, not the other
+    result = worker.attempt(after[0])  # this process has its own softdyn, not the other version
     assert result.figures["outcome"] == "not_run"
     assert "another softdyn" in result.figures["reason"]
     store = sweep.store(folder / "out")
@@ -518,11 +519,11 @@ def test_an_interrupted_sweep_leaves_whole_files(folder, call):
         wait_for(lambda n=already: len(list(Path("out").rglob("cases/**/*.json"))) > n + 5)
         process.send_signal(end)
         _, err = process.communicate(timeout=20)
-        if process.returncode == 0:  # too quick for us
+        if process.returncode == 0:  # finished before the kill
             break
         assert process.returncode == expected
         assert "Traceback" not in err
-        done = results(Path("out"))  # each is whole
+        done = results(Path("out"))  # each file is complete
         assert len(done) > 5
         assert all(r["outcome"] == "done" for r in done)
     ran = len(stiffness) - len(results(Path("out")))
@@ -544,7 +545,7 @@ def wait_for(condition, seconds=180.0):
 
 
 def made_up(sweep, figure):
-    """A result for every case, without running any."""
+    """Make up a result for every case, without running it."""
     return [
         (case, {"outcome": "done" if (v := figure(case)) is not None else "raised",
                 "reason": None if v is not None else "a | b\nc", sweep.figure: v})
@@ -578,7 +579,7 @@ def test_a_worker_without_the_user_s_files_gets_them(folder, written):
         for source in (here.robot, here.controller)
         for name, sha in source.files
     }
-    assert len(files) == 3  # the neighbour too
+    assert len(files) == 3  # the module beside it, too
     there = replace(
         here,
         robot=replace(here.robot, path="/nowhere/pendulum.urdf"),
@@ -608,7 +609,7 @@ duration = 0.5
 def cluster(tmp_path):
     """A scheduler and two worker processes on the loopback: (address, scheduler, workers).
 
-    A task is given up after two workers that died of it, not four: fewer processes to start.
+    A task fails after it killed two workers, not four, so that fewer processes start.
     """
     http = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--host", "127.0.0.1"]
     about = tmp_path / "scheduler.json"
@@ -635,7 +636,7 @@ def cluster(tmp_path):
                 process.wait()
 
 
-# workers that come back, as a nanny's do
+# workers that are restarted, as by a nanny
 RESPAWN = """
 import signal, subprocess, sys
 command = [sys.executable, "-m", "distributed.cli.dask_worker", sys.argv[1], "--nthreads", "1",
@@ -682,7 +683,7 @@ def listening(pid):
     reason="needs dask.distributed: pip install 'softdyn[cluster]'",
 )
 def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, monkeypatch):
-    """One cluster, since it takes long to start: first a worker goes, then all, then the rest."""
+    """One cluster, because it starts slowly: it loses a worker, then all, then the scheduler."""
     from distributed import Client
 
     address, scheduler, workers = cluster
@@ -718,7 +719,7 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
     assert contents(Path("far")) == contents(Path("near"))
     assert {r["outcome"] for r in results(Path("far"))} <= {"done", "failed"}
 
-    # a case kills every worker that takes it; others find what was beside it
+    # one case kills every worker that takes it; the other cases finish
     path.write_text(OWN_SWEEP.format(stiffness="[1, 66]"))
     with respawning(address, folder):
         code, out, err = call(path, "--scheduler", address, "--out", "own", "--json", "-")
@@ -740,7 +741,7 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
             list(running)
     assert 0 < len(store.missing(jobs)) < len(jobs)
 
-    # with nothing left to do no cluster is asked
+    # without remaining cases, no cluster is contacted
     assert call(path, "--out", "far", "--scheduler", "tcp://127.0.0.1:1")[0] == 0
 
 

@@ -1,4 +1,4 @@
-"""Tuning of a user's robot: its targets, what a run costs, what is written when."""
+"""Tuning of a user's robot: its targets, the cost of a run, and the condition for writing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_run_costs_its_errors_in_parts_of_the_length():
 
 @pytest.mark.parametrize("wins", [True, False])
 def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, capsys):
-    """Two short runs a candidate; who wins the test is decided here."""
+    """Each candidate has two short runs, and the test sets the winner."""
     one, none = (dict.fromkeys(("search", "final", "test"), k) for k in (1, 0))
     for name, value in (("POINTS", one), ("PATHS", none), ("POINT_TIME", 0.05), ("WINDOW", 0.05)):
         monkeypatch.setattr(tuning_targets, name, value)
@@ -94,7 +94,7 @@ def test_only_what_beats_predictive_control_is_written(arm, wins, monkeypatch, c
     ],
 )
 def test_the_answer_comes_in_time(targets, time, price, rival, broken, tested, monkeypatch):
-    """A clock that only runs cost: `price` and `rival` s for a simulated one, two at a time."""
+    """Only runs take time: `price` and `rival` s per simulated second, two runs at a time."""
     now, rng, longest = 100.0, np.random.default_rng(0), 0.0
 
     def run_all(cases, _jobs):
@@ -114,7 +114,7 @@ def test_the_answer_comes_in_time(targets, time, price, rival, broken, tested, m
         monkeypatch.setattr(module, "run_all", run_all)
     found = tuning.tune_schedule(targets, time, began=now - 5.0, jobs=2)
     assert found["seconds"] == now - 95.0
-    # it ends in time, by one batch of runs; and does not end early
+    # it ends in time, up to one batch of runs, and not early
     assert 0.5 * time < found["seconds"] < time + longest
     assert found["rows"][0]["targets"] + found["rows"][0]["paths"] == tested
     assert found["rows"][0]["paths"] == 1

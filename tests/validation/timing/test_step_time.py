@@ -1,4 +1,4 @@
-"""Step times: what is reported, on which states, and robots of any size. No time is judged."""
+"""Step times: the report, its states, and robots of any size. No time is judged."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_the_papers_stack_finds_the_same_inputs(finger, states):
     scale = finger.u_max - finger.u_min
     for name, write in PAPER_QPS.items():
         ours = CONTROLLERS[name](finger)
-        # cvxpy's default accuracy as the reference spells it, and as close as SCS can come
+        # cvxpy's default accuracy with the reference's formulation, and the best accuracy of SCS
         for quadratic, accuracy, tolerance in ((False, None, 1e-2), (True, 1e-9, 1e-5)):
             solver = Scs(quadratic=quadratic, accuracy=accuracy)
             stack = PrintedLaw(write, ours.gains, solver)
@@ -153,7 +153,7 @@ def test_throughput(finger):
 
 
 def test_anyones_robot_is_timed_where_it_can_rest(tmp_path):
-    """A robot with mimic joints: its terms are projected, and the paper's ellipse is not for it."""
+    """A robot with mimic joints has projected terms, and does not follow the paper's ellipse."""
     model = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
     states = record(model, BEYOND["mpc"], 30, duration=0.1)
     assert set(states.loop) <= {"set_point", "tracking"}

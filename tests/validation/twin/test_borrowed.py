@@ -21,7 +21,7 @@ LINK = """<body name="b{k}" pos="{x} 0 0"><joint axis="0 1 0"/>
 
 
 def chain(path, size="004", joints=4):
-    """The finger's links 0.5 m up, each with a capsule and a sphere that is only seen."""
+    """The finger's links 0.5 m up, each with a capsule and a purely visual sphere."""
     inner = ""
     for k in range(joints, 0, -1):
         inner = LINK.format(k=k, x=0.06 if k > 1 else 0.0, size=size, inner=inner)
@@ -54,7 +54,7 @@ def test_the_file_s_geoms_stand_where_it_has_them(tmp_path):
 
 
 def test_meshes_and_a_body_of_two_joints(tmp_path):
-    """A geom goes with the last joint of its body; a mesh keeps its place."""
+    """A geom moves with the last joint of its body; a mesh keeps its place."""
     corners = [f"v {x} {y} {z}\n" for x in (0, 0.02) for y in (0, 0.01) for z in (0, 0.01)]
     (tmp_path / "block.obj").write_text("".join(corners))
     mass = '<inertial pos="0 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>'
@@ -90,7 +90,7 @@ def test_all_else_is_the_twin_s(tmp_path):
         np.testing.assert_array_equal(getattr(twin.model, name), getattr(plain.model, name))
     for each in (plain, twin):
         each.advance(np.array([0.1, -0.05]), 20)
-    np.testing.assert_allclose(twin.qpos, plain.qpos, atol=1e-12)  # nothing meets yet
+    np.testing.assert_allclose(twin.qpos, plain.qpos, atol=1e-12)  # nothing touches yet
 
 
 def test_neighbours_of_the_base_touch_it(tmp_path):
@@ -103,7 +103,7 @@ def test_neighbours_of_the_base_touch_it(tmp_path):
 
 
 def test_a_run_is_known_by_the_content_of_the_shapes(tmp_path):
-    """Not by their file's name: the MJCF, what it includes, and its meshes, wherever they lie."""
+    """The content counts, not the name: that of the MJCF, its includes and its meshes."""
     case = Case("finger", "ic", "set_point", 0.5, plant=PlantErrors(shapes=tmp_path / "chain.xml"))
     text = chain(tmp_path / "chain.xml").read_text()
     marks = [fingerprint(case)]

@@ -1,4 +1,4 @@
-"""Plants that differ from the model: other masses, springs and dampers, cables that rub."""
+"""Plants that differ from the model: masses, springs, dampers and cable friction."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_a_plant_of_other_numbers() -> None:
     assert weight[1] == pytest.approx(1.2 * weight[0])
     np.testing.assert_allclose(heavy.model.jnt_stiffness, 0.9 * plain.model.jnt_stiffness)
     np.testing.assert_allclose(heavy.model.dof_damping, 1.1 * plain.model.dof_damping)
-    # and it acts: the arm falls alike at first, whatever its mass, but bends otherwise
+    # and it acts: all masses fall alike at first, but the arm bends differently
     for twin in (plain, heavy):
         twin.advance(np.zeros(2), 400)
     assert np.abs(plain.qpos - heavy.qpos).max() > 1e-3

@@ -1,4 +1,4 @@
-"""Between a model's states and a twin's: order, circles, senses and zeros."""
+"""The map between a model's and a twin's states: order, continuous joints, senses, zeros."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_state_map_refuses_another_robot():
 
 
 def test_joints_of_another_hand_turn_the_other_way_or_from_another_zero():
-    """q = sense · qpos + zero, v = sense · qvel: one joint each, there and back."""
+    """q = sense · qpos + zero, v = sense · qvel, joint by joint, in both directions."""
     model, twin = softdyn.load("finger"), Twin("finger")
     first, second, third, _ = model.joint_names
     states = StateMap(model, twin, turns={first: (-1, 0.0), second: (1, 0.3), third: (-1, -0.2)})

@@ -1,4 +1,4 @@
-"""The MuJoCo twin: exact bodies, honest switches, errors instead of silent resets."""
+"""The MuJoCo twin: exact bodies, working switches, errors instead of silent resets."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_spring_damper_and_armature_of_a_joint(tmp_path):
 
 @pytest.mark.parametrize(("rest", "expected"), [('rest="-1"', -1.0), ("", 0.0), ('rest="2"', 2.0)])
 def test_rest_of_a_fixed_tendon(rest, expected, tmp_path):
-    """MuJoCo reads -1 as "the length at the joint springs' rest": not this file's meaning."""
+    """MuJoCo reads -1 as "the length at the joint springs' rest", which this file does not mean."""
     spring = '<gazebo reference="j"><springStiffness>0.1</springStiffness>'
     spring += "<springReference>0.5</springReference></gazebo>"
     tendon = f'<tendon name="t" stiffness="4" {rest}><joint name="j" coef="2"/></tendon>'
@@ -313,7 +313,7 @@ def test_a_blow_up_is_an_exception_with_time_and_reason(tmp_path, monkeypatch, c
 
 
 def test_mujoco_neither_prints_nor_writes_a_file(tmp_path, monkeypatch, capfd):
-    """Its default is a line on stderr and MUJOCO_LOG.TXT in the working directory."""
+    """By default it writes a line to stderr and MUJOCO_LOG.TXT into the working directory."""
     monkeypatch.chdir(tmp_path)
     twin = Twin("finger")
     twin.data.qpos[0] = math.nan
@@ -324,7 +324,7 @@ def test_mujoco_neither_prints_nor_writes_a_file(tmp_path, monkeypatch, capfd):
 
 
 def test_set_state_is_all_there_is_to_a_state():
-    """Two rollouts from one state are equal to the bit, whatever was simulated in between."""
+    """Two rollouts from one state are equal bit by bit, whatever ran in between."""
     twin = Twin("helix")
     start = np.linspace(-0.01, 0.01, 36), np.zeros(36)
     ends = []
@@ -360,7 +360,7 @@ def test_a_file_that_only_yourdfpy_refuses(tmp_path):
 
 
 def test_collision_shapes_have_their_size(tmp_path):
-    """MuJoCo's are half as long, but for a radius."""
+    """MuJoCo's sizes are half lengths, except radii."""
     shapes = (
         '<cylinder radius="0.02" length="0.3"/>',
         '<box size="0.1 0.2 0.4"/>',

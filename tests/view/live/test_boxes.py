@@ -1,4 +1,4 @@
-"""What waits for a page: short whatever it does not read, and in order."""
+"""The queue of messages for a page: in order, and short even if the page does not read."""
 
 from __future__ import annotations
 

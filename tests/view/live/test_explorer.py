@@ -1,4 +1,4 @@
-"""Joints and inputs by slider: the rests that they lead to, stable or not."""
+"""Sliders for joints and inputs: the resulting equilibria, stable or not."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_inputs_lead_to_the_rest_and_joints_are_set_by_hand():
     np.testing.assert_allclose(part(explorer, "y"), rest.y, atol=1e-6)
     assert part(explorer, "stable") == 1
     assert not rest.held.any()
-    # a force on the tip moves it as the ellipsoid says: another rest, of a nudged balance
+    # a force on the tip moves it by the ellipsoid; the oracle is the equilibrium with this force
     force, compliance = np.array([1e-5, 0, 2e-5]), part(explorer, "compliance").reshape(3, 3)
     q = rest.q.copy()
     for _ in range(8):  # Newton's method on K + g - B u - Jᵀ f
@@ -44,7 +44,7 @@ def test_inputs_lead_to_the_rest_and_joints_are_set_by_hand():
 
 
 def test_an_arm_that_buckles_is_shown_beside_its_unstable_rest():
-    """All cables alike: the straight arm is a rest for ever, but soon no stable one."""
+    """With equal tensions the straight arm stays an equilibrium, but soon not a stable one."""
     explorer = Explorer(softdyn.load("spirob"))
     straight = explorer.rest.y
     for pull in (0.3, 1.4, 0.3):
@@ -61,7 +61,7 @@ def test_an_arm_that_buckles_is_shown_beside_its_unstable_rest():
 
 
 def test_what_is_said_while_a_rest_is_found_is_done_in_order():
-    """A slow machine reads many messages at once: joints, inputs, joints again."""
+    """A slow machine reads many messages at once: for joints, inputs and joints again."""
     model = softdyn.load("finger")
     x = np.array([0.1, -0.2, 0.3, 0.0])
 

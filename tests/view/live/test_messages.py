@@ -1,4 +1,4 @@
-"""What a page says: what is no message is an error and nothing else."""
+"""Messages of a page: an invalid one is an InputError and no other exception."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def test_messages_are_frozen():
 
 
 def test_damaged_messages_are_messages_or_errors(limits):
-    """Bytes flipped, cut and doubled: nothing else is raised, and what is read is in bounds."""
+    """With flipped, cut and doubled bytes nothing else is raised, and values are in bounds."""
     rng = random.Random(0)
     bases = [said(name, **members).encode() for name, members in GOOD.items()]
     read_well = 0

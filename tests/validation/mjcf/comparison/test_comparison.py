@@ -1,4 +1,4 @@
-"""Two files of one robot: no false alarm, and a planted defect is named and nothing else."""
+"""Two files of one robot: only planted defects are named, without false alarms."""
 
 import json
 from collections import Counter
@@ -91,7 +91,7 @@ def test_three_at_once(tmp_path, pair, plants):
 def test_base_and_order(tmp_path, pair):
     turned = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("base", 0))
     result = compare(pair[1], turned)
-    # one joint carries all: a turned base is a turned first joint
+    # one joint carries all links, so that a turned base equals a turned first joint
     assert set(kinds(result)) <= {"base", "pose"}
     assert result.explained
     swapped = planted(tmp_path, pair_robots.MJCF, defects.MJCF, ("order", 0))
@@ -117,7 +117,7 @@ def test_the_values_and_effects_are_said(tmp_path, pair):
 
 
 def test_a_small_share_of_the_inertia_that_changes_the_acceleration_is_named(tmp_path):
-    """A heavy body turns about a light one's axis: M hardly shows the light one, q̈ does."""
+    """A heavy body turns about a light one's axis; the light one shows in q̈, but hardly in M."""
     text = (
         '<mujoco><worldbody><body><joint name="a"/><inertial pos="0 0 0" mass="1" '
         'diaginertia="{0} {0} {0}"/><body><joint name="b"/><inertial pos="0 0 0" mass="1" '
@@ -162,7 +162,7 @@ def test_joints_are_matched_by_like_names_and_by_kinematics(tmp_path, pair):
     assert result.passed, str(result)
     assert result.matched == {"lift": "LiftJoint", "slide": "joint_slide", "swing": "x7"}
     assert result.how == {"lift": "like name", "slide": "like name", "swing": "kinematics"}
-    # a map overrides; one that contradicts the trees, or names nothing, is refused
+    # a map overrides; one that contradicts the trees, or has unknown names, is refused
     assert compare(pair[0], path, mapping={"swing": "x7"}).how["swing"] == "map"
     for mapping in (
         {"swing": "y"},
@@ -183,7 +183,7 @@ def test_a_robot_with_and_without_its_hand(tmp_path, pair):
     result = compare(pair[0], path)
     assert result.passed, str(result)
     assert result.unmatched == {"a": ["slide"], "b": []}
-    # and with the hand held still: welded, not left out
+    # and with the hand fixed: it is welded, not left out
     held = etree.fromstring(pair_robots.MJCF.encode())
     joint = next(j for j in held.iter("joint") if j.get("name") == "slide")
     joint.getparent().remove(joint)
@@ -220,7 +220,7 @@ def test_what_a_tendon_wraps(tmp_path, old, new, causes):
 
 
 def test_another_robot_is_refused(tmp_path, pair):
-    still = tmp_path / "still.xml"  # nothing of it moves: no joint, so none without a partner
+    still = tmp_path / "still.xml"  # it has no moving joint, so no joint lacks a partner
     still.write_text('<mujoco><worldbody><body><geom size="1"/></body></worldbody></mujoco>')
     for other in ("finger", still):
         result = compare(pair[0], other)
@@ -231,7 +231,7 @@ def test_another_robot_is_refused(tmp_path, pair):
 
 
 def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
-    """format.md: a tendon over one joint is a motor there; an MJCF names the joint."""
+    """By format.md, a tendon over one joint is a motor on it; an MJCF names the joint directly."""
     ours, theirs = pair[0].read_text(), pair[1].read_text()
 
     def write(coef, gear, most=3.5, spring=""):
@@ -242,7 +242,7 @@ def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
         text = ours.replace("<actuator", f"{drive}<actuator", 1)
         pair[0].write_text(text.replace("</softdyn>", f"{motor}</softdyn>"))
 
-    # the last: a motor that is weaker than the 7 N that the joint could bear
+    # the last: a motor weaker than the joint's limit of 7 N
     for numbers, expected in (
         ((1, 2), {}), ((-4, -0.5), {}), ((1, -2), {"actuator": 1}), ((-4, -0.5, 1.5), {})
     ):  # fmt: skip
@@ -256,7 +256,7 @@ def test_a_motor_on_a_joint_is_one_on_a_plain_tendon_over_it_alone(pair):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_tensor_of_nothing_is_no_warning(pair):
-    """A free base alone has no inertia: no ratio of tensors, and no warning about one."""
+    """A free base alone has no inertia; there must be no warning about a ratio of tensors."""
     free = pair[0].parent / "free.xml"
     free.write_text(
         '<mujoco><worldbody><body name="base"><freejoint/><inertial pos="0 0 0" mass="1" '
@@ -294,7 +294,7 @@ def test_an_impossible_inertia_is_repaired_where_asked_for(tmp_path, pair):
 
 
 def test_of_a_long_tendon_the_changed_term_is_said(tmp_path):
-    """A sum of many terms is not printed for one that differs, nor a row too wide to read."""
+    """If one term of a long sum differs, only this term is printed, so that the row stays short."""
     joints = "".join(
         f'<body pos="0.1 0 0"><joint name="joint_{k}" axis="0 1 0"/><geom size="0.05"/>'
         for k in range(17)

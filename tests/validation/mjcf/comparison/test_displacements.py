@@ -1,4 +1,4 @@
-"""Displacements of all sizes at once: each is told apart from the others, and none is made up."""
+"""Several displacements of all sizes: each is found, and there are no false ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def robot(*joints, root="base", frames="", inertia=INERTIA):
 
 
 def compared(folder, one, other):
-    """Kind, joint and words of every cause; the files are explained."""
+    """Kind, joint and text of every cause; the causes must explain all differences."""
     paths = folder / "one.urdf", folder / "other.urdf"
     for path, text in zip(paths, (one, other), strict=True):
         path.write_text(text)
@@ -41,7 +41,7 @@ def replaced(text, old, new):
     return text.replace(old, new)
 
 
-# An arm with three axes side by side, as UR's: its links lie in planes beside each other.
+# an arm with three parallel axes, as UR's; its links lie in parallel planes
 UR = robot(
     ("pan", "base", "0 0 0.1625", "0 0 0", "0 0 1", "0 -0.026 0.002"),
     ("lift", "pan", "0 0.138 0", "0 1.5707963267948966 0", "0 1 0", "0 0 0.2125"),
@@ -54,7 +54,7 @@ UR = robot(
 
 @pytest.mark.parametrize("angle", [1.5707963267948966, 3.141592653589793])
 def test_half_a_millimetre_beside_a_turned_base(tmp_path, angle):
-    """One height is off by 0.5 mm: that is said, and no axis is reversed for it."""
+    """One height differs by 0.5 mm; this is named, and no axis counts as reversed."""
     wrong = replaced(UR, 'xyz="0 0 0.1625" rpy="0 0 0"', f'xyz="0 0 0.163" rpy="0 0 {angle}"')
     wrong = replaced(wrong, "0 -0.131 0.425", "0 -0.1303 0.4252")
     assert compared(tmp_path, UR, wrong) == {
@@ -67,7 +67,7 @@ def test_half_a_millimetre_beside_a_turned_base(tmp_path, angle):
 @pytest.mark.parametrize("size", [1e-5, 5e-5, 1e-4, 3e-4, 1e-3, 1e-2])
 @pytest.mark.parametrize("turn", ["0 0 0", "0.3 -0.2 0.9"])
 def test_a_joint_displaced_by_any_size_is_no_moved_zero(tmp_path, size, turn):
-    """As in hands: everything that the joint carries goes along, however little."""
+    """As in hands, everything that the joint carries moves along, by any distance."""
     hand = robot(
         ("knuckle", "base", "0.01 0.02 0.09", turn, "0 1 0", "0.002 -0.001 0.02"),
         ("proximal", "knuckle", "0 0 0.04", turn, "1 0 0", "0 0.003 0.022"),
@@ -88,7 +88,7 @@ HEAD = robot(
 
 
 def test_a_centre_near_its_axis_is_no_moved_zero(tmp_path):
-    """A turn of 0.053 rad would bring the centre closer, and nothing else with it."""
+    """A turn of 0.053 rad would bring the centre closer, but no other part."""
     wrong = replaced(HEAD, "0.01079 0.00005 0.11", "0.01082 0.00063 0.1099")
     at = wrong.index('<link name="head">')
     wrong = wrong[:at] + replaced(wrong[at:], 'izz="4e-3"', 'izz="4.02e-3"')
@@ -98,7 +98,7 @@ def test_a_centre_near_its_axis_is_no_moved_zero(tmp_path):
 
 
 def test_what_is_turned_is_told_by_links(tmp_path):
-    """The same head with its zero moved, and another centre besides: the frame went along."""
+    """The same head with a moved zero and another centre; its frame moved along."""
     wrong = replaced(HEAD, 'xyz="0 0 0.02" rpy="0 0 0"', 'xyz="0 0 0.02" rpy="0 0 0.3"')
     wrong = replaced(wrong, "0.01079 0.00005 0.11", "0.0111 0.0001 0.11")
     found = compared(tmp_path, HEAD, wrong)
@@ -109,7 +109,7 @@ def test_what_is_turned_is_told_by_links(tmp_path):
 
 
 def test_zeros_that_undo_each_other_are_two_zeros(tmp_path):
-    """As where a new calibration moves the zeros of two parallel joints."""
+    """A new calibration, for example, moves the zeros of two parallel joints."""
     wrong = replaced(
         UR, 'xyz="0 0.138 0" rpy="0 1.5707963267948966 0"', 'xyz="0 0.138 0" rpy="0 0 0"'
     )
@@ -125,7 +125,7 @@ def test_zeros_that_undo_each_other_are_two_zeros(tmp_path):
 
 
 def test_four_legs_are_no_base(tmp_path):
-    """Each leg stands elsewhere by itself; a moved base would have to be undone for the neck."""
+    """Each leg is displaced separately; a moved base would displace the neck, too."""
 
     def robot_with(turn):
         legs = []
@@ -142,7 +142,7 @@ def test_four_legs_are_no_base(tmp_path):
 
 
 def test_fingers_of_a_turned_hand_are_not_mixed_up(tmp_path):
-    """No name is common, and the base is turned and moved: the first finger stays the first."""
+    """Without common names and with a displaced base, the first finger still matches the first."""
 
     def hand(names, place):
         fingers = []
@@ -170,7 +170,7 @@ def test_fingers_of_a_turned_hand_are_not_mixed_up(tmp_path):
 
 
 def test_a_wheel_is_no_caster(tmp_path):
-    """What stands at about the same place and turns about another axis is another joint."""
+    """A joint at about the same place with another axis is another joint."""
     arm = [
         ("arm_1", "base", "0 0 0.5", "0 0 0", "0 0 1", "0.05 0 0.1"),
         ("arm_2", "arm_1", "0.1 0 0.1", "0 0 0", "0 1 0", "0.1 0 0.02"),
@@ -189,7 +189,7 @@ def test_a_wheel_is_no_caster(tmp_path):
 
 
 def test_noise_of_rounding_hides_no_cause(tmp_path):
-    """Numbers with five digits everywhere, and one joint that is off by 0.1 mm."""
+    """All numbers have five digits, and one joint is off by 0.1 mm."""
     rng = np.random.default_rng(0)
 
     def rounded(match):

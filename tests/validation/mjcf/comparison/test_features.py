@@ -1,4 +1,4 @@
-"""Features of MuJoCo: whatever changes its motion is told, in a comparison and by an export."""
+"""Features of MuJoCo that change its motion: comparisons and exports name all of them."""
 
 import json
 
@@ -13,8 +13,8 @@ from tests.support.command import command
 from tests.support.one_feature import PAIRS, Pair, edited, texts
 
 STEPS, HOLD = 30, 7  # in each of the motions, and under one input
-# What no field of the installed MuJoCo's is but these is read, or has a reason in the table. A new
-# one belongs to one of the three: then it goes here, or there.
+# Every field of the installed MuJoCo except these is read, or has a reason in the table. A new
+# field must be added here, to the fields that are read, or to the table.
 TOLD = """
     actuator_actearly actuator_actrange actuator_biasprm actuator_biastype actuator_cranklength
     actuator_ctrlspec actuator_delay actuator_dynprm actuator_dyntype actuator_forcerange
@@ -67,8 +67,8 @@ def test_a_feature_that_changes_the_motion_is_told(files, name):
         assert result.explained
         said = [f"{c.kind} {c.where} {c.detail} {c.a} {c.b}" for c in result.causes]
         assert any(pair.said in words for words in said), said
-        # one change is told once, but that a servo's range is a joint's largest force as well, and
-        # that a shape has several numbers
+        # one change gives one cause; but a servo's range is a joint's largest force as well, and
+        # a shape has several numbers
         kinds = [cause.kind for cause in result.causes]
         assert len(kinds) == 1 or set(kinds) in ({"feature"}, {"actuator", "effort"}), said
     assert compare(files[1], files[1], strict=True, samples=1).passed
@@ -174,7 +174,7 @@ def test_an_export_tells_what_it_leaves_out(files, name):
         found.append((set(lost), target.read_text()))
     (lost, text), (other, changed) = found
     if lost == other and text == changed:
-        # of what is left out as a whole no more is said
+        # an object that is left out as a whole has no further lines
         words = {"ball range": "wrist", "tendon springlength": "cable", "tendon pulley": "cable",
                  "actuator gain": "'more'", "site motor's site": "'jet'"}  # fmt: skip
         sorts = {"servo": "'servo'", "site": "'jet'", "ball": "'spin'"}

@@ -1,4 +1,4 @@
-"""A file of a comparison is opened once, whatever is asked of it."""
+"""A comparison opens each file only once."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ def opened(folder, *words):
 
 
 def test_the_command_opens_each_file_once(tmp_path):
-    """The page, both engines, Pinocchio's reader and the comparison: of one content."""
+    """The page, both engines, Pinocchio's reader and the comparison share one content."""
     include = '<mujocoinclude><default><geom rgba="1 0 0 1"/></default></mujocoinclude>'
     (tmp_path / "look.xml").write_text(include)
     (tmp_path / "a.urdf").write_text(pair_robots.URDF)

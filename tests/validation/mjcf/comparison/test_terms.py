@@ -1,4 +1,4 @@
-"""The neutral form against both engines: it must be neither's opinion."""
+"""The neutral form must agree with both engines."""
 
 from pathlib import Path
 
