@@ -13,6 +13,10 @@ inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c: -c the acceleration 
 With s = ḃ + α b, and b⁺ = b + τ ḃ⁺, ḃ⁺ = ḃ + τ b̈, the row is (1 + α τ) s⁺ ≥ s, and b⁺ is
 (b + τ s⁺) / (1 + α τ): b ≥ 0 and s ≥ 0 stay so, exactly over a step of τ. From elsewhere nothing is
 promised: a run that starts there is warned of, and such states are counted.
+
+In a run every barrier has two rows: τ is the horizon in one, the control period in the other. Over
+the horizon alone the tip is pushed in within a period and expected back, but the next input does
+the same. Over the period alone it brakes too late.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.checks import array, number
 from softdyn.controllers.controller import SILENT
+from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
 
 RATE = 10.0  # α (1/s)
@@ -197,8 +202,10 @@ class Rows(NamedTuple):
 class BarrierRows:
     """The rows of all barriers, hard where some admissible input meets them.
 
-    If none does, they give way by the least that lets one (least squares, in mm and 0.01 rad):
-    the input bounds stay hard, and the QP feasible.
+    The priorities are: the input bounds, then the rows, then the objective. If no admissible input
+    meets all rows, they give way by the least squares of their excess, in mm and 0.01 rad. If the
+    QP with such rows has no accurate answer, for its feasible set may be thinner than a solver's
+    tolerance, the answer is the input of least excess that is nearest to the QP's own without rows.
 
     Parameters
     ----------
@@ -207,7 +214,7 @@ class BarrierRows:
     barriers : sequence of ControlBarrier
         Obstacles and limits.
     tau : float
-        Horizon τ (s) that the dynamics stand for.
+        The horizon τ (s).
 
     Attributes
     ----------
@@ -219,46 +226,47 @@ class BarrierRows:
         Steps at which rows had to give way.
     relaxation : float
         The most by which one did, as the mm or 0.01 rad that b may sink for it.
+    least : int
+        Steps at which the input of least excess was taken, without the objective.
     """
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
-        self._barriers, self._tau = tuple(barriers), tau
+        self._model, self._barriers, self._tau = model, tuple(barriers), tau
         self._u_min, self._u_max = model.u_min, model.u_max
         self._range = np.where(model.u_max > model.u_min, model.u_max - model.u_min, 1.0)
         self._solvers: dict[tuple[int, int], DenseQp] = {}
         self.reset()
 
-    def reset(self) -> None:
-        """Forget what was seen."""
+    def reset(self, period: float = 0.0) -> None:
+        """Forget what was seen; a control period (s), where there is one, has rows of its own."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
-        self.outside, self._begun = 0, False
+        self.outside, self.least, self._begun = 0, 0, False
+        self._period = period
+        self._hold = Horizon(self._model, period) if period else None
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
-        """Every barrier's row at a state, with M and h of the dynamics over the horizon."""
-        inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
-        matrices, uppers, units, outside = [], [], [], ""
-        for barrier in self._barriers:
-            b, G, r, unit = barrier(state)
-            alpha, tau = barrier.rate, self._tau
-            share = 1 / (1 + alpha * tau) ** 2
-            affordable = share * (alpha * (2 + alpha * tau) * (G @ state.v) + alpha**2 * b)
-            response = G @ inverse
-            matrices.append(-response[:, :-1])
-            uppers.append(affordable + r - response[:, -1])
-            units.append(share * alpha**2 * unit)
+        """Every barrier's rows at a state, with M and h of the dynamics over the horizon."""
+        seen = [(barrier.rate, barrier(state)) for barrier in self._barriers]
+        self._count(state, seen)
+        steps = [(self._tau, M, h)] if self._tau or self._hold is None else []
+        if self._hold is not None:
+            steps.append((self._period, *self._hold(state)))
+        parts = [_rows(state, seen, *step) for step in steps]
+        return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
+
+    def _count(self, state: State, seen: Sequence[tuple[float, Values]]) -> None:
+        """Note a state outside of what the barriers keep; a run that starts there is warned of."""
+        outside = ""
+        for barrier, (alpha, (b, G, _, unit)) in zip(self._barriers, seen, strict=True):
             self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
-            approach = np.minimum(b, G @ state.v / alpha + b) / unit  # s / α beside b
+            s = G @ state.v + alpha * b
+            approach = np.minimum(b, s / alpha) / unit
             if approach.size and approach.min() < -NEGLIGIBLE:
                 worst = approach.argmin()
+                name = type(barrier).__name__
                 outside = outside or (
-                    f"{type(barrier).__name__}: b = {b[worst]:.3g}, db/dt + {alpha:g} b = "
-                    f"{(G @ state.v + alpha * b)[worst]:.3g}"
+                    f"{name}: b = {b[worst]:.3g}, db/dt + {alpha:g} b = {s[worst]:.3g}"
                 )
-        self._count(outside)
-        return Rows(np.vstack(matrices), np.concatenate(uppers), np.concatenate(units))
-
-    def _count(self, outside: str) -> None:
-        """Note a state outside of what the barriers keep; a run that starts there is warned of."""
         self.outside += bool(outside)
         if outside and not self._begun:
             text = f"the run starts where barriers promise nothing ({outside}; both should be >= 0)"
@@ -280,56 +288,85 @@ class BarrierRows:
         has u as its first unknowns.
         """
         rows = self.at(state, M, h)
-        m, size = rows.matrix.shape[1], len(problem.g)
+        m = rows.matrix.shape[1]
+        if solution is None or not solution.solved:
+            return solution
+        answer, wanted, least = solution, solution.x[:m].copy(), False
         upper, chosen = rows.upper.copy(), np.zeros(len(rows.upper), bool)
-        sunk = 0.0
         for _ in range(ROUNDS):
-            if solution is None or not solution.solved:
-                break
-            broken = rows.matrix @ solution.x[:m] > upper + NEGLIGIBLE * rows.unit
+            broken = rows.matrix @ answer.x[:m] > upper + NEGLIGIBLE * rows.unit
             if not (broken & ~chosen).any():
                 break
             chosen |= broken
             some = Rows(*(part[chosen] for part in rows))
-            excess = self._excess(some)
-            sunk = float(excess.max())
+            excess, nearest = self._excess(some, wanted)
             upper[chosen] = some.upper + some.unit * np.where(excess > ROOM, excess + ROOM, ROOM)
-            p = len(excess)
-            restricted = QpProblem(
-                problem.H,
-                problem.g,
-                np.vstack((problem.A, np.hstack((some.matrix, np.zeros((p, size - m)))))),
-                np.concatenate((problem.lower, np.full(p, -np.inf))),
-                np.concatenate((problem.upper, upper[chosen])),
-            )
-            solution = self._solver(size, len(restricted.lower)).solve(restricted)
-        self.relaxed += sunk > ROOM
-        self.relaxation = max(self.relaxation, sunk)
-        return solution
+            found = self._restricted(problem, some.matrix, upper[chosen])
+            least = found is None or not found.solved
+            if found is None or least:  # no other unknown has a value then
+                x = np.concatenate((nearest, np.full(len(problem.g) - m, np.nan)))
+                found = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
+            answer = found
+        sunk = float(((rows.matrix @ answer.x[:m] - rows.upper) / rows.unit).max(initial=0.0))
+        if sunk > ROOM + 2 * NEGLIGIBLE:
+            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, sunk)
+        self.least += least
+        return answer
 
-    def _excess(self, rows: Rows) -> np.ndarray:
-        """By how many units the best admissible input breaks each row (p,): zero where none must.
+    def _restricted(
+        self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
+    ) -> QpSolution | None:
+        """The answer of `problem` with the rows `matrix` u ≤ `upper` (p,) below its own."""
+        (p, m), size = matrix.shape, len(problem.g)
+        restricted = QpProblem(
+            problem.H,
+            problem.g,
+            np.vstack((problem.A, np.hstack((matrix, np.zeros((p, size - m)))))),
+            np.concatenate((problem.lower, np.full(p, -np.inf))),
+            np.concatenate((problem.upper, upper)),
+        )
+        return self._solver(size, len(restricted.lower)).solve(restricted)
 
-        The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row.
+    def _excess(self, rows: Rows, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how many units the best admissible input breaks each row (p,), and this input (m,).
+
+        The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of the
+        inputs that break the rows alike it is the one nearest to `wanted`.
         """
         p, m = rows.matrix.shape
         matrix, upper = rows.matrix / rows.unit[:, None], rows.upper / rows.unit
         # beside what the inputs do to the rows: a smaller weight is none to the solver
         effect = max(1.0, float(np.linalg.norm(matrix * self._range, axis=1).max(initial=0.0)))
-        H = np.diag(np.concatenate((TIE * (effect / self._range) ** 2, np.ones(p))))
+        tie = TIE * (effect / self._range) ** 2
+        H, g = np.diag(np.concatenate((tie, np.ones(p)))), np.zeros(m + p)
+        g[:m] = -tie * wanted
         A = np.zeros((m + p, m + p))
         A[:m, :m] = np.eye(m)
         A[m:, :m], A[m:, m:] = matrix, -np.eye(p)
         lower = np.concatenate((self._u_min, np.full(p, -np.inf)))
-        upper = np.concatenate((self._u_max, upper))
-        solution = self._solver(m + p, m + p).solve(QpProblem(H, np.zeros(m + p), A, lower, upper))
-        if solution is None:
-            return np.zeros(p)
-        u = np.clip(solution.x[:m], self._u_min, self._u_max)
-        return np.maximum(matrix @ u - upper[m:], 0.0)
+        solution = self._solver(m + p, m + p).solve(
+            QpProblem(H, g, A, lower, np.concatenate((self._u_max, upper)))
+        )
+        u = wanted if solution is None else np.clip(solution.x[:m], self._u_min, self._u_max)
+        return np.maximum(matrix @ u - upper, 0.0), u
 
     def _solver(self, variables: int, rows: int) -> DenseQp:
         key = variables, rows
         if key not in self._solvers:
             self._solvers[key] = DenseQp(variables, rows)
         return self._solvers[key]
+
+
+def _rows(
+    state: State, seen: Sequence[tuple[float, Values]], tau: float, M: np.ndarray, h: np.ndarray
+) -> Rows:
+    """A row for every barrier, with its rate α, over a step τ whose dynamics have M and h."""
+    inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
+    parts = []
+    for alpha, (b, G, drift, unit) in seen:
+        share = 1 / (1 + alpha * tau) ** 2
+        affordable = share * (alpha * (2 + alpha * tau) * (G @ state.v) + alpha**2 * b)
+        response = G @ inverse
+        upper = affordable + drift - response[:, -1]
+        parts.append((-response[:, :-1], upper, share * alpha**2 * unit))
+    return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))

@@ -31,8 +31,7 @@ class SoftIdClfQp(TaskLaw):
         The input that has no cost: w3 ‖u - u_ref‖². A tension in all cables keeps co-contracted
         shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
-        Obstacles and limits, see `barriers`. Use them with a horizon, because the accelerations of
-        damped joints at the start of a hold are misleading.
+        Obstacles and limits, see `barriers`. Their rows hold over the horizon, and over a run's period.
 
     Attributes
     ----------
@@ -73,3 +72,9 @@ class SoftIdClfQp(TaskLaw):
             barriers=self.barrier_rows,
         )
         super().__init__(model, gains, qp)
+
+    def reset(self, period: float) -> None:
+        """Begin a run: barriers have rows over its control period (s) too."""
+        super().reset(period)
+        if self.barrier_rows is not None:
+            self.barrier_rows.reset(period)

@@ -72,10 +72,6 @@ class Restriction(Protocol):
         """`solution` of `problem` if it meets the rows, else a solution with the rows."""
         ...
 
-    def reset(self) -> None:
-        """Reset all counts."""
-        ...
-
 
 class TaskQp:
     """min objective (+ ρ δ²) subject to u_min ≤ u ≤ u_max (and the decrease row V̇ ≤ -V/ε + δ).
@@ -123,9 +119,7 @@ class TaskQp:
             problem.lower[m], problem.A[m, size] = -np.inf, -1.0
 
     def reset(self) -> None:
-        """Reset the barriers' counts; the QP itself has no memory."""
-        if self._barriers is not None:
-            self._barriers.reset()
+        """Do nothing; the QP has no memory."""
 
     def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""

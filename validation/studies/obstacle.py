@@ -56,6 +56,15 @@ class Encounters:
                 f"{sum(row['fallbacks'] for row in random)} fallbacks, "
                 f"{sum(row['failed'] for row in random)} that did not come nearer"
             )
+        guarded = self.report["runs"][2:]
+        steps, states = (sum(row[key] for row in guarded) for key in ("relaxed", "outside"))
+        if steps:
+            lines.append(f"rows gave way at {steps} steps: no input within its bounds met them all")
+        if not self.report["passed"]:
+            lines.append(
+                f"a barrier was violated by {self.report['worst_violation']:.2f} mm or 0.01 rad; "
+                f"{states} states lie outside of what the rows keep (b < 0 or db/dt + alpha b < 0)"
+            )
         return "\n".join(lines)
 
 
@@ -135,13 +144,16 @@ def in_the_way(paths: Sequence[np.ndarray], radius: float) -> KeepOutSphere:
     def depth(ball: KeepOutSphere) -> float:
         return min(ball.radius - np.linalg.norm(y - ball.centre, axis=1).min() for y in paths)
 
-    return max(_beside(paths, radius), key=depth)
+    # balls cut their own path alike: of those as deep, to the thousandth, the one nearest half-way
+    balls = list(_beside(paths, radius))
+    deepest = max(map(depth, balls))
+    return next(ball for ball in balls if depth(ball) > deepest - 1e-3 * radius)
 
 
 def _beside(paths: Sequence[np.ndarray], radius: float) -> Iterable[KeepOutSphere]:
     for path in paths:
         left = np.linalg.norm(path - path[-1], axis=1)
-        for share in (0.3, 0.4, 0.5, 0.6, 0.7):
+        for share in (0.5, 0.4, 0.6, 0.3, 0.7):  # half-way first
             k = max(int(np.argmax(left < left[0] * share)), 1)
             along = path[k + 1] - path[k - 1]
             # normal to the path in the xz-plane, or normal to the path and z where that fails
@@ -175,6 +187,7 @@ def figures(name: str, law: SoftIdClfQp, log: Log, ball: KeepOutSphere) -> dict[
         "clearance_mm": clearance,
         "violation": rows.violation if rows is not None else -clearance,
         "relaxed": rows.relaxed if rows is not None else 0,
+        "outside": rows.outside if rows is not None else 0,
         "fallbacks": log.fallbacks,
         "failed": log.failed,
         "step_us": float(np.median(log.step_us)),
