@@ -64,6 +64,14 @@ async def leading(channel):
     return link
 
 
+async def alone(channel):
+    """A page that commands when all others have left."""
+    link = await join(channel)
+    while (got := await news(link, "leads"))["pages"] > 1 or not got["leads"]:
+        pass
+    return link
+
+
 async def told(link, key, value):
     """Wait until the page has received this message."""
     while (await news(link, key))[key] != value:
@@ -323,3 +331,47 @@ def test_a_taken_port_is_one_line(session):
         taken.listen()
         with pytest.raises(softdyn.InputError, match="--port: expected a free port"):
             open_play_page(session, taken.getsockname()[1])
+
+
+def test_a_page_that_leaves_lets_go_of_the_robot(channel):
+    """A page that only watched leaves too: it held nothing."""
+
+    async def play():
+        first = await alone(channel)
+        await first.write_message('{"do": "speed", "factor": 0.5}')
+        await asyncio.to_thread(heard, channel, "SetSpeed")
+        second = await join(channel)
+        await told(first, "pages", 2)
+        second.close()
+        await told(first, "pages", 1)
+        third = await join(channel)
+        await told(third, "leads", False)
+        await first.write_message(
+            '{"do": "push", "link": "link4", "at": [0, 0, 0], "to": [0, 0, 0]}'
+        )
+        first.close()
+        await told(third, "leads", True)
+        await third.write_message('{"do": "speed", "factor": 1}')
+        found = await asyncio.to_thread(heard, channel, "SetSpeed")
+        third.close()
+        return [type(message).__name__ for message in found]
+
+    assert asyncio.run(play()) == ["Push", "Release", "SetSpeed"]
+
+
+def test_there_is_room_for_sixteen_pages(channel):
+    async def crowd():
+        first = await alone(channel)
+        others = [await join(channel) for _ in range(15)]
+        await told(first, "pages", 16)
+        last = await join(channel)
+        assert await asyncio.wait_for(last.read_message(), LONG) is None
+        assert (last.close_code, last.close_reason) == (1013, "too many pages")
+        others.pop().close()
+        await told(first, "pages", 15)
+        others.append(await join(channel))
+        await told(first, "pages", 16)
+        for link in (first, *others):
+            link.close()
+
+    asyncio.run(crowd())

@@ -195,3 +195,34 @@ def test_a_law_that_is_chosen_late_says_so_and_costs_no_period(model):
     busy = [(one["law"], one["busy"].partition(":")[0]) for one in channel.shown]
     assert busy == [(OPEN_LOOP, "starting ic"), ("ic", "starting stubborn"), ("ic", "")]
     assert channel.errors == ("ValueError: not today",)
+
+
+class Listens:
+    """Answers with the first input as often as it was asked, and keeps what it saw."""
+
+    def __init__(self, model):
+        self.seen, self.u_max = [], model.u_max
+
+    def __call__(self, state, reference):
+        self.seen.append(state.y)
+        return self.u_max * [len(self.seen) / 100, 0.0]
+
+
+@pytest.mark.parametrize("chosen", ["before", "after"])
+def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
+    """Of a law that acts already, and of one that is chosen later; a reset begins both anew."""
+    own = Listens(model)
+    session = make(model, "own" if chosen == "before" else OPEN_LOOP, {"own": lambda _model: own})
+    session.apply(m.Mismatch(delay=3 * session.period, noise=1e-4))
+    session.apply(m.SetController("own")) if chosen == "after" else None
+    for _ in range(2):
+        asked, tips = [], []
+        own.seen.clear()
+        for _ in range(40):
+            tips.append(model.state(*session._q_v()).y)
+            session.step()
+            asked.append(round(100 * session._u[0] / model.u_max[0]))
+        assert asked == [1, 1, 1, *range(1, 38)]
+        blur = np.array(own.seen) - tips
+        assert 0.7e-4 < blur.std() < 1.3e-4  # of 120 numbers: 4.6 of their standard errors
+        session.apply(m.Reset())

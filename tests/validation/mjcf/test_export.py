@@ -173,3 +173,30 @@ def test_the_command(tmp_path):
     assert code == 2
     assert err == "error: out.xml: expected a file that this command does not read, got its input\n"
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml")).nv == 4
+
+
+CHAIN = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body><joint name="a" range="-1 1"/><geom size="0.1"/>
+    <body pos="0 0 1"><joint name="b" range="-1 1"/><geom size="0.1"/>
+      <body pos="0 0 1"><joint name="c" range="-1 1"/><geom size="0.1"/></body></body></body>
+</worldbody>
+<tendon><fixed name="t" stiffness="5" springlength="0.1 0.3"><joint joint="a" coef="1"/></fixed>
+</tendon>
+<equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>
+  <joint joint1="c" joint2="b" polycoef="0.1 3 0 0 0"/></equality></mujoco>
+"""
+
+
+def test_a_follower_of_a_follower_and_a_slack_tendon_are_told(tmp_path):
+    """A URDF's mimic follows a joint that moves by itself, and its tendon springs act both ways."""
+    (tmp_path / "chain.xml").write_text(CHAIN)
+    _, lost = export.write_urdf(tmp_path / "chain.xml", tmp_path / "chain.urdf")
+    assert sorted(lost) == [
+        "tendon 't': that its spring is slack between two lengths",
+        "that 'c' follows 'b', which follows another joint",
+    ]
+    robot = softdyn.load(tmp_path / "chain.urdf").robot
+    followed = {joint.name: joint.mimic and joint.mimic.leader for joint in robot.moving_joints}
+    assert followed == {"a": None, "b": "a", "c": None}
+    assert robot.tendons[0].rest == 0.3  # from there on it pulls

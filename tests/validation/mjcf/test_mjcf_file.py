@@ -14,6 +14,7 @@ from softdyn.validation.crosschecks.engines import engine_errors
 from softdyn.validation.mjcf.comparison.comparison import compare
 from softdyn.validation.mjcf.comparison.side import neutral
 from softdyn.validation.mjcf.comparison.terms import States, evaluate
+from softdyn.validation.mjcf.mjcf_file import read_mjcf
 from tests.support import SCRIPTS, pair_robots
 
 BODY = '<body><joint name="j"/><inertial pos="0 0 1" mass="1" diaginertia="1 1 1"/>{}</body>'
@@ -263,3 +264,23 @@ def test_a_tendon_wraps_a_copied_or_attached_shape(folder):
     )
     (rope,) = neutral(path).cables
     assert [point.around for point in rope.path][1] == "cylinder of radius 0.03"
+
+
+def test_so_many_models_may_be_attached(folder):
+    """64, counted through all levels: a file of 30 lines could hold millions."""
+    (folder / "one.xml").write_text(GOOD)
+    pairs = "".join(f'<attach model="m" prefix="{k}_"/>' for k in range(2))
+    (folder / "two.xml").write_text(ATTACH.format("one.xml", pairs))
+    path = folder / "many.xml"
+    for count, more in ((20, 4), (20, 5)):  # each of the 20 attaches two
+        text = "".join(f'<attach model="two" prefix="{k}__"/>' for k in range(count))
+        text += "".join(f'<attach model="one" prefix="{k}___"/>' for k in range(more))
+        path.write_text(
+            '<mujoco><asset><model name="one" file="one.xml"/><model name="two" file="two.xml"/>'
+            f"</asset><worldbody><body>{text}</body></worldbody></mujoco>"
+        )
+        if more == 4:
+            assert read_mjcf(path).attached
+        else:
+            with pytest.raises(softdyn.UrdfError, match="expected at most 64 attached models"):
+                read_mjcf(path)

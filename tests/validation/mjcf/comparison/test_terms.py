@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn.validation import compare
 from softdyn.validation.crosschecks.engines import engine_errors
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf
 from softdyn.validation.mjcf.comparison.side import neutral
@@ -127,3 +128,38 @@ def test_jacobian_is_the_derivative_of_the_tip(tmp_path):
 def test_a_file_of_a_catalogue_name():
     assert neutral("panda").format == "urdf"
     assert isinstance(neutral("finger").path, Path)
+
+
+DRIVES = """
+<mujoco><worldbody>
+  <body><joint name="a" axis="0 1 0"/><geom size="0.1"/>
+    <body pos="0 0 1"><joint name="b" axis="0 1 0"/><geom size="0.1"/></body></body>
+</worldbody>
+<tendon><fixed name="t" damping="{damping}"><joint joint="a" coef="1"/></fixed></tendon>
+<equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0" active="{active}"/></equality>
+<actuator><motor joint="a" gear="-3" forcelimited="true" forcerange="-2 1"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("active", ["true", "false"])
+def test_drives_as_mujoco_computes_them(tmp_path, active):
+    """Largest torque, tendon damping and what holds from the start: against one step of MuJoCo."""
+    path = tmp_path / "drives.xml"
+    path.write_text(DRIVES.format(damping=0.2, active=active))
+    model, robot = compile_mjcf(read_mjcf(path)), neutral(path)
+    data = mujoco.MjData(model)
+    data.ctrl[:], data.qvel[:] = -100.0, [0.5, 0.0]
+    mujoco.mj_forward(model, data)
+    assert robot.parts[0].effort == abs(data.qfrc_actuator[0]) == 6.0
+    damping = robot.cables[0].damping
+    np.testing.assert_allclose(data.qfrc_passive, [-damping * 0.5, 0.0], rtol=1e-12)
+    assert len(robot.couplings) == data.ne == (active == "true")
+
+
+def test_another_damping_of_a_tendon_is_a_cause(tmp_path):
+    files = tmp_path / "a.xml", tmp_path / "b.xml"
+    for path, damping in zip(files, (0.2, 0.3), strict=True):
+        path.write_text(DRIVES.format(damping=damping, active="true"))
+    (cause,) = compare(*files).causes
+    assert (cause.kind, cause.where, cause.a, cause.b) == ("tendon", "t", 0.2, 0.3)
+    assert cause.detail == "damping"
