@@ -44,11 +44,11 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     InputError
         For a State of another robot, a `tau` of another shape, and a bound that is not finite.
     """
-    check_model(model)
+    # a control step: a State of this very model says that it is one
     if not isinstance(state, State) or (
-        state.model is not model and state.model.robot.digest != model.robot.digest
+        state.model is not model and state.model.robot.digest != check_model(model).robot.digest
     ):
-        raise InputError("state", f"a State of {model.name!r}", repr(state))
+        raise InputError("state", f"a State of {check_model(model).name!r}", repr(state))
     tau = array("tau", tau, (model.nv,), finite=False)
     low, high = model.u_min, model.u_max
     if not (np.isfinite(high - low).all() and (low <= high).all()):
