@@ -136,7 +136,7 @@ def has_stack() -> bool:
     """Whether the extra ``bench`` is there; says so on stderr where it is not."""
     found = find_spec("cvxpy") is not None
     if not found:
-        hint = "pip install '.[bench]'"
+        hint = "pip install cvxpy scs"
         print(f"note: no cvxpy, so the paper's stack is left out: {hint}", file=sys.stderr)
     return found
 

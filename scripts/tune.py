@@ -30,7 +30,7 @@ its published gains in both stages. --again repeats a search from its summary, a
 docs/tuning/. --summary gets the settings, each stage's winner and the finals (JSON); --trace gets
 every candidate with its scores (JSON), anew after every generation.
 
-Needs the extra: pip install 'softdyn[tune]'.
+Needs the package cma (the extra softdyn[tune]): pip install cma.
 
 exit codes: 0 done; 1 the schedule does not beat mpc; 2 bad input.
 """

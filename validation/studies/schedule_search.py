@@ -73,7 +73,7 @@ def need_cma() -> Any:
     try:
         import cma
     except ImportError:
-        raise InputError("cma", "pip install 'softdyn[tune]'", "no such package") from None
+        raise InputError("cma", "softdyn[tune]: pip install cma", "no such package") from None
     return cma
 
 
@@ -117,7 +117,7 @@ def search_stage(
     Raises
     ------
     InputError
-        Without the package `cma` (pip install 'softdyn[tune]').
+        Without the package `cma` (the extra softdyn[tune]).
     """
     cma = need_cma()
     names = [name for name in TUNED if schedule[stage].get(name, 0) > 0]

@@ -680,7 +680,7 @@ def listening(pid):
 
 @pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
-    reason="needs dask.distributed: pip install 'softdyn[cluster]'",
+    reason="needs dask.distributed: the extra softdyn[cluster]",
 )
 def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, monkeypatch):
     """One cluster, because it starts slowly: it loses a worker, then all, then the scheduler."""

@@ -40,7 +40,7 @@ def cluster(address: str) -> Executor:
     try:
         from distributed import Client
     except ImportError:
-        expected = "softdyn's extra: pip install 'softdyn[cluster]'"
+        expected = "the extra softdyn[cluster] (pip install distributed)"
         raise InputError("--scheduler", expected, "no dask.distributed") from None
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)
