@@ -131,19 +131,16 @@ def _benchmark() -> str:
     lines = []
     for robot in PAPER_ROBOTS:
         for controller in GRID:
-            line = [robot, _title(controller)]
+            line: list[str | None] = [robot, _title(controller)]
             theirs = experiments.published(robot, controller)
             again = benchmark.emulated(robot, controller)
             for kind, (short, unit, *_) in benchmark.KINDS.items():
                 mean, std = mean_and_std(_grid(robot, controller, kind))
                 keys = f"{short}_mean_{unit}", f"{short}_std_{unit}"
-                line += [
-                    mean.text(std),
-                    None
-                    if theirs is None
-                    else experiments.spread(*(getattr(theirs, k) for k in keys)),
-                    None if again is None else spread(again, *keys),
-                ]
+                line.append(mean.text(std))
+                pair = (getattr(theirs, key, None) for key in keys)
+                line.append(None if theirs is None else experiments.spread(*pair))
+                line.append(None if again is None else spread(again, *keys))
             lines.append(line)
     return _noted(Table(titles, lines).markdown())
 
