@@ -31,7 +31,7 @@ class SoftIdClfQp(TaskLaw):
         The input that has no cost: w3 ‖u - u_ref‖². A tension in all cables keeps co-contracted
         shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
-        Obstacles and limits, see `barriers`. Their rows hold over the horizon, and over a run's period.
+        Obstacles and limits, see `barriers`. Their rows hold over the horizon and over a period.
 
     Attributes
     ----------
