@@ -158,12 +158,11 @@ DOCUMENT = """\
 # The catalogue: every URDF of example-robot-data through the cross-check
 
 Written by `{}`.
-Each robot is built in Pinocchio and in MuJoCo from its file, by two parsers
-([conventions.md](conventions.md)). It passes when every quantity is within 1e-10 (1e-11
-along trajectories); shown is the one that comes closest to its tolerance. cond(M) is the
-largest condition number of the mass matrix met: engines that agree on M to rounding ε
-can differ by ε cond(M) in q̈, which solves with M. Times are wall clock of one process,
-the building of both models included."""
+Two parsers read each file, one for Pinocchio and one for MuJoCo ([conventions](conventions.md)).
+A robot passes if every quantity agrees within 1e-10 (1e-11 along trajectories). The table gives
+the quantity that comes closest to its tolerance. cond(M) is the largest condition number of the
+mass matrix: if M agrees to rounding ε, q̈ can differ by ε cond(M). Times are wall clock of one
+process and include the building of both models."""
 
 
 def catalogue_jobs(

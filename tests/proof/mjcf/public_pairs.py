@@ -104,14 +104,14 @@ class PairReport:
         """A document with the tables."""
         return document(
             "# Public pairs",
-            f"Made by `{COMMAND}`; what the words mean: [two files, one robot](compare.md).",
-            "*left*: the largest relative error of M, bias, g and J at random states once every "
+            f"Made by `{COMMAND}`. [Two files, one robot](compare.md) explains the causes.",
+            "*left* is the largest relative error of M, bias, g and J at random states after every "
             "cause is repaired.",
             self.table.markdown(),
             "## Pinocchio's MJCF reader",
-            "`pin.buildModelFromMJCF` on every MJCF of these repositories that is a robot, against "
-            "MuJoCo's reading: relative errors of M, bias, g and J at random states, and what is "
-            "read wrong. Springs, dampers and tendons are not asked for.",
+            "`pin.buildModelFromMJCF` reads every MJCF of these repositories that is a robot. The "
+            "table gives the relative errors of M, bias, g and J at random states against MuJoCo, "
+            "and their reason. Springs, dampers and tendons are not compared.",
             f"{self.readers.summary}.",
             self.readers.table.markdown(),
         )
