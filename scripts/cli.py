@@ -214,6 +214,29 @@ def own_gains(arguments: Arguments) -> dict[str, Any] | None:
     return read_toml(arguments.gains) if arguments.gains else None
 
 
+def make_controller(name: str, model: SoftModel, table: dict[str, Any], cls: Any, file: str) -> Any:
+    """A controller with the parameters in a file, which an error about them names."""
+    from softdyn import InputError
+    from softdyn.controllers import registry
+
+    try:
+        return registry.make_controller(name, model, table, cls)
+    except InputError as error:
+        if registry.is_own(error.name):  # it says which line of the user's code
+            raise
+        where = f"{file}: {error.name}"
+        raise InputError(where, error.expected, error.got) from None
+
+
+def best_note(model: SoftModel, name: str, gains: str | None) -> str:
+    """A line about what `best` is for a robot without a tuned schedule; empty for any other."""
+    from softdyn.controllers.schedule import tuned
+
+    if name != "best" or gains is not None or model.nu == 0 or tuned(model) is not None:
+        return ""
+    return f"best is mpc here: {model.name} has no tuned schedule"
+
+
 def program(parser: Parser, command: Command, module: str) -> Callable[..., int]:
     """The ``main(argv=None)`` of a command: reads the arguments, returns the exit code.
 

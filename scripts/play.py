@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import shutil
+import sys
+from functools import partial
 from typing import Any
 
 from softdyn.commands import cli
@@ -11,7 +13,7 @@ from softdyn.commands import cli
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data. The first CONTROLLER acts (best by default); each further one, a
-class of your own as FILE.py:CLASS, joins the registry's in the page's menu.
+class of your own as FILE.py:CLASS, joins the registry's in the page's menu. --gains is as for run.
 
 The plant runs in real time in this process, the pages' server in another: a slow page loses frames
 and delays nothing. The page shows its keys on "?". The address printed holds a random token; from
@@ -26,6 +28,8 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or measured; 1 the step with two reade
 """
 
 
+KEPT = 500  # periods after which the clock is judged
+
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("controllers", nargs="*", metavar="CONTROLLER")
@@ -33,6 +37,9 @@ parser.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="the first one, in m"
 )
 parser.add_argument("--period", type=cli.positive, metavar="S", help="control period in s")
+parser.add_argument(
+    "--gains", metavar="FILE", help="TOML: of the first CONTROLLER, or a table for each by its name"
+)
 parser.add_argument("--measure", type=cli.positive, metavar="S", help="what pages cost, S s each")
 cli.add_json(parser)
 cli.add_robot_options(parser)
@@ -52,7 +59,7 @@ def command(arguments: cli.Arguments) -> int:
             print(f"{channel.url}\nCtrl-C ends it", flush=True)
             if not arguments.no_open:
                 channel.open()
-            drive(session, channel, Clock(session.period), over)
+            drive(session, channel, Clock(session.period, keep=KEPT), over, warn)
     return cli.PASSED
 
 
@@ -65,21 +72,50 @@ def measure(session: Any, arguments: cli.Arguments) -> int:
     return cli.PASSED if report["passed"] else cli.FAILED
 
 
+def warn(text: str) -> None:
+    """Say something beside the address."""
+    print(f"warning: {text}", file=sys.stderr, flush=True)
+
+
 def make_session(arguments: cli.Arguments) -> Any:
     """The session that the command line asks for."""
-    from softdyn.controllers.registry import find_controller
     from softdyn.validation import paper
     from softdyn.validation.live.session import Session, menu_of
     from softdyn.view.live.messages import OPEN_LOOP
 
     model = cli.load_robot(arguments)
-    own = {name: find_controller(name) for name in arguments.controllers if name != OPEN_LOOP}
     first = arguments.controllers[0] if arguments.controllers else "best"
     law = first if model.nu else OPEN_LOOP
+    own = controllers_of(arguments, first)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
     menu = menu_of(model, own)
+    note = cli.best_note(model, law, arguments.gains)
+    if note:
+        print(note, file=sys.stderr, flush=True)
     return Session(model, menu, law, period=arguments.period, target=arguments.target)
+
+
+def controllers_of(arguments: cli.Arguments, first: str) -> dict[str, Any]:
+    """Controllers of the command line by name, each made as ``make(model)``."""
+    from softdyn import InputError
+    from softdyn.controllers.registry import find_controller
+    from softdyn.view.live.messages import OPEN_LOOP
+
+    said = (*arguments.controllers, *([first] if arguments.gains else []))
+    names = [name for name in dict.fromkeys(said) if name != OPEN_LOOP]
+    own = {name: find_controller(name) for name in names}
+    if arguments.gains is None:
+        return own
+    table = cli.read_toml(arguments.gains)
+    tables = {name: table.pop(name) for name in names if name in table}
+    if table:
+        if first == OPEN_LOOP or first in tables:
+            expected = f"a table for one of {', '.join(names)}"
+            raise InputError(f"{arguments.gains}: {next(iter(table))}", expected, "another key")
+        tables[first] = table
+    return own | {name: partial(cli.make_controller, name, table=tables[name], cls=own[name],
+                                file=arguments.gains) for name in tables}  # fmt: skip
 
 
 main = cli.program(parser, command, __name__)

@@ -135,12 +135,14 @@ def command(arguments: cli.Arguments) -> int:
     if log.complete and not report["reached"] and not arguments.no_verdict:
         line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
+    text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
     if plant is not None:
         report["plant"] = plant.to_dict()
     if shown is not None:
         text += f"\n{shown}"
         report["viewer"] = asdict(shown)
-    cli.write_report(report, arguments.json, text)
+    files = [f for f in (arguments.log, arguments.html, arguments.json) if f not in (None, "-")]
+    cli.write_report(report, arguments.json, "\n".join([text, *(f"wrote {f}" for f in files)]))
     done = not log.failed if arguments.no_verdict else report["reached"]
     return cli.PASSED if done else cli.FAILED
 
@@ -208,19 +210,13 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
 
 def make_controller(model: SoftModel, name: str, file: str | None) -> Any:
     """A controller by its command-line name, with the parameters in a file where there is one."""
-    from softdyn import InputError
     from softdyn.controllers import registry
 
     if file is None:
         return registry.make_controller(name, model)
-    table, cls = cli.read_toml(file), registry.find_controller(name)
-    try:
-        return registry.make_controller(name, model, table, cls)
-    except InputError as error:
-        if registry.is_own(error.name):  # it says which line of the user's code
-            raise
-        where = f"{file}: {error.name}"
-        raise InputError(where, error.expected, error.got) from None
+    return cli.make_controller(
+        name, model, cli.read_toml(file), registry.find_controller(name), file
+    )
 
 
 main = cli.program(parser, command, __name__)

@@ -17,7 +17,7 @@ KEYS = {
     "robot", "controller", "kind", "final_error_cm", "mse_cm2", "failed", "reason", "steps",
     "step_us", "not_solved", "fallbacks", "max_bound_violation", "verdict", "reached",
     "tolerance_cm", "steady_error_cm", "settling_time_s", "overshoot", "input_activity",
-    "share_at_bound", "missed_deadlines",
+    "share_at_bound", "input_effort", "missed_deadlines",
 }  # fmt: skip
 OWN = """
 import math
@@ -245,11 +245,18 @@ def test_an_own_robot_to_a_target(call, folder):
     assert (log.period, log.length, log.steps, log.theta) == (0.004, 0.2, 5, None)
     assert log.gains["Kp"] == 100
     assert "set point at 0.1 0 -0.1 m" in out
+    assert out.splitlines()[-2:] == ["wrote run.npz", "wrote r.json"]
+    assert "best is" not in out
     assert figures((folder / "r.json").read_text())["kind"] == "set_point"
     assert code in (0, 1)
     (folder / "gains.toml").write_text("eps = 0.1\n")  # and no published gains to complete it
     code, _, err = call("arm.urdf", "soft-id-clf-qp", "--theta", 0, "--gains", "gains.toml")
     assert (code, "Kp" in err) == (2, True)
+
+
+def test_best_says_what_it_is_for_a_robot_without_a_schedule(call):
+    _, out, _ = call("arm.urdf", "best", "--theta", 0, "--duration", 0.004)
+    assert out.startswith("best is mpc here: finger has no tuned schedule\n")
 
 
 def test_an_own_robot_has_an_ellipse_of_its_size(call):

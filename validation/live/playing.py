@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import asdict
@@ -13,10 +14,11 @@ from softdyn.validation.live.session import Make, Session, menu_of
 from softdyn.validation.loop.arguments import name_of
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.messages import OPEN_LOOP, SetController
-from softdyn.view.live.pacing import IDLE, RATE, Clock
+from softdyn.view.live.pacing import IDLE, RATE, Clock, Kept
 from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
+HELD, ROOM = 0.95, 0.9  # pace of a period that is held; share of the time that work may take
 LONG = 5e-3  # s that messages may take before the clock starts anew
 
 
@@ -42,8 +44,25 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     )  # fmt: skip
 
 
+def period_note(period: float, kept: Kept) -> str:
+    """A word about a control period (s) that the machine does not hold, with one that it would."""
+    if kept.pace >= HELD:
+        return ""
+    step = 1e-6 * kept.step_us["median"]
+    plant = 1 / kept.pace - step / period  # s of work in a simulated second
+    text = f"{kept.pace:.2f} of real time at a control period of {1e3 * period:g} ms"
+    longer = math.ceil(1e3 * step / (ROOM - plant)) if plant < ROOM else 0
+    if longer <= 1e3 * period:
+        return f"{text}: a longer period does not help, the plant alone takes {plant:.2f}"
+    return f"{text}: this machine holds --period {longer / 1e3:g}"
+
+
 def drive(
-    session: Session, channel: Channel, clock: Clock, over: Callable[[], bool] = lambda: False
+    session: Session,
+    channel: Channel,
+    clock: Clock,
+    over: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] | None = None,
 ) -> None:
     """Run a session until `over`, as fast as its clock says; pages never delay it.
 
@@ -57,6 +76,8 @@ def drive(
         Its pace.
     over : callable
         Asked once a period, and at least every 20 ms.
+    say : callable, optional
+        Gets `period_note` where there is one, after the periods that the clock keeps.
 
     Raises
     ------
@@ -84,6 +105,10 @@ def drive(
         if not clock.wait(IDLE):
             continue
         clock.done(session.step())
+        if say is not None and clock.periods == clock.keep:
+            note = period_note(session.period, clock.kept())
+            if note:
+                say(note)
         if clock.frame(RATE):
             channel.frame(
                 session.frame(

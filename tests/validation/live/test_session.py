@@ -7,11 +7,12 @@ import pytest
 
 import softdyn
 from softdyn import InputError, statics
-from softdyn.validation.live.playing import drive
+from softdyn.commands import play
+from softdyn.validation.live.playing import drive, period_note
 from softdyn.validation.live.session import Session, menu_of
 from softdyn.view.live import messages as m
 from softdyn.view.live.messages import OPEN_LOOP
-from softdyn.view.live.pacing import Clock
+from softdyn.view.live.pacing import Clock, Kept
 
 
 @pytest.fixture(scope="module")
@@ -226,3 +227,37 @@ def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
         blur = np.array(own.seen) - tips
         assert 0.7e-4 < blur.std() < 1.3e-4  # of 120 numbers: 4.6 of their standard errors
         session.apply(m.Reset())
+
+
+@pytest.mark.parametrize(
+    ("pace", "step", "expected"),
+    [
+        (1.0, 0.5e-3, ""),
+        # 3 ms of control and 1 ms of plant in 2 ms: in 8 ms there are 3 and 4
+        (
+            0.5,
+            3e-3,
+            "0.50 of real time at a control period of 2 ms: this machine holds --period 0.008",
+        ),
+        (0.5, 0.5e-3, "a longer period does not help, the plant alone takes 1.75"),
+    ],
+)
+def test_a_period_that_the_machine_does_not_hold_is_told(pace, step, expected):
+    note = period_note(2e-3, Kept(500, 400, {}, {"median": 1e6 * step}, pace))
+    assert (note == "") == (expected == "")
+    assert expected in note
+
+
+def test_play_takes_gains(tmp_path, monkeypatch):
+    """For the first controller, or for each by its name."""
+    monkeypatch.chdir(tmp_path)
+    words = ["finger", "soft-id-clf-qp", "ic", "--gains", "g.toml"]
+    for text, expected in (("Kp = 7.0", (7, 500)), ("[ic]\nKp = 8.0", (500, 8))):
+        (tmp_path / "g.toml").write_text(text)
+        arguments = play.parser.parse_args(words)
+        menu = play.controllers_of(arguments, "soft-id-clf-qp")
+        assert tuple(menu[n](softdyn.load("finger")).gains.Kp for n in words[1:3]) == expected
+    (tmp_path / "g.toml").write_text("Kq = 7.0\n")
+    made = play.controllers_of(play.parser.parse_args(words), "soft-id-clf-qp")
+    with pytest.raises(InputError, match=r"g.toml: gains: expected any of Kp"):
+        made["soft-id-clf-qp"](softdyn.load("finger"))

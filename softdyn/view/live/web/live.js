@@ -415,6 +415,8 @@ class Live {
         });
       return {...made, full};
     });
+    if (this.inputs.length) element(this.find("inputs"), "p",
+      `in ${this.scene.unit}; fine near 0: half way is ⅛ of the bound`, "note");
     const explore = this.scene.mode == "explore";
     this.find("joints").style.display = explore ? "" : "none";
     this.joints = (explore ? this.scene.figure.coordinates : []).map(({name, lower, upper}) => slider(
