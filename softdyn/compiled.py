@@ -23,6 +23,7 @@ from contextlib import suppress
 from functools import cache
 from multiprocessing import current_process
 from pathlib import Path
+from time import perf_counter
 from typing import Any, TypeVar
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
@@ -40,6 +41,8 @@ def _numba() -> Any:
 
 numba = _numba()
 COMPILES = numba is not None
+CACHES: list[KernelCache] = []
+PATIENCE = 2.0  # s of compiling that need no word, where some kernels are there already
 
 
 def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
@@ -73,6 +76,7 @@ def compiled(function: Kernel, *, reorder: bool = False, inline: bool = False) -
     # without a writable folder, or these classes of Numba, every process compiles the kernel
     with suppress(RuntimeError, AttributeError):
         kernel._cache = KernelCache(function)
+        CACHES.append(kernel._cache)
     return kernel
 
 
@@ -127,6 +131,11 @@ class KernelCache:
                 if old != self._path:
                     old.unlink(missing_ok=True)
 
+    @property
+    def has_neighbours(self) -> bool:
+        """Whether any kernel of these sources was kept before."""
+        return any(self._path.parent.glob(f"*{self._path.name.removeprefix(self._stem)}"))
+
     def flush(self) -> None:
         """Delete the cache file."""
         with suppress(OSError):
@@ -168,6 +177,8 @@ def announce_compilation() -> Any:
 
     class Listener(numba.core.event.Listener):  # type: ignore[name-defined]
         running, interrupted = 0, False
+        spent = began = 0.0
+        later: threading.Timer | None = None
         before: Any = None
 
         def ours(self, event: Any) -> bool:
@@ -177,10 +188,17 @@ def announce_compilation() -> Any:
         def on_start(self, event: Any) -> None:
             if not self.ours(event):
                 return
-            say_once()
+            known = some_are_kept()
+            if not known:
+                say_once()
             if threading.current_thread() is threading.main_thread():  # others cannot set handlers
                 if not self.running:
                     self.before = signal.signal(signal.SIGINT, self.note)
+                    self.began = perf_counter()
+                    if known:  # a few more seldom take long
+                        self.later = threading.Timer(max(PATIENCE - self.spent, 0), say_once)
+                        self.later.daemon = True
+                        self.later.start()
                 self.running += 1
 
         def note(self, *_: object) -> None:
@@ -191,6 +209,9 @@ def announce_compilation() -> Any:
                 return
             self.running -= 1
             if not self.running:
+                self.spent += perf_counter() - self.began
+                if self.later is not None:
+                    self.later.cancel()
                 signal.signal(signal.SIGINT, self.before or signal.SIG_DFL)
                 if self.interrupted:
                     self.interrupted = False
@@ -202,12 +223,21 @@ def announce_compilation() -> Any:
 
 
 @cache
+def some_are_kept() -> bool:
+    """Whether this machine had compiled any of our kernels when this process first asked."""
+    return any(cache.has_neighbours for cache in CACHES)
+
+
+@cache
 def say_once() -> None:
     """Say why the program pauses; only one of many processes says it."""
-    if sys.stderr is not None and current_process().name.endswith(("MainProcess", "-1")):
-        print(
-            "softdyn: compiling its kernels, once on this machine: 10 to 20 s "
-            "(`softdyn compile` does it beforehand)",
-            file=sys.stderr,
-            flush=True,
+    if sys.stderr is None or not current_process().name.endswith(("MainProcess", "-1")):
+        return
+    what = "its kernels, each time: no folder can keep them"
+    if CACHES:
+        what = (
+            "its kernels, once on this machine: 10 to 20 s (`softdyn compile` does it beforehand)"
         )
+    if some_are_kept():
+        what = "more of its kernels, which nothing here has needed before"
+    print(f"softdyn: compiling {what}", file=sys.stderr, flush=True)

@@ -8,6 +8,7 @@ import runpy
 import signal
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +35,7 @@ pytestmark = pytest.mark.skipif(
     not softdyn.compiled.COMPILES, reason="Numba is absent: there is nothing to compare"
 )
 
+SAY_ONCE = softdyn.compiled.say_once  # the session has another in its place
 INPUTS = """
 import pickle, sys
 import numpy as np
@@ -327,3 +329,25 @@ def test_an_interruption_waits_for_the_compiler() -> None:
     assert signal.getsignal(signal.SIGINT) == before
     listener.on_start(event)
     listener.on_end(event)  # and the warning appears once
+
+
+def test_the_notice_is_said_once_on_a_machine_and_then_after_seconds(monkeypatch, capsys):
+    """Later kernels are announced only where they take long."""
+    dispatcher = SimpleNamespace(py_func=SimpleNamespace(__module__="softdyn.x"))
+    event = SimpleNamespace(data={"dispatcher": dispatcher})
+    monkeypatch.setattr(softdyn.compiled, "say_once", SAY_ONCE)
+    for kept, waited, expected in (
+        (False, 0.0, "once on this machine"), (True, 0.0, ""), (True, 0.3, "more of its kernels"),
+    ):  # fmt: skip
+        SAY_ONCE.cache_clear()
+        monkeypatch.setattr(softdyn.compiled, "some_are_kept", lambda kept=kept: kept)
+        monkeypatch.setattr(softdyn.compiled, "PATIENCE", 0.1)
+        listener = softdyn.compiled.announce_compilation.__wrapped__()
+        softdyn.compiled.numba.core.event.unregister("numba:compile", listener)
+        for _ in range(2):
+            listener.on_start(event)
+            time.sleep(waited)
+            listener.on_end(event)
+        said = capsys.readouterr().err
+        assert said.count("softdyn: compiling ") == bool(expected)
+        assert expected in said

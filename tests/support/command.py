@@ -34,7 +34,9 @@ def left_as_it_was() -> Iterator[None]:
 
 def of_itself(err: str) -> str:
     """A process' text on stderr, without the notice of a cold cache."""
-    return "".join(line for line in err.splitlines(True) if "compiling its kernels" not in line)
+    return "".join(
+        line for line in err.splitlines(True) if not line.startswith("softdyn: compiling ")
+    )
 
 
 def command(*words: object, cwd: Path | str = ".") -> Done:
