@@ -49,7 +49,9 @@ class PlantErrors:
     damping: float = 1.0
 
     def twin(self, *arguments: Any, **options: Any) -> Twin:
-        """`Twin` with these differences; contacts and friction are among its own options."""
+        """`Twin` with these differences; its own options may add contacts and friction."""
+        for name in ("contacts", "friction"):
+            options[name] = options.get(name, False) or self.options()[name]
         if self.shapes is None:
             twin = Twin(*arguments, **options)
         else:

@@ -23,7 +23,7 @@ def test_a_plant_of_other_numbers() -> None:
 
 
 def test_cables_rub() -> None:
-    twin = PlantErrors(cable_friction=0.05).twin("finger", friction=True)
+    twin = PlantErrors(cable_friction=0.05).twin("finger", friction=False)  # as `simulate` calls it
     twin.advance(np.array([1.0, -1.0]), 100)  # both tendons slide
     rubs = twin.data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
     largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1
