@@ -1,22 +1,22 @@
 """Exponential control barrier functions: joint limits, half-spaces and spheres as rows of the QP.
 
-A barrier is a function b(q) that must stay non-negative, of relative degree two. With a double
-pole at -α (Nguyen and Sreenath 2016) and, over a hold τ, evaluated at its end by backward Euler as
-the dynamics are (`softdyn.controllers.qps.horizon`),
+A barrier is a function b(q) of relative degree two that must stay non-negative. Its condition has a
+double pole at -α (Nguyen and Sreenath 2016). As in the dynamics (`softdyn.controllers.qps.horizon`)
+it is evaluated by backward Euler at the end of a step τ:
 
     b̈ + 2 α (ḃ + τ b̈) + α² (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
 
-r what b̈ has of velocities alone. q̈ is *not* the QP's own, which is fictitious along
-unactuated directions, but that of the whole dynamics: q̈ = M⁻¹(B u - h). So every barrier is one
-inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c: -c the acceleration that b can still afford.
+where r is the part of b̈ without q̈. q̈ is *not* the QP's own, which is fictitious along unactuated
+directions. It is that of the whole dynamics, q̈ = M⁻¹(B u - h), so every barrier gives one
+inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c, where -c is the least allowed acceleration.
 
-With s = ḃ + α b, and b⁺ = b + τ ḃ⁺, ḃ⁺ = ḃ + τ b̈, the row is (1 + α τ) s⁺ ≥ s, and b⁺ is
-(b + τ s⁺) / (1 + α τ): b ≥ 0 and s ≥ 0 stay so, exactly over a step of τ. From elsewhere nothing is
-promised: a run that starts there is warned of, and such states are counted.
+Let s = ḃ + α b, ḃ⁺ = ḃ + τ b̈ and b⁺ = b + τ ḃ⁺. The row is then (1 + α τ) s⁺ ≥ s, and b⁺ is
+(b + τ s⁺) / (1 + α τ). If b ≥ 0 and s ≥ 0, both still hold after an exact step of τ. From other
+states there is no guarantee. They are counted, and a run that starts at one gives a warning.
 
-In a run every barrier has two rows: τ is the horizon in one, the control period in the other. Over
-the horizon alone the tip is pushed in within a period and expected back, but the next input does
-the same. Over the period alone it brakes too late.
+In a run every barrier has two rows: τ is the horizon in one, and the control period in the other.
+With the first row alone an input may push the tip in within a period, because it would come back
+within the horizon; but the next input does the same. With the second row alone it brakes too late.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
 
 RATE = 10.0  # α (1/s)
-MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad: equally bad where rows cannot all be met
-NEGLIGIBLE = 1e-6  # of these
-ROOM = 1e-2  # of these: every row has it, for a QP needs an interior
-ROUNDS = 6  # at most, in which rows join
+MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad; the units in which violations are compared
+NEGLIGIBLE = 1e-6  # of these units
+ROOM = 1e-2  # of these units; every row is relaxed by it, because a QP needs an interior
+ROUNDS = 6  # largest number of rounds that add rows
 TIE = 1e-6  # weight that chooses among inputs that break the rows alike
 
 
@@ -48,13 +48,13 @@ class Values(NamedTuple):
     Attributes
     ----------
     b : ndarray, (p,)
-        Values (m, rad), negative where violated.
+        Values (m, rad); a violated barrier is negative.
     gradient : ndarray, (p, n)
         G = ∂b/∂q.
     drift : ndarray, (p,)
         r = b̈ - G q̈.
     unit : ndarray, (p,)
-        The size of a violation that matters: `MILLIMETRE` or `CENTIRADIAN`.
+        The unit of violations: `MILLIMETRE` or `CENTIRADIAN`.
     """
 
     b: np.ndarray
@@ -64,11 +64,11 @@ class Values(NamedTuple):
 
 
 class ControlBarrier(Protocol):
-    """Something not to run into."""
+    """An obstacle or a limit."""
 
     @property
     def rate(self) -> float:
-        """α (1/s), the rate at which it may be approached."""
+        """α (1/s), the rate at which the controller may approach it."""
         ...
 
     def __call__(self, state: State) -> Values:
@@ -86,7 +86,7 @@ class JointLimits:
     margin : float
         Distance to keep from every limit, as a share of the joint's range.
     rate : float
-        α (1/s), the rate at which a limit may be approached.
+        α (1/s), the rate at which the controller may approach a limit.
     """
 
     def __init__(self, model: SoftModel, margin: float = 0.0, rate: float = RATE) -> None:
@@ -112,14 +112,14 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace:
-    """The tip stays where normal · y ≥ offset.
+    """Keeps the tip in the half-space normal · y ≥ offset.
 
     Attributes
     ----------
     normal : ndarray, (3,)
-        Into the allowed side; made a unit vector.
+        Direction into the allowed side; it is made a unit vector.
     offset : float
-        The plane's, along the unit normal (m).
+        Offset of the plane along the unit normal (m).
     rate : float
         α (1/s).
     """
@@ -144,14 +144,14 @@ class HalfSpace:
 
 @dataclass(frozen=True, eq=False)
 class KeepOutSphere:
-    """The tip stays out of a ball.
+    """Keeps the tip out of a ball.
 
     Attributes
     ----------
     centre : ndarray, (3,)
-        Its middle (m).
+        Centre of the ball (m).
     radius : float
-        Its radius (m).
+        Radius of the ball (m).
     rate : float
         α (1/s).
     """
@@ -182,17 +182,17 @@ def __getattr__(name: str) -> Any:
 
 
 def _of_the_tip(state: State, b: float, n: np.ndarray, turning: float) -> Values:
-    """A barrier that grows along the unit vector n (3,), which turns: b̈ = n·ÿ + `turning`."""
+    """A barrier b of the tip with ∂b/∂y = n (3,), a unit vector that turns: b̈ = n·ÿ + `turning`."""
     drift = n @ (state.Jdot @ state.v) + turning
     return Values(np.array([b]), (n @ state.J)[None], np.array([drift]), np.array([MILLIMETRE]))
 
 
 class UnsafeStart(UserWarning):
-    """A run starts where b < 0 or ḃ + α b < 0."""
+    """A run starts with b < 0 or ḃ + α b < 0."""
 
 
 class Rows(NamedTuple):
-    """matrix @ u ≤ upper; `unit` (p,) the excess that lets b sink by one of its units."""
+    """matrix @ u ≤ upper; an excess of `unit` (p,) lets b fall by one of its units."""
 
     matrix: np.ndarray
     upper: np.ndarray
@@ -200,12 +200,12 @@ class Rows(NamedTuple):
 
 
 class BarrierRows:
-    """The rows of all barriers, hard where some admissible input meets them.
+    """The rows of all barriers; they are hard if an admissible input meets them.
 
     The priorities are: the input bounds, then the rows, then the objective. If no admissible input
-    meets all rows, they give way by the least squares of their excess, in mm and 0.01 rad. If the
-    QP with such rows has no accurate answer, for its feasible set may be thinner than a solver's
-    tolerance, the answer is the input of least excess that is nearest to the QP's own without rows.
+    meets all rows, they are relaxed by the least squares of their excess, in mm and 0.01 rad. The
+    QP's feasible set may then be thinner than the solver's tolerance. If the QP has no accurate
+    answer, the result is the input of least excess nearest to the answer without rows.
 
     Parameters
     ----------
@@ -219,15 +219,15 @@ class BarrierRows:
     Attributes
     ----------
     outside : int
-        States where b < 0 or ḃ + α b < 0 for some barrier: no promise holds from there.
+        Number of states with b < 0 or ḃ + α b < 0 for a barrier, from which there is no guarantee.
     violation : float
-        The worst -b seen at any state, in mm or 0.01 rad; negative where all was well.
+        The largest -b at any state, in mm or 0.01 rad; negative if no barrier was violated.
     relaxed : int
-        Steps at which rows had to give way.
+        Number of steps at which rows were relaxed.
     relaxation : float
-        The most by which one did, as the mm or 0.01 rad that b may sink for it.
+        The largest relaxation, as the mm or 0.01 rad by which b may fall.
     least : int
-        Steps at which the input of least excess was taken, without the objective.
+        Number of steps at which the input of least excess was taken, without the objective.
     """
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
@@ -238,7 +238,7 @@ class BarrierRows:
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
-        """Forget what was seen; a control period (s), where there is one, has rows of its own."""
+        """Reset all counts; with a control period (s) every barrier has a row for it too."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
         self.outside, self.least, self._begun = 0, 0, False
         self._period = period
@@ -255,7 +255,7 @@ class BarrierRows:
         return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
 
     def _count(self, state: State, seen: Sequence[tuple[float, Values]]) -> None:
-        """Note a state outside of what the barriers keep; a run that starts there is warned of."""
+        """Count a state without guarantee; warn if a run starts at one."""
         outside = ""
         for barrier, (alpha, (b, G, _, unit)) in zip(self._barriers, seen, strict=True):
             self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
@@ -269,7 +269,7 @@ class BarrierRows:
                 )
         self.outside += bool(outside)
         if outside and not self._begun:
-            text = f"the run starts where barriers promise nothing ({outside}; both should be >= 0)"
+            text = f"the run starts outside the safe set ({outside}; both should be >= 0)"
             warnings.warn(text, UnsafeStart, stacklevel=2)
         self._begun = True
 
@@ -282,10 +282,10 @@ class BarrierRows:
         M: np.ndarray,
         h: np.ndarray,
     ) -> QpSolution | None:
-        """`solution` where it meets every row, else that of `problem` with the rows it breaks.
+        """`solution` if it meets every row, else the answer of `problem` with rows.
 
-        Rows join as answers break them, for few ever matter: `ROUNDS` times at most. `problem`
-        has u as its first unknowns.
+        Few rows ever matter, so a row is added only when an answer breaks it, in at most `ROUNDS`
+        rounds. The first unknowns of `problem` are u.
         """
         rows = self.at(state, M, h)
         m = rows.matrix.shape[1]
@@ -303,7 +303,7 @@ class BarrierRows:
             upper[chosen] = some.upper + some.unit * np.where(excess > ROOM, excess + ROOM, ROOM)
             found = self._restricted(problem, some.matrix, upper[chosen])
             least = found is None or not found.solved
-            if found is None or least:  # no other unknown has a value then
+            if found is None or least:  # the other unknowns then have no value
                 x = np.concatenate((nearest, np.full(len(problem.g) - m, np.nan)))
                 found = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
             answer = found
@@ -316,7 +316,7 @@ class BarrierRows:
     def _restricted(
         self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
     ) -> QpSolution | None:
-        """The answer of `problem` with the rows `matrix` u ≤ `upper` (p,) below its own."""
+        """The answer of `problem` with the further rows `matrix` u ≤ `upper` (p,)."""
         (p, m), size = matrix.shape, len(problem.g)
         restricted = QpProblem(
             problem.H,
@@ -328,14 +328,14 @@ class BarrierRows:
         return self._solver(size, len(restricted.lower)).solve(restricted)
 
     def _excess(self, rows: Rows, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how many units the best admissible input breaks each row (p,), and this input (m,).
+        """Excess of each row (p,) under the best admissible input, in units, and this input (m,).
 
-        The s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of the
-        inputs that break the rows alike it is the one nearest to `wanted`.
+        It is the s of min ‖s‖² over matrix u - unit s ≤ upper, u in bounds; s ≥ 0 needs no row. Of
+        several best inputs, the one nearest to `wanted` is taken.
         """
         p, m = rows.matrix.shape
         matrix, upper = rows.matrix / rows.unit[:, None], rows.upper / rows.unit
-        # beside what the inputs do to the rows: a smaller weight is none to the solver
+        # the weight is relative to the inputs' effect on the rows: a smaller one would be rounding
         effect = max(1.0, float(np.linalg.norm(matrix * self._range, axis=1).max(initial=0.0)))
         tie = TIE * (effect / self._range) ** 2
         H, g = np.diag(np.concatenate((tie, np.ones(p)))), np.zeros(m + p)
@@ -360,7 +360,7 @@ class BarrierRows:
 def _rows(
     state: State, seen: Sequence[tuple[float, Values]], tau: float, M: np.ndarray, h: np.ndarray
 ) -> Rows:
-    """A row for every barrier, with its rate α, over a step τ whose dynamics have M and h."""
+    """A row for every barrier, with its rate α, over a step τ with M and h of the dynamics."""
     inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
     parts = []
     for alpha, (b, G, drift, unit) in seen:

@@ -74,7 +74,7 @@ class SoftIdClfQp(TaskLaw):
         super().__init__(model, gains, qp)
 
     def reset(self, period: float) -> None:
-        """Begin a run: barriers have rows over its control period (s) too."""
+        """Begin a run; barriers then have rows over its control period (s) too."""
         super().reset(period)
         if self.barrier_rows is not None:
             self.barrier_rows.reset(period)
