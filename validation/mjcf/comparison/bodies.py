@@ -1,4 +1,4 @@
-"""Causes in the bodies: mass, centre of mass, inertia, link by link where that can be told."""
+"""Causes in the bodies: mass, centre of mass, inertia, link by link if possible."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOTHING = 1e-12  # m, and relative
 
 
 def find_body(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
-    """Mass, centre and inertia of part k; link by link where both files have the same links."""
+    """Findings on mass, centre and inertia of part k; by link if both files have the same links."""
     one, other = a.parts[k], b.parts[k]
     if _alike(one.inertia, other.inertia):
         return
@@ -34,7 +34,7 @@ def find_body(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
 
 
 def _pieces(part: Part) -> dict[str, tuple[str, Inertia]]:
-    """By plain name; the part's own link by none, since the joint has matched it."""
+    """Pieces by plain name; the part's own link has none, because the joint matches it."""
     return {
         "" if name == part.link else plain_name(name): (name, piece) for name, piece in part.pieces
     }
@@ -66,7 +66,7 @@ def _piece(k: int, key: str, name: str, one: Inertia, other: Inertia) -> Iterato
 
 
 def _alike(one: Inertia, other: Inertia, slack: float = 1e-12) -> bool:
-    """Whether two bodies are the same up to rounding."""
+    """Whether two bodies are equal up to rounding."""
     length = float(np.linalg.norm(one.com)) + 1e-3
     scale = float(np.linalg.norm(one.tensor)) + one.mass * (1e-3 * length) ** 2
     return (
@@ -86,7 +86,7 @@ def _same_centre(one: Inertia, other: Inertia) -> bool:
 
 
 def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
-    """The finding on one link that explains how two lumps differ; None where none does."""
+    """The finding on one link that explains how two lumped bodies differ; None if none does."""
     for part, whole, swapped in ((one, other.inertia, False), (other, one.inertia, True)):
         if len(part.pieces) < 2:
             continue
@@ -98,7 +98,7 @@ def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
                 continue
             heavier = replace(piece, mass=piece.mass + gained)
             if heavier.mass > 0 and _same_centre(rest + heavier, whole):
-                # its mass explains the centre; what is left of the tensor is its own
+                # its mass explains the centre; the rest of the tensor's difference is its own
                 gap = whole.tensor - (rest + heavier).tensor
                 heavier = replace(heavier, tensor=heavier.tensor + gap)
             shifted = replace(piece, com=piece.com + moment / piece.mass)
@@ -115,7 +115,7 @@ def _differences(
     other: Inertia,
     put: Callable[[Inertia], Callable[[Neutral], Neutral]],
 ) -> Iterator[Finding]:
-    """Mass, centre, inertia of one body, in this order; `put` makes a repair of an inertia."""
+    """Findings on mass, centre, inertia of one body; `put` turns an inertia into a repair."""
     if abs(one.mass - other.mass) > NOTHING * max(one.mass, other.mass):
         change = f"{100 * (other.mass / one.mass - 1):+.3g} %" if one.mass else "of nothing"
         kept = Inertia(one.mass, other.com, other.tensor)
@@ -138,7 +138,7 @@ def _tensor(body: Inertia) -> list[float]:
 
 
 def _turned_or_scaled(one: Inertia, other: Inertia) -> str:
-    """Whether a tensor was turned, scaled, or is simply another."""
+    """Whether a tensor was turned, scaled, or differs otherwise."""
     first, second = np.linalg.eigvalsh(one.tensor), np.linalg.eigvalsh(other.tensor)
     if np.allclose(first, second, rtol=1e-6, atol=1e-9 * abs(first).max()):
         return "turned"

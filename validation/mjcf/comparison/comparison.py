@@ -1,4 +1,4 @@
-"""Two files, one robot: where they differ, by cause and effect, until nothing is left."""
+"""Compare two files of one robot: causes of differences, their effects, and the residual."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from softdyn.validation.mjcf.comparison.result import (
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.comparison.terms import States, Terms, evaluate, random_states
 
-# what enters M, bias, g or a tip; the others are measured by their values alone
+# kinds that affect M, bias, g or a tip; others are measured only by their values
 DYNAMIC = KINDS[: KINDS.index("gravity") + 1]
-LIGHTEST = 1e-6  # least inertia of a motion, those of its joints being 1: below it is rounding
-NAMED = 1e-6  # the effect, or the relative difference of a value, from which on a cause is named
+LIGHTEST = 1e-6  # least inertia of a motion whose joints have inertia 1; smaller ones are rounding
+NAMED = 1e-6  # smallest effect, or relative difference of a value, of a named cause
 
 
 def compare(
@@ -46,11 +46,12 @@ def compare(
     Parameters
     ----------
     a, b : str, Path or Side
-        Paths, or what `softdyn.load` takes. A URDF floats where the other file's robot does.
+        Paths, or arguments of `softdyn.load`. A URDF gets a floating base if the other file's robot
+        has one.
     mapping : dict[str, str] or None
-        Joints of A → joints of B, for those that names and kinematics get wrong.
+        Joints of A → joints of B, for pairs that names and kinematics would match wrongly.
     strict : bool
-        Whether what only one file states fails too.
+        Whether properties that only one file states fail, too.
     repair_inertia : bool
         Whether a URDF's impossible inertias become the nearest possible ones, with a note each.
     samples, seed : int
@@ -64,9 +65,9 @@ def compare(
     Raises
     ------
     UrdfError
-        For a file that cannot be used: the message names file, element, expected and got.
+        A file cannot be used; the message names file, element, expected and got.
     InputError
-        For a name that is no robot's, or a mapping that cannot be.
+        A name is unknown, or the mapping is impossible.
     """
     begin = time.perf_counter()
     if not isinstance(samples, int) or samples < 1:
@@ -117,7 +118,7 @@ def compare_neutral(
         for finding in stage:
             before = robot
             robot = finding.repair(robot)
-            # a tendon's armature is in M
+            # M contains a tendon's armature
             moves = finding.kind in DYNAMIC or (finding.kind == "tendon" and any_armature)
             effect = measure.effect(before, robot if moves else before) | {"value": finding.size}
             if max(effect.values()) > NAMED:
@@ -139,12 +140,12 @@ def compare_neutral(
 
 
 def _stage(finding: Finding) -> int:
-    """Geometry first, as it was found: what is displaced carries the rest along."""
+    """Sort key: geometry first, in the order found, because displaced parts carry others along."""
     return max(KINDS.index(finding.kind), KINDS.index("axis"))
 
 
 def _turns(found: list[Finding]) -> Turns:
-    """Sense and zero of the joints where B's differ."""
+    """Sense and zero of the joints that differ in B."""
     turns: Turns = {}
     for finding in found:
         sense, zero = turns.get(finding.where, (1.0, 0.0))
@@ -168,10 +169,10 @@ def _names(
 
 
 class _Measure:
-    """Relative differences from A's dynamics, every joint counted alike.
+    """Relative differences from A's dynamics, with equal weight for every joint.
 
     Forces and inertias are divided by √M_ii of their joints, so that a fingertip counts as much as
-    a trunk; tips are divided by the extent of the robot.
+    a trunk. Tips are divided by the extent of the robot.
     """
 
     def __init__(self, robot: Neutral, terms: Terms, states: States) -> None:
@@ -187,18 +188,18 @@ class _Measure:
         self._last = (robot, terms)
 
     def _evaluate(self, robot: Neutral) -> Terms:
-        """Terms of a robot; those of the last one are kept, since repairs follow each other."""
+        """Terms of a robot; the last ones are cached, because repairs follow each other."""
         if self._last[0] is not robot:
             self._last = (robot, evaluate(robot, self._states))
         return self._last[1]
 
     def errors(self, robot: Neutral) -> dict[str, float]:
-        """How far a robot's M, bias, g and J are from A's."""
+        """Relative errors of a robot's M, bias, g and J from A's."""
         found = self._gaps(self._terms, self._evaluate(robot))
         return {name: found[name] for name in QUANTITIES}
 
     def effect(self, before: Neutral, after: Neutral) -> dict[str, float]:
-        """What a repair changes in M, bias, g, the tips and, whatever the forces are, in q̈."""
+        """The changes by a repair in M, bias, g, the tips and, for any forces, in q̈."""
         if before is after:
             return dict.fromkeys((*SHOWN, "qdd"), 0.0)
         a, b = self._evaluate(before), self._evaluate(after)
@@ -206,7 +207,7 @@ class _Measure:
         return {name: found[name] for name in (*SHOWN, "qdd")}
 
     def worst(self, robot: Neutral) -> tuple[Worst, ...]:
-        """For each quantity that differs, the state at which it does so most."""
+        """For each differing quantity, the state at which it differs most."""
         terms = self._evaluate(robot)
         found = []
         for name, gaps in self._scaled(self._terms, terms).items():
@@ -225,13 +226,14 @@ class _Measure:
         return {name: float(np.abs(gap).max(initial=0.0)) for name, gap in scaled.items()}
 
     def _forced(self, forces: np.ndarray) -> np.ndarray:
-        """Accelerations that forces (samples, nv) cause, their norm being √(2 · kinetic energy)."""
+        """Accelerations by forces (samples, nv), scaled to the norm √(2 · kinetic energy)."""
         return np.einsum("sji,sj->si", self._whiten, forces * self._weight)
 
     def _acceleration(self, a: Terms, b: Terms) -> float:
         """The largest relative change of q̈, in the norm of the kinetic energy.
 
-        That of M is one for any force: it is the largest relative change of a kinetic energy.
+        The change due to M holds for any force: it is the largest relative change of a kinetic
+        energy.
         """
         inertia = np.swapaxes(self._whiten, 1, 2) @ self._scaled(a, b)["M"] @ self._whiten
         energy = float(np.abs(np.linalg.eigvalsh(inertia)).max(initial=0.0))

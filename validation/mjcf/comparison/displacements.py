@@ -1,10 +1,10 @@
-"""How B's parts are displaced against A's at zero: the explanation that takes the fewest digits.
+"""Displacements of B's parts relative to A's at zero: the explanation with the fewest digits.
 
-All that a joint carries goes along with its displacement, so a chain of displacements explains what
-both files show: axes, centres, tensors, frames, points of cables. An error may be rounding or
-centimetres of another hand. It therefore counts by its digits above `GRAIN`, which is a vote at
-every width at once, and so does each displacement. The explanation with the fewest digits is taken.
-It is looked for from the root outward; `BEAM` explanations are pursued at once.
+A joint's displacement moves all parts that it carries. So a chain of displacements explains the
+differences in both files: axes, centres, tensors, frames, points of cables. An error may be
+rounding or centimetres. Therefore it counts by its decimal digits above `GRAIN`, and so does each
+displacement. The explanation with the fewest digits is chosen. The search goes from the root
+outward and follows `BEAM` explanations at once.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.comparison.terms import cross, skew
 from softdyn.validation.mjcf.transform import Transform
 
-GRAIN = 1e-9  # m, rad, relative: what is less is rounding
+GRAIN = 1e-9  # m, rad, relative: smaller errors are rounding
 BEAM = 12
-CAUSE = 0.5  # digits that a moved zero costs besides its number; a pose or a base costs twice that
+# digits that a moved zero costs in addition to its number; a pose or a base costs twice that
+CAUSE = 0.5
 SPOILED = 10.0
-LINK = 1.25  # weight of a link's origin, which both formats place by the joint
-TURNED = 0.5  # weight of how a frame is turned on its link, which is convention
-PARALLEL = 1e-3  # sine of the angle between two axes that tell one direction only
-LINES = 6  # pairs of axes that are asked how a base is turned
+LINK = 1.25  # weight of a link's origin, which both formats place at the joint
+TURNED = 0.5  # weight of a frame's rotation on its link, which is convention
+PARALLEL = 1e-3  # sine of the angle below which two axes count as parallel
+LINES = 6  # pairs of axes from which a base's rotation is estimated
 HINGED = ("hinge", "slide")
 Pair = tuple[np.ndarray, np.ndarray]
 
 
 def find_displacements(a: Neutral, b: Neutral) -> dict[int, Transform]:
-    """By part of A, and `WORLD`: the displacement that takes it to where B has it."""
+    """For each part of A, and `WORLD`, the displacement that takes it to its place in B."""
     stories, left = [_Story(0.0, {})], _tree(a, b, WORLD)
     order = [left, *left.beyond]
     for at, joint in enumerate(order):
@@ -53,7 +54,7 @@ def _tree(a: Neutral, b: Neutral, k: int) -> _Joint:
 
 
 def displaced(part: Part, by: Transform) -> Part:
-    """A part whose axis alone is displaced."""
+    """A part of which only the axis is displaced."""
     return replace(part, axis=(by.rotation @ part.axis), point=by.at(part.point))
 
 
@@ -72,22 +73,22 @@ def line_error(one: Part, other: Part) -> tuple[Any, Any, Any]:
 
 
 def split(one: Part, other: Part, step: Transform) -> tuple[Transform, Any, Transform, Any]:
-    """A displacement as a rest and then a twist along B's joint; `one` has A's axis.
+    """Split a displacement into a rest and then a twist along B's joint; `one` has A's axis.
 
     Returns
     -------
     twist : Transform
     amount : float
-        The joint coordinate that the twist is (rad, m).
+        The joint coordinate of the twist (rad, m).
     rest : Transform
     along : bool
-        Whether the rest takes the joint's own axis with it.
+        Whether the rest moves the joint's own axis, too.
     """
     if other.kind == "slide":
         amount = (step.at(one.point) - one.point) @ other.axis
         twist = _shift(amount[..., None] * other.axis)
     elif other.kind == "hinge":
-        # the turn about the axis that comes closest to the whole one
+        # the turn about the axis that is closest to the whole rotation
         trace = np.einsum("...ii->...", step.rotation)
         cosine = trace - (step.rotation @ other.axis) @ other.axis
         amount = np.arctan2(step.turn @ other.axis, cosine)
@@ -148,7 +149,7 @@ def _move_digits(move: Transform, point: np.ndarray) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class _Story:
-    """An explanation as far as it is told: its digits, and where the parts of A go."""
+    """A partial explanation: its digits, and the places of A's parts."""
 
     cost: float
     places: dict[int, Transform]
@@ -156,7 +157,7 @@ class _Story:
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """One joint of both robots, or the root, and what both files show that it carries."""
+    """One joint of both robots, or the root, with the features that it carries in both files."""
 
     a: Neutral
     b: Neutral
@@ -164,7 +165,7 @@ class _Joint:
     below: tuple[_Joint, ...]
 
     def tell(self, stories: list[_Story], needed: list[int]) -> list[_Story]:
-        """The best stories, told on by this joint; `needed` are the places still to be used."""
+        """Extend the best explanations by this joint; `needed` are the places still in use."""
         found: list[tuple[float, _Story]] = []
         for story in stories:
             carrier = Transform() if self.k == WORLD else story.places[self.one.parent]
@@ -192,7 +193,7 @@ class _Joint:
 
     @property
     def is_base(self) -> bool:
-        """Whether no joint holds it: the fixed root, or a free base."""
+        """Whether it is a base: the fixed root, or a free base."""
         return self.k == WORLD or self.one.kind == "free"
 
     @property
@@ -202,7 +203,7 @@ class _Joint:
 
     @cached_property
     def beyond(self) -> list[_Joint]:
-        """All that hangs on it, depth first."""
+        """All joints beyond it, depth first."""
         return [found for joint in self.below for found in (joint, *joint.beyond)]
 
     # -- what both files show ----------------------------------------------------------------------
@@ -257,7 +258,7 @@ class _Joint:
         return _line_digits(displaced(self.one, carriers), self.other)
 
     def _step_digits(self, carrier: Transform, places: Transform) -> np.ndarray:
-        """Digits of the joint's own displacements and of its axis; the first one is none."""
+        """Digits of the joint's own displacements and of its axis; the first one is zero."""
         steps = places @ carrier.inverse
         if self.is_base:
             zeros = _stack([carrier])
@@ -274,9 +275,9 @@ class _Joint:
         return found + self._spoiled(zeros, places)
 
     def _spoiled(self, zeros: Transform, places: Transform) -> Any:
-        """Digits of what hangs on it and fits less than with the joint's zero alone moved.
+        """Digits of the features beyond it that fit worse than if only the joint's zero moved.
 
-        Less is more than `SPOILED` times as far off: rounding adds up along a chain.
+        Worse means more than `SPOILED` times the distance, because rounding adds up along a chain.
         """
         before, after = (
             [joint.line_digits(place) for joint in self.beyond]
@@ -287,13 +288,13 @@ class _Joint:
         return sum(np.maximum(0.0, gap - np.log10(SPOILED)) for gap in gaps)
 
     def _misfit(self, places: Transform) -> np.ndarray:
-        """Digits of what is left between what both carry."""
+        """Digits of the remaining errors between the features of both."""
         found = np.zeros(len(places.translation))
         for m, (p, q) in enumerate(self.points):
             weight = LINK if m == 0 and self.has_link else 1.0
             found += weight * digits(_norm(places.at(p) - q))
         for frame, other in self.frames:
-            # the root's frame is what its file says the base is
+            # the root's frame is the base in its file
             weight = 1.0 if self.k == WORLD else TURNED
             gap = (places.rotation @ frame.rotation - other.rotation).reshape(-1, 9)
             found += weight * digits(_norm(gap) / np.sqrt(2))
@@ -305,7 +306,7 @@ class _Joint:
     # -- candidates --------------------------------------------------------------------------------
 
     def _candidates(self, carrier: Transform) -> Transform:
-        """Places that bring something together, the carrier's own first; none twice."""
+        """Distinct places that make some feature coincide, the carrier's own first."""
         frames = self.frames + self.principal
         points = self.points + [pair for joint in self.below for pair in joint.points]
         if self.is_base:
@@ -327,7 +328,7 @@ class _Joint:
         return _stack(found)
 
     def _twists(self, base: Transform, points: list[Pair]) -> list[Transform]:
-        """Places along the joint that bring a point, or the next axis, together."""
+        """Places along the joint at which a point, or the next axis, coincides."""
         axis, origin = self.other.axis, self.other.point
         pairs = [(base.at(p) - origin, q - origin) for p, q in points]
         for joint in self.below:
@@ -369,7 +370,7 @@ def _triad(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _stack(places: list[Transform]) -> Transform:
-    """All of them as one, each once."""
+    """All places in one stack, without duplicates."""
     rotation = np.concatenate([place.rotation.reshape(-1, 3, 3) for place in places])
     translation = np.concatenate([place.translation.reshape(-1, 3) for place in places])
     whole = Transform(rotation, translation)
@@ -379,7 +380,7 @@ def _stack(places: list[Transform]) -> Transform:
 
 
 def _rounded(place: Transform) -> np.ndarray:
-    """The numbers of places, by which they are told apart."""
+    """The rounded numbers of places, by which they are compared."""
     shape = (*place.translation.shape[:-1], 9)
     numbers = np.concatenate((place.rotation.reshape(shape), place.translation), axis=-1)
     return np.round(numbers, 10) + 0.0

@@ -107,7 +107,7 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
 
 
 def _drives(tendon: NeutralTendon | None, robot: Neutral) -> bool:
-    """Whether a tendon says no more than its actuators do: it is plain, and over one joint."""
+    """Whether a tendon adds nothing to its actuators: it is plain, and over one joint."""
     if tendon is None or len(tendon.terms) != 1:
         return False
     plain = NeutralTendon(tendon.name, tendon.terms, (), rest=tendon.rest)
@@ -130,7 +130,7 @@ def _with_tendon(name: str, **values: Any) -> Callable[[Neutral], Neutral]:
 
 
 def _tendon_alone(one: NeutralTendon | None, other: NeutralTendon | None) -> Finding:
-    """A tendon that one file does not have."""
+    """Finding on a tendon that one file does not have."""
 
     def repair(robot: Neutral) -> Neutral:
         left = tuple(tendon for tendon in robot.cables if tendon is not other)
@@ -151,7 +151,7 @@ def _sum(terms: dict[str, float]) -> str:
 
 
 def _path_values(one: NeutralTendon, other: NeutralTendon) -> tuple[str, str]:
-    """Both paths; of sums the terms that differ."""
+    """Both paths; for sums, only the differing terms."""
     if not (one.terms and other.terms):
         return _tendon_words(one), _tendon_words(other)
     changed = [
@@ -164,7 +164,7 @@ def _path_values(one: NeutralTendon, other: NeutralTendon) -> tuple[str, str]:
 
 
 def _path_words(one: NeutralTendon, other: NeutralTendon) -> str:
-    """Which points of two paths are apart, and how far."""
+    """The points of two paths that differ, and their distances, in words."""
     if len(one.path) != len(other.path):
         return "another number of points"
     return _points_words(one.path, other.path)
@@ -212,7 +212,7 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
 def _motor_differences(
     one: Motor, other: Motor, turns: Turns, urdf: bool
 ) -> list[tuple[str, str, str, float]]:
-    """What differs: its name, both values in words, and how far apart they are."""
+    """The differences: name, both values in words, and relative difference."""
     _, _, joint = one.target.partition("joint:")
     sense = turns.get(joint, (1.0, 0.0))[0]
     found = []
@@ -238,7 +238,7 @@ def _motor_differences(
 
 
 def _on_joint(motor: Motor, robot: Neutral) -> Motor:
-    """The same force as one on the joint itself, if the tendon it pulls is over one joint alone."""
+    """The motor as one on the joint itself, if its tendon only goes over this joint."""
     for tendon in robot.cables:
         if motor.target == f"tendon:{tendon.name}" and len(tendon.terms) == 1:
             ((joint, coefficient),) = tendon.terms.items()
@@ -255,7 +255,7 @@ def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:
 
 
 def _row(name: str, values: Any) -> str:
-    """A field in words, zeros behind its last number left out."""
+    """A field in words, without trailing zeros."""
     if values is None:
         return ""
     row = np.trim_zeros(np.atleast_1d(values), "b")
@@ -275,7 +275,7 @@ def _motor_words(motor: Motor) -> str:
 
 
 def _uncoupled(robot: Neutral, other: Neutral) -> Neutral:
-    """The robot; what is a coupling here and has higher powers there is an equality in both."""
+    """The robot, where a coupling that has higher powers in the other file becomes an equality."""
     ends = {tie.ends for tie in other.equalities if tie.kind == "joint"}
     bent = [c for c in robot.couplings if (c.joint, c.leader) in ends]
     ties = tuple(
@@ -317,7 +317,7 @@ def _couplings(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
 
 
 def _readings(tie: Coupling, turns: Turns) -> Iterator[Coupling]:
-    """A coupling of B in A's coordinates; also as it stands, and with the senses alone."""
+    """Readings of a coupling of B: in A's coordinates, unchanged, and with only the senses."""
     (s, z), (t, w) = (turns.get(joint, (1.0, 0.0)) for joint in (tie.joint, tie.leader))
     yield tie
     yield replace(tie, multiplier=s * t * tie.multiplier, offset=s * tie.offset)
@@ -326,7 +326,7 @@ def _readings(tie: Coupling, turns: Turns) -> Iterator[Coupling]:
 
 
 def _coupled_apart(one: Coupling, other: Coupling) -> float:
-    """How far apart two couplings of the same joints are; 0 within the tolerances."""
+    """Difference of two couplings of the same joints; 0 within the tolerances."""
     slope, offset = differ(one.multiplier, other.multiplier), abs(one.offset - other.offset)
     return max(slope, offset) if slope > SAME or offset > LIMITS else 0.0
 

@@ -1,4 +1,4 @@
-"""What makes two robots differ, one cause each with its repair; how values are told apart."""
+"""One cause of a difference between two robots, with its repair; comparison of values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ KINDS = (
 )  # fmt: skip
 SAME = 1e-6  # relative
 LIMITS = 1e-4  # rad, m: limits are rounded in most files
-Turns = dict[str, tuple[float, float]]  # by joint: sense and zero, q_A = sense · q_B + zero
+Turns = dict[str, tuple[float, float]]  # joint → sense and zero, q_A = sense · q_B + zero
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,15 @@ class Finding:
     kind : str
         One of `KINDS`.
     where : str
-        A joint, link, tendon or actuator by its name in A; of a feature its field too.
+        A joint, link, tendon or actuator by its name in A; for a feature its field, too.
     values : tuple of two
-        What A and B say; None where one says nothing.
+        Values in A and B; None if a file states none.
     detail : str
         The difference in words.
     repair : callable
-        Makes B's robot agree with A here, all findings before it repaired.
+        Makes B's robot agree with A here, after the repairs of all earlier findings.
     size : float
-        Relative difference of the values, for what enters neither M nor g nor the tip.
+        Relative difference of the values, for kinds that affect neither M nor g nor the tip.
     one_sided : bool
         Whether only one file, or only its format, states it.
     """
@@ -58,12 +58,12 @@ class Finding:
 
 
 def with_urdf(a: Neutral, b: Neutral) -> bool:
-    """Whether one of the files is a URDF, which has no word for MuJoCo's fields."""
+    """Whether one of the files is a URDF, which cannot state MuJoCo's fields."""
     return "urdf" in (a.format, b.format)
 
 
 def differ(a: float, b: float) -> float:
-    """Relative difference of two values, 0 for two that are the same."""
+    """Relative difference of two values, 0 for equal ones."""
     if a == b:
         return 0.0
     size = max(abs(a), abs(b))
@@ -71,7 +71,7 @@ def differ(a: float, b: float) -> float:
 
 
 def apart(ours: Numbers, theirs: Numbers) -> float:
-    """The largest relative difference of two rows of numbers; 1 for rows of another length."""
+    """The largest relative difference of two rows of numbers; 1 for different lengths."""
     if len(ours) != len(theirs):
         return 1.0
     return max((differ(p, q) for p, q in zip(ours, theirs, strict=True)), default=0.0)
@@ -80,7 +80,7 @@ def apart(ours: Numbers, theirs: Numbers) -> float:
 def told_apart(
     ours: dict[str, Numbers], theirs: dict[str, Numbers], *, urdf: bool
 ) -> Iterator[tuple[str, tuple[Any, Any], float]]:
-    """Fields that differ: name, both values (None for the default), and how far apart they are."""
+    """Fields that differ: name, both values (None for the default), and relative difference."""
     if urdf:
         ours, theirs = beyond_urdf(ours), beyond_urdf(theirs)
     for name in {**ours, **theirs}:
@@ -91,9 +91,9 @@ def told_apart(
 
 
 def beyond_urdf(fields: dict[str, Numbers]) -> dict[str, Numbers]:
-    """What of a joint's or tendon's fields a URDF has no word for.
+    """The fields of a joint or tendon that a URDF cannot state.
 
-    Its stops and couplings are rigid: those that are as stiff as the twin's are no news.
+    A URDF's stops and couplings are rigid, so those as stiff as the twin's are left out.
     """
     return {
         name: value
@@ -104,17 +104,17 @@ def beyond_urdf(fields: dict[str, Numbers]) -> dict[str, Numbers]:
 
 
 def shown(values: Numbers | None) -> Any:
-    """One number as such, several as a list; None stays."""
+    """A single number as a number, several as a list, None as None."""
     return values if values is None else values[0] if len(values) == 1 else list(values)
 
 
 def curves(
     one: Part | NeutralTendon, other: Part | NeutralTendon, sense: float = 1.0
 ) -> Iterator[tuple[str, Numbers, Numbers, float]]:
-    """Damping and stiffness that differ: coefficients of the powers, linear ones alone if they are.
+    """Differing damping and stiffness: coefficients of the powers, or a number if all are linear.
 
-    In the other sense of a joint the even power of a spring's force has the other sign; either
-    reading agrees.
+    If a joint has the other sense, the even power of a spring's force changes its sign. Both
+    readings count as agreement.
     """
     for name in ("damping", "stiffness"):
         ours, theirs = _coefficients(one, name), _coefficients(other, name)
@@ -129,9 +129,9 @@ def _coefficients(item: Part | NeutralTendon, name: str) -> Numbers:
 
 
 def one_sided(ours: Numbers, theirs: Numbers, *, urdf: bool) -> bool:
-    """Whether one file alone states the coefficients that differ (`urdf`: one file is a URDF).
+    """Whether only one file states the differing coefficients (`urdf`: one file is a URDF).
 
-    A linear one is not stated where it is zero; a URDF has no word for those of higher powers.
+    A linear coefficient of zero counts as not stated. A URDF cannot state higher powers.
     """
     alone = not (any(ours) and any(theirs))
     return alone if len(ours) == 1 else urdf and (alone or differ(ours[0], theirs[0]) <= SAME)

@@ -1,4 +1,4 @@
-"""An MJCF in the neutral form, from what MuJoCo compiles, at qpos = 0."""
+"""The neutral form of an MJCF, from MuJoCo's compiled model, at qpos = 0."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ KINDS = {
 
 
 def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
-    """What MuJoCo makes of a file that was read strictly.
+    """Compile a strictly read file with MuJoCo.
 
     Raises
     ------
     UrdfError
-        When MuJoCo refuses it, or finds numbers that are not finite.
+        MuJoCo refuses it, or its numbers are not finite.
     """
     silence()
     try:
-        with warnings.catch_warnings():  # that a parent's options go before its models'
+        with warnings.catch_warnings():  # so that a parent's options override its models'
             warnings.simplefilter("ignore", UserWarning)
             model = _specify(file).compile()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
@@ -74,10 +74,10 @@ def compile_mjcf(file: Mjcf) -> mujoco.MjModel:
 
 
 def _specify(file: Mjcf) -> mujoco.MjSpec:
-    """MuJoCo's own specification, with what is attached to it."""
+    """MuJoCo's specification, with attached models."""
     spec = mujoco.MjSpec.from_string(file.text, assets=file.meshes)
     compiler = spec.compiler
-    # Fusing loses names; but where the compiler changes masses, those of fused bodies are others.
+    # Fusing loses names. But if the compiler changes masses, it changes those of fused bodies.
     limits = compiler.settotalmass, compiler.boundmass, compiler.boundinertia
     compiler.fusestatic &= max(limits) > 0 or bool(compiler.balanceinertia)
     compiler.discardvisual = False
@@ -99,7 +99,7 @@ def from_mjcf(path: Path, model: mujoco.MjModel) -> Neutral:
     """The neutral form of a compiled MJCF."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
-    mujoco.mj_kinematics(model, data)  # it makes unit quaternions of zeros
+    mujoco.mj_kinematics(model, data)  # it turns zeros into unit quaternions
     parts: list[Part] = []
     carrier = [WORLD] * model.nbody
     efforts, found, shares = efforts_of(model), told(model), shares_of(model)
@@ -173,7 +173,7 @@ def _gravcomp(model: mujoco.MjModel, body: int) -> float:
 
 
 def _features(model: mujoco.MjModel, told: Told) -> dict[str, Numbers]:
-    """What is told of no joint, tendon, actuator or equality, by field and object."""
+    """Features that belong to no joint, tendon, actuator or equality, by field and object."""
     features: dict[str, Numbers] = {}
     for (sort, k), values in told.items():
         name = f"{sort} {k}"

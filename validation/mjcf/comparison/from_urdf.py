@@ -1,4 +1,4 @@
-"""A URDF in the neutral form, from the strict parse alone."""
+"""The neutral form of a URDF, from the strict parse."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def from_urdf(robot: Robot) -> Neutral:
         own = pieces.get(robot.root, ())
         parts.append(Part(FREE, robot.root, "free", WORLD, zero, zero, own, Transform()))
     walked: list[str] = []
-    lumped: dict[str, list[str]] = {}  # by carrier, the links that its joints move
+    lumped: dict[str, list[str]] = {}  # carrier → links that its joints move
     front = [robot.root]
     above = {joint.child: joint for joint in robot.joints}
     while front:
@@ -102,7 +102,7 @@ def from_urdf(robot: Robot) -> Neutral:
 
 
 def _depth_first(root: str, below: dict[str, list[str]]) -> list[str]:
-    """What `below` hangs on the root, parents first."""
+    """The links of the tree `below`, parents first."""
     found: list[str] = []
     stack = list(reversed(below.get(root, ())))
     while stack:
@@ -123,9 +123,9 @@ def _by_name(robot: Robot) -> tuple[str, ...]:
 
 
 def _efforts(robot: Robot) -> dict[str, float]:
-    """What ``<limit effort>`` states, or a motor at the joint if that is less, as of an MJCF.
+    """The smaller one of ``<limit effort>`` and the force of a motor at the joint, as in an MJCF.
 
-    Zero is what generators write for none.
+    Zero means no limit, because generators write it so.
     """
     found = {joint.name: joint.effort for joint in robot.joints if 0 < joint.effort < math.inf}
     terms = {tendon.name: tendon.terms for tendon in robot.tendons}

@@ -1,7 +1,7 @@
 """Causes in the geometry: base, poses, zeros, axes.
 
-The displacements are found first, all of them at once; then they are taken back from the root
-outward, one after the other, and what is left of axes and bodies is looked at.
+All displacements are found first, at once. Then they are repaired one by one from the root outward,
+and the remaining differences of axes and bodies become findings.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.transform import Transform
 
 NOTHING = 1e-12  # m, rad
-SMALL = 1e-2  # a rest that is this small beside a joint's moved zero is a pose of its own
+SMALL = 1e-2  # a rest this small relative to a joint's moved zero is a separate pose
 
 
 def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
@@ -52,7 +52,7 @@ def find_geometry(a: Neutral, b: Neutral) -> tuple[list[Finding], Neutral]:
 
 
 def _root(a: Neutral, step: Transform) -> Finding:
-    """The fixed root displaced; its own frames go along where they lie closer to A's then."""
+    """Findings on the fixed root; its frames move along if this brings them closer to A's."""
     ours = {plain_name(name): f.pose for name, f in a.frames.items() if f.part == WORLD}
     found = _base(next((n for n, f in a.frames.items() if f.part == WORLD), ""), WORLD, step)
 
@@ -81,7 +81,7 @@ def _base(where: str, k: int, step: Transform) -> Finding:
 
 
 def _displacement(a: Neutral, b: Neutral, k: int, whole: Transform) -> Iterator[Finding]:
-    """How B's part k, and all that it carries, is displaced at zero."""
+    """Findings on the displacement at zero of B's part k, with all that it carries."""
     one, other = a.parts[k], b.parts[k]
     if not _is_some(whole):
         return
@@ -106,7 +106,7 @@ def _displacement(a: Neutral, b: Neutral, k: int, whole: Transform) -> Iterator[
 
 
 def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
-    """How B's axis of part k lies against A's."""
+    """Findings on the axis of part k."""
     one, other = a.parts[k], b.parts[k]
     if one.kind == "free":
         return
@@ -127,7 +127,7 @@ def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
                     pose=one.pose if tied else robot.parts[k].pose,
                 ),
             ),
-            # a wheel that turns the other way changes neither M nor g, and matters
+            # a wheel with reversed axis changes neither M nor g, but it matters
             1.0 if reversed_ else 0.0,
         )  # fmt: skip
 
@@ -137,7 +137,7 @@ def _is_some(move: Transform) -> bool:
 
 
 def _described(move: Transform, point: np.ndarray) -> str:
-    """A displacement in words: its angle, and how far it moves a point."""
+    """A displacement in words: its angle, and the distance by which it moves a point."""
     shift = move.at(point) - point
     words = []
     if move.angle > GRAIN:

@@ -1,8 +1,9 @@
-"""Which joint of one file is which of the other: by name, by like names, by kinematics.
+"""Pairs of joints of two files: by name, by like names, by kinematics.
 
-Names come first. What they leave is matched along the tree: children of matched parts by what a
-moved zero or a turned base cannot change (angle and distance of consecutive axes, size of the
-subtree), with the assignment that costs least, and an implausible pair is none.
+Names come first. The remaining joints are matched along the tree, among children of matched parts.
+Their cost depends only on what a moved zero or a turned base cannot change: angle and distance of
+consecutive axes, size of the subtree. The assignment with the least cost is taken, without
+implausible pairs.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from softdyn.exceptions import InputError
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral, Part
 from softdyn.validation.mjcf.transform import Transform
 
-PLAUSIBLE = 0.6  # the largest cost of a pair that is one
+PLAUSIBLE = 0.6  # the largest cost of a plausible pair
 NOISE_WORDS = ("joint", "jnt", "link", "dof")
 
 
@@ -40,12 +41,12 @@ def match(a: Neutral, b: Neutral, given: dict[str, str] | None = None) -> Match:
     a, b : Neutral
         The robots.
     given : dict[str, str] or None
-        Joints of A → joints of B that are so by decree; the others are matched as usual.
+        Given pairs, joints of A → joints of B; the others are matched as usual.
 
     Raises
     ------
     InputError
-        A name in `given` that is none, or pairs that contradict the trees.
+        A name in `given` is unknown, or its pairs contradict the trees.
     """
     found: dict[int, int] = {}
     how: dict[int, str] = {}
@@ -92,7 +93,7 @@ def _decreed(a: Neutral, b: Neutral, given: dict[str, str]) -> list[tuple[int, i
 
 
 def _free(a: Neutral, b: Neutral) -> list[tuple[int, int]]:
-    """The free bases that carry most."""
+    """The free bases that carry the most parts."""
     bases = []
     for robot in (a, b):
         free = [k for k, part in enumerate(robot.parts) if part.kind == "free"]
@@ -103,13 +104,13 @@ def _free(a: Neutral, b: Neutral) -> list[tuple[int, int]]:
 
 
 def plain_name(name: str) -> str:
-    """A name without case, punctuation, and the words that mean nothing."""
+    """A name without case, punctuation and generic words."""
     words = re.findall(r"[a-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower())
     return " ".join(word for word in words if word not in NOISE_WORDS) or name
 
 
 def _without_prefix(robot: Neutral) -> Callable[[str], str]:
-    """`plain_name` less the words that most names of a robot begin with."""
+    """`plain_name` without the words with which most names of a robot begin."""
     names = [plain_name(part.name).split() for part in robot.parts]
     heads = Counter(words[0] for words in names if len(words) > 1)
     head, count = heads.most_common(1)[0] if heads else ("", 0)
@@ -126,7 +127,7 @@ def _without_prefix(robot: Neutral) -> Callable[[str], str]:
 def _by(
     keys: tuple[Callable[[str], str], ...], a: Neutral, b: Neutral, found: dict[int, int]
 ) -> list[tuple[int, int]]:
-    """Pairs whose names have the same key, where it is the key of no other joint."""
+    """Pairs whose names have the same key, if no other joint has it."""
     tables = []
     for robot, taken, key in ((a, set(found), keys[0]), (b, set(found.values()), keys[1])):
         table: dict[str, list[int]] = {}
@@ -142,7 +143,7 @@ def _by(
 
 
 def _contradictions(a: Neutral, b: Neutral, found: dict[int, int]) -> list[int]:
-    """Matched parts whose nearest matched carriers are no pair."""
+    """Matched parts whose nearest matched carriers are not matched."""
 
     def carrier(robot: Neutral, k: int, matched: set[int]) -> int:
         k = robot.parts[k].parent
@@ -163,7 +164,7 @@ def _contradictions(a: Neutral, b: Neutral, found: dict[int, int]) -> list[int]:
 def _by_kinematics(a: Neutral, b: Neutral, found: dict[int, int]) -> list[tuple[int, int]]:
     if not (a.parts and b.parts):
         return []
-    # what is matched lies in one place, or else what the roots carry, whichever way it is turned
+    # align matched parts, or else the parts that the roots carry, in any orientation
     known = [*found.items()] or [(WORLD, WORLD)]
     ours, theirs = (
         np.mean([p for k in ks for p in _anchors(robot, k)], axis=0)
@@ -176,19 +177,19 @@ def _by_kinematics(a: Neutral, b: Neutral, found: dict[int, int]) -> list[tuple[
         if cost < best[0] - 1e-9:
             best = cost, pairs
     pairs = best[1]
-    # most of a robot must fit, or it is another robot that happens to have hinges
+    # most of a robot must fit; otherwise it is another robot that also has hinges
     if not found and 2 * len(pairs) < min(len(a.parts), len(b.parts)):
         return []
     return list(pairs.items())
 
 
 def _anchors(robot: Neutral, k: int) -> list[np.ndarray]:
-    """The point of a joint, or of all that the root carries."""
+    """The point of a joint, or the points of all joints that the root carries."""
     return [robot.parts[m].point for m in (robot.children(k) if k == WORLD else [k])]
 
 
 def _turns() -> list[np.ndarray]:
-    """The 24 rotations of a cube, none first."""
+    """The 24 rotations of a cube, the identity first."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
@@ -202,7 +203,7 @@ def _turns() -> list[np.ndarray]:
 def _walk(
     a: Neutral, b: Neutral, found: dict[int, int], place: Transform
 ) -> tuple[dict[int, int], float]:
-    """Pairs of children of pairs, root to leaf, and what they cost."""
+    """Pairs of children of pairs, root to leaf, and their cost."""
     matched = {WORLD: WORLD} | found
     pairs: dict[int, int] = {}
     total = 0.0
@@ -223,7 +224,7 @@ def _walk(
 
 
 def _cost(a: Neutral, b: Neutral, i: int, j: int, place: Transform, size: float) -> float:
-    """How unlike two parts are: 0 for twins, more than `PLAUSIBLE` for what is no pair."""
+    """Dissimilarity of two parts: 0 for equal ones, more than `PLAUSIBLE` for impossible pairs."""
     one, other = a.parts[i], b.parts[j]
     if one.kind != other.kind:
         return 10.0
@@ -234,7 +235,7 @@ def _cost(a: Neutral, b: Neutral, i: int, j: int, place: Transform, size: float)
         cost += abs(first[0] - second[0]) + abs(first[1] - second[1]) / size
     mass = [sum(r.parts[k].inertia.mass for k in r.subtree(m)) for r, m in ((a, i), (b, j))]
     cost += 0.2 * min(1.0, abs(np.log((mass[0] + 1e-9) / (mass[1] + 1e-9))))
-    # where it is, as far as zeros and a displaced base let one tell
+    # its place, as far as it is independent of zeros and a displaced base
     cost += 0.3 * float(np.linalg.norm(place.at(one.point) - other.point)) / size
     return float(cost + 0.3 * _angle(place.rotation @ one.axis, other.axis))
 
@@ -256,15 +257,15 @@ def _relation(above: Part, part: Part) -> tuple[float, float]:
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle of two lines (rad), whatever their senses."""
+    """Angle of two lines (rad), independent of their senses."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(float(a @ b))))
 
 
 def reduce(a: Neutral, b: Neutral, found: Match) -> tuple[Neutral, Neutral]:
     """Both robots with the matched joints only, in A's order and by A's names.
 
-    What a joint moves that only one file has is left out, or welded to its carrier: whichever
-    brings the carrier's masses closer. What stands between matched joints is welded.
+    If only one file has a joint, the part that it moves is left out or welded to its carrier,
+    whichever makes the carrier's masses more similar. Parts between matched joints are welded.
     """
     order = [i for i, _ in found.pairs]
     other = [j for _, j in found.pairs]

@@ -23,9 +23,9 @@ from softdyn.validation.mjcf.comparison.neutral import (
 from softdyn.validation.mjcf.compiled_fields import value_of
 from softdyn.validation.mjcf.transform import Transform
 
-AXIS = 0.1  # m along a cylinder's axis to the second point that tells how it lies
-ROUNDING = 1e-9  # m, and in numbers that rotations have gone through
-Told = dict[tuple[str, int], dict[str, Numbers]]  # as `compiled_fields.told` returns it
+AXIS = 0.1  # m along a cylinder's axis to the second point, which gives its direction
+ROUNDING = 1e-9  # m, and for numbers after rotations
+Told = dict[tuple[str, int], dict[str, Numbers]]  # as returned by `compiled_fields.told`
 Shares = dict[tuple[str, int], tuple[float, np.ndarray]]  # armature, damping coefficients (3,)
 OBJECTS, SORTS, KINDS = mujoco.mjtObj, mujoco.mjtTrn, mujoco.mjtEq
 TARGETS = {
@@ -41,14 +41,14 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """A model with all in place at qpos = 0, and the part that carries each body."""
+    """A model at qpos = 0, and the part that carries each body."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
     carrier: tuple[int, ...]
 
     def name(self, kind: int, k: int) -> str:
-        """The name of an object, or its sort and number."""
+        """The name of an object, or its kind and number."""
         return mujoco.mj_id2name(self.model, kind, k) or f"{mujoco.mju_type2Str(kind)} {k}"
 
     def body(self, k: int) -> Frame:
@@ -64,12 +64,12 @@ class Places:
 
 
 def pair_of(row: np.ndarray) -> tuple[float, float]:
-    """Two numbers of a row as such."""
+    """The two numbers of a row."""
     return float(row[0]), float(row[1])
 
 
 def shares_of(model: mujoco.MjModel) -> Shares:
-    """Armature and damping that actuators add to joints and tendons, by sort and number."""
+    """Armature and damping that actuators add to joints and tendons, by kind and number."""
     found: Shares = {}
     sorts = {int(sort): word for sort, word in (
         (SORTS.mjTRN_JOINT, "joint"), (SORTS.mjTRN_JOINTINPARENT, "joint"),
@@ -86,7 +86,7 @@ def shares_of(model: mujoco.MjModel) -> Shares:
 
 
 def efforts_of(model: mujoco.MjModel) -> dict[int, float]:
-    """The largest force on each joint that an actuator or the joint itself states."""
+    """The largest force on each joint, stated by an actuator or the joint itself."""
     found: dict[int, float] = {}
     for joint in range(model.njnt):
         if model.jnt_actfrclimited[joint]:
@@ -111,7 +111,7 @@ def efforts_of(model: mujoco.MjModel) -> dict[int, float]:
 
 
 def motors_of(place: Places, told: Told) -> tuple[Motor, ...]:
-    """All actuators; what is `told` of them goes along."""
+    """All actuators, with their fields from `told`."""
     return tuple(
         _motor(place, k, told.pop(("actuator", k), {})) for k in range(place.model.nactuator)
     )
@@ -126,7 +126,7 @@ def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
             more |= {"actuator_ctrlrange": (lower, upper, *others)}
     gear = value_of(model, "actuator_gear", k)
     force = gear[0]
-    if not law:  # the input is the force: its range is one with the force's
+    if not law:  # the input is the force, so its range is combined with the force's
         gain = more.pop("actuator_gainprm", (1.0,))[0]
         force *= gain
         if (limits := more.pop("actuator_forcerange", ())) and gain:
@@ -141,7 +141,7 @@ def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
 
 
 def _law(model: mujoco.MjModel, k: int) -> str:
-    """How an actuator's force follows from its input; nothing where it is the input."""
+    """An actuator's force as a function of its input, in words; empty if they are equal."""
     fixed = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
     plain = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
     still = model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
@@ -153,7 +153,7 @@ def _law(model: mujoco.MjModel, k: int) -> str:
 
 
 def _target(place: Places, k: int, gear: np.ndarray) -> tuple[str, Numbers, tuple[Frame, ...]]:
-    """What an actuator acts on, the axes of its gear where it has some, and its sites' frames."""
+    """The target of an actuator, the axes of its gear if there are any, and its sites' frames."""
     model, sort = place.model, int(place.model.actuator_trntype[k])
     ends = [int(end) for end in model.actuator_trnid[k] if end >= 0]
     if sort == SORTS.mjTRN_SO3:
@@ -182,7 +182,7 @@ def _target(place: Places, k: int, gear: np.ndarray) -> tuple[str, Numbers, tupl
 
 
 def _clean(values: np.ndarray) -> Numbers:
-    """Numbers without what rounding leaves of zeros."""
+    """Numbers with rounding errors set to zero."""
     return tuple(float(x) if abs(x) > ROUNDING else 0.0 for x in np.ravel(values))
 
 
@@ -225,14 +225,14 @@ def _point(frame: Frame, around: str = "") -> Point:
 
 
 def _wrapped(place: Places, w: int) -> Iterator[Point]:
-    """What a path goes around: the centre, a second point on a cylinder's axis, the side's site."""
+    """The shape that a path wraps: centre, second point on a cylinder's axis, side site."""
     model, data = place.model, place.data
     geom = int(model.wrap_objid[w])
     part, centre = place.carrier[model.geom_bodyid[geom]], data.geom_xpos[geom].copy()
     size = f"radius {model.geom_size[geom, 0]:.6g}"
     if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_CYLINDER:
         axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
-        # either sense is the same cylinder: the one whose first component that is not zero is > 0
+        # both senses give the same cylinder: take that whose first nonzero component is > 0
         sense = np.sign(axis[np.abs(axis) > 1e-6][0])
         yield Point(part, centre, f"cylinder of {size}")
         yield Point(part, centre + AXIS * sense * axis, "its axis")
@@ -246,7 +246,7 @@ def _wrapped(place: Places, w: int) -> Iterator[Point]:
 
 
 def equalities_of(place: Places, told: Told) -> tuple[tuple[Coupling, ...], tuple[Equality, ...]]:
-    """Joints that follow another linearly, and all other equalities that hold from the start."""
+    """Joints that follow another linearly, and all other initially active equalities."""
     couplings, others = [], []
     for k in range(place.model.neq):
         more = told.pop(("eq", k), {})

@@ -1,7 +1,7 @@
 """The neutral form of a robot: joints as screws and bodies as lumps, all at zero in one frame.
 
-Every vector is in the axes of the root at q = 0 and from its origin, so that no link frame of a
-file enters: what two files call the same robot has the same numbers here.
+Every vector has the axes and the origin of the root at q = 0, so that it does not depend on link
+frames. Two files of the same robot give the same numbers.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from softdyn.description.inertia import Inertia
 from softdyn.validation.mjcf.transform import Transform
 
 Numbers = tuple[float, ...]
-WORLD = -1  # the parent of what hangs on the fixed root
+WORLD = -1  # the parent of parts on the fixed root
 FREEDOMS = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A joint and the body that it moves, links fixed to it lumped in.
+    """A joint and the body that it moves, including links fixed to it.
 
     Attributes
     ----------
     name, link : str
-        Of the joint, and of the link whose frame is `pose`; no link of a massless intermediate.
+        Name of the joint, and of the link whose frame is `pose`; empty for a massless intermediate
+        part.
     kind : str
         ``hinge``, ``slide``, ``ball`` or ``free``.
     parent : int
@@ -38,17 +39,17 @@ class Part:
     axis, point : np.ndarray, (3,)
         Unit vector, and a point on the axis (m).
     pieces : tuple of (str, Inertia)
-        What the body is made of: its own link and those fixed to it, by name.
+        The pieces of the body: its own link and those fixed to it, by name.
     lower, upper, effort : float
         Limits (rad, m) and the largest force (N, N·m); infinite where the file states none.
     armature, damping : float
-        Those of actuators that act on the joint included.
+        Including those of actuators that act on the joint.
     stiffness_curve, damping_curve : tuple of two
-        Coefficients of the second and third power of the displacement and the speed.
+        Coefficients of the second and third power of displacement and speed.
     gravcomp : dict[str, float]
-        By link, the part of its weight that is compensated.
+        Link → share of its weight that is compensated.
     more : dict[str, Numbers]
-        What else the file says of the joint, by MuJoCo's name of the field.
+        Other properties of the joint in the file, by MuJoCo's name of the field.
     """
 
     name: str
@@ -74,17 +75,17 @@ class Part:
 
     @cached_property
     def inertia(self) -> Inertia:
-        """Of the whole body."""
+        """Inertia of the whole body."""
         return sum((piece for _, piece in self.pieces), Inertia.zero())
 
     @property
     def uplift(self) -> np.ndarray:
-        """The mass whose weight is compensated, and its first moment (4,)."""
+        """The mass with compensated weight, and its first moment (4,)."""
         share = ((self.gravcomp.get(name, 0.0), piece) for name, piece in self.pieces)
         return sum((s * p.mass * np.array([1.0, *p.com]) for s, p in share), np.zeros(4))
 
     def moved(self, by: Transform, *, joint: bool = True) -> Part:
-        """The same part displaced; with `joint` False its axis stays."""
+        """The displaced part; with `joint` False its axis stays."""
         pieces = tuple(
             (name, piece.moved(by.rotation, by.translation)) for name, piece in self.pieces
         )
@@ -104,7 +105,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A point (3,) of a cable's path on a part, or on the root; `around` is what it wraps there."""
+    """A point (3,) of a cable's path on a part, or on the root; `around` is a wrapped shape."""
 
     part: int
     xyz: np.ndarray
@@ -113,7 +114,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class NeutralTendon:
-    """A tendon: fixed (`terms`: joint → coefficient) or along `path`; the rest as of a `Part`."""
+    """A tendon: fixed (`terms`: joint → coefficient) or along `path`; other fields as in `Part`."""
 
     name: str
     terms: dict[str, float]
@@ -134,17 +135,17 @@ class Motor:
     Attributes
     ----------
     target : str
-        What it acts on: ``tendon:name``, ``joint:name``, …
+        Its target: ``tendon:name``, ``joint:name``, …
     gear, lower, upper : float
-        Force of a unit of the input, and the input's range.
+        Force of a unit input, and the input's range.
     law : str
-        How the force follows from the input where it is not the input itself.
+        The force as a function of the input, if they are not equal.
     axes : Numbers
-        The whole gear where it has directions: of a joint in the root's axes, of a site in its own.
+        The full gear if it has directions: in the root's axes for a joint, in its own for a site.
     frames : tuple of Frame
-        Of the sites that it acts on.
+        Frames of the sites on which it acts.
     more : dict[str, Numbers]
-        What else the file says of it, by MuJoCo's name of the field.
+        Its other properties in the file, by MuJoCo's name of the field.
     """
 
     name: str
@@ -159,7 +160,7 @@ class Motor:
 
     @property
     def end(self) -> tuple[str, str]:
-        """Sort and name of what it acts on."""
+        """Kind and name of its target."""
         word, _, name = self.target.partition(":")
         return "joint" if word.startswith(("joint", "orientation")) else word, name
 
@@ -177,16 +178,16 @@ class Coupling:
 
 @dataclass(frozen=True, eq=False)
 class Equality:
-    """Any other equality: its sort, what it is between, and its numbers.
+    """Any other equality: its kind, its objects, and its numbers.
 
     Attributes
     ----------
     kind, ends : str, tuple of str
         ``connect``, ``weld``, ``joint``, ``tendon`` …; names of bodies, sites, joints or tendons.
     data : Numbers
-        Coefficients, or the displacement that a weld asks of the second body at zero.
+        Coefficients, or for a weld the displacement of the second body at zero.
     points : tuple of Point
-        Which points coincide.
+        The points that coincide.
     """
 
     kind: str
@@ -198,20 +199,21 @@ class Equality:
 
 @dataclass(frozen=True, eq=False)
 class Neutral:
-    """A robot in the neutral form; parents stand before their children.
+    """A robot in the neutral form; parents come before their children.
 
     Attributes
     ----------
     format : str
         ``urdf`` or ``mjcf``.
     orders : tuple of tuple of str
-        The orders of joints that the file may be read in; MJCF knows one; none is not known.
+        The orders in which the joints of the file may be read. An MJCF has one; without any, the
+        order is unknown.
     frames : dict[str, Frame]
-        By name, links and sites that are no part's own link.
+        Links and sites by name, except the parts' own links.
     features : dict[str, Numbers]
-        What else the motion depends on, by MuJoCo's names of field and object.
+        Other features that influence the motion, by MuJoCo's names of field and object.
     notes : tuple of str
-        What was left out.
+        Parts of the file that were left out.
     """
 
     path: Path
@@ -255,7 +257,7 @@ class Neutral:
         return replace(self, parts=(*self.parts[:index], part, *self.parts[index + 1 :]))
 
     def displaced(self, index: int, by: Transform, *, joint: bool = True) -> Neutral:
-        """All that a part carries displaced; with `joint` False its own axis stays."""
+        """Displace a part and all that it carries; with `joint` False its own axis stays."""
         moving = set(self.subtree(index)) | {index}
 
         def place(part: int, pose: Transform) -> Transform:
@@ -283,9 +285,9 @@ class Neutral:
         )
 
     def arranged(self, kept: list[int], welded: set[int]) -> Neutral:
-        """Parts in the order `kept`, the others left out; those `welded` join their parent.
+        """The robot with the parts `kept`, in this order; parts `welded` join their parent.
 
-        `kept` has parents before children; what was welded or left out keeps no joint.
+        `kept` has parents before children. Parts that are welded or left out have no joint.
         """
         lumps = {k: self.parts[k].pieces for k in kept}
         lifted = {k: self.parts[k].gravcomp for k in kept}
@@ -336,7 +338,7 @@ class Neutral:
         return replace(robot, couplings=led, equalities=ties)
 
     def renamed(self, names: dict[str, str]) -> Neutral:
-        """Joints called otherwise; those not in `names` keep theirs."""
+        """Rename joints; those not in `names` keep their names."""
 
         def new(name: str) -> str:
             return names.get(name, name)

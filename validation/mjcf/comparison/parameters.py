@@ -1,9 +1,9 @@
-"""Causes in what is no geometry: armature, damping, friction, springs, limits, gravity, frames.
+"""Causes other than geometry: armature, damping, friction, springs, limits, gravity, frames.
 
-A value that stands at zero in one file only is one-sided, and so is what a URDF has no word for.
-Between two MJCFs a field of MuJoCo's is stated by both: one that a file leaves out has its default.
-A joint whose sense or zero differs may have its limits, rest or coefficients written either way:
-both readings count as agreement.
+A value that is zero in one file only is one-sided, and so is a value that a URDF cannot state.
+Between two MJCFs, both state all of MuJoCo's fields, because a missing field has its default. If a
+joint's sense or zero differs, its limits, rest or coefficients may refer to either one: both
+readings count as agreement.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from softdyn.validation.mjcf.comparison.terms import States
 
 NOTHING = 1e-12  # m
 REST = 1e-6  # rad, m
-# Kinds of what MuJoCo says of a joint by fields of their own; of all others it is "feature".
+# Kinds of MuJoCo's joint fields; all other fields have the kind "feature".
 KIND_OF = {
     "jnt_solref": "limit", "jnt_solimp": "limit", "jnt_margin": "limit", "qpos_spring": "rest",
     "jnt_actfrcrange": "effort", "dof_solref": "friction", "dof_solimp": "friction",
@@ -44,12 +44,12 @@ KIND_OF = {
 
 
 def find_parameters(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[Finding]:
-    """Findings on two robots whose geometry and bodies agree; each repair stands alone."""
+    """Findings on two robots whose geometry and bodies agree; each repair is independent."""
     urdf = with_urdf(a, b)
     followers = {coupling.joint for robot in (a, b) for coupling in robot.couplings}
     for k, part in enumerate(a.parts):
         found = _joint(a, b, k, turns.get(part.name, (1.0, 0.0)))
-        # a follower goes where its leader lets it: its own limits are not used
+        # a mimic joint follows its leader, so its own limits are not used
         yield from (f for f in found if f.kind != "limit" or part.name not in followers)
     yield from _gravity(a, b)
     yield from _frames(a, b)
@@ -94,7 +94,7 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
     yield from _effort(a, b, k)
     for field, values, size in told_apart(one.more, other.more, urdf=with_urdf(a, b)):
         kind = KIND_OF.get(field, "feature")
-        if kind not in ("effort", "rest"):  # which are told already
+        if kind not in ("effort", "rest"):  # which are already found
             where = one.name if kind != "feature" else f"{field} of {one.name}"
             detail = field if kind != "feature" else ""
             yield Finding(
@@ -107,7 +107,7 @@ def _springs(part: Part) -> bool:
 
 
 def _effort(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
-    """The largest force; between two MJCFs also a range that clamps the sum of all actuators."""
+    """Finding on the largest force; between two MJCFs also on the range of all actuators' sum."""
     one, other = a.parts[k], b.parts[k]
     if (size := differ(one.effort, other.effort)) > SAME:
         values = _finite(one.effort), _finite(other.effort)
@@ -135,7 +135,7 @@ def _finite(value: float) -> float | None:
 
 
 def _stated(limits: list[float]) -> list[float | None] | None:
-    """Limits with None for one that there is not; None for none at all."""
+    """Limits, with None for a missing one; None if both are missing."""
     return [_finite(v) for v in limits] if any(map(math.isfinite, limits)) else None
 
 
@@ -159,7 +159,7 @@ def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
 
 
 def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:
-    """Origins of frames that both files have; link frames too, where a tip may be."""
+    """Findings on origins of frames in both files; also of link frames, where a tip may be."""
     for k, (one, other) in enumerate(zip(a.parts, b.parts, strict=True)):
         gap = float(np.linalg.norm(one.pose.translation - other.pose.translation))
         if gap > NOTHING and one.link and other.link and one.kind != "free":
@@ -183,9 +183,9 @@ def _replaced_frame(label: str, frame: Any) -> Callable[[Neutral], Neutral]:
 
 
 def find_order(a: Neutral, b: Neutral) -> Finding | None:
-    """Whether the joints that both have stand in another order, however A's may be read.
+    """Whether the common joints have different orders, for every order in which A may be read.
 
-    A URDF states none: engines read it in the file's order, along the tree, or by name.
+    A URDF states no order: engines read it in the file's order, along the tree, or by name.
     """
     if not (a.orders and b.orders):
         return None

@@ -1,4 +1,4 @@
-"""What a comparison found; its text is the table that the command prints."""
+"""The result of a comparison; its text is the table that the command prints."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from typing import Any
 from softdyn.validation.tables import Table
 
 QUANTITIES = ("M", "bias", "g", "J")
-SHOWN = ("M", "bias", "g", "tip")  # effects by which causes are sorted
+SHOWN = ("M", "bias", "g", "tip")  # the effects that sort the causes
 CAUSE_TITLES = ("M", "g", "tip", "kind", "where", "A", "B", "")
 CAUSE_FORMATS = (*[".1e"] * 3, *[""] * 5)
-EXPLAINED = 1e-9  # what may be left once every cause is repaired
-WIDEST = 48  # letters of a value in the table; JSON has all of it
+EXPLAINED = 1e-9  # largest residual after the repair of all causes
+WIDEST = 48  # characters of a value in the table; JSON has the full value
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Why the robots differ, one thing.
+    """One cause of a difference between the robots.
 
     Attributes
     ----------
     kind, where : str
-        What, and on which joint, link, tendon or actuator of A.
+        Kind of the cause, and the joint, link, tendon or actuator of A.
     a, b : Any
-        What the files say; None where one says nothing.
+        The files' values; None if a file states none.
     effect : dict[str, float]
         Relative change at random states of ``M``, ``bias``, ``g``, of the ``tip`` (of the robot's
-        extent) and of q̈ (``qdd``, for any force), and of the ``value`` where it enters none.
+        extent) and of q̈ (``qdd``, for any force); of the ``value`` if it affects none of these.
     detail : str
         The difference in words.
     one_sided : bool
@@ -45,13 +45,13 @@ class Cause:
 
     @property
     def weight(self) -> float:
-        """The largest effect on the dynamics, by which causes are sorted."""
+        """The largest effect on the dynamics, which sorts the causes."""
         return max((v for key, v in self.effect.items() if key in SHOWN), default=0.0)
 
 
 @dataclass(frozen=True)
 class RepairStep:
-    """What is left of the difference after a repair: relative errors of `QUANTITIES`."""
+    """The remaining difference after a repair: relative errors of `QUANTITIES`."""
 
     repaired: str
     left: dict[str, float]
@@ -68,7 +68,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Whether two files are one robot, and where not.
+    """Whether two files describe one robot, and their differences.
 
     Attributes
     ----------
@@ -77,25 +77,25 @@ class Comparison:
     matched : dict[str, str]
         Joints of A → joints of B.
     how : dict[str, str]
-        By joint of A, what it was matched by: map, name, like name, kinematics, base.
+        Joint of A → how it was matched: map, name, like name, kinematics, base.
     unmatched : dict[str, list[str]]
         Joints that only ``a`` or only ``b`` has.
     causes : tuple of Cause
-        The largest effect first; the one-sided last.
+        Causes, the largest effect first, one-sided ones last.
     waterfall : tuple of RepairStep
-        As it is, then with each kind of cause repaired in turn.
+        The difference before any repair, then after the repair of each kind of cause in turn.
     residual : dict[str, float]
-        What is left in the end.
+        Relative errors after all repairs.
     strict : bool
-        Whether what only one file states fails too.
+        Whether properties that only one file states fail, too.
     notes : tuple of str
-        What was left out of the comparison, after ``A:`` or ``B:``.
+        Parts that the comparison leaves out, with the prefix ``A:`` or ``B:``.
     seconds : float
-        How long it took.
+        Time of the comparison (s).
     turns : dict[str, tuple[float, float]]
-        By joint of A, sense and zero where B's are others: q of A = sense · q of B + zero.
+        Joint of A → sense and zero, if B's differ: q of A = sense · q of B + zero.
     worst : tuple of Worst
-        Of the random states those at which the files differ most as they are.
+        The random states at which the files differ most before any repair.
     """
 
     a: str
@@ -114,15 +114,15 @@ class Comparison:
 
     @property
     def explained(self) -> bool:
-        """Whether nothing is left once all causes are repaired."""
+        """Whether nothing is left after the repair of all causes."""
         alike = bool(self.matched) or not any(self.unmatched.values())
         return alike and all(v <= EXPLAINED for v in self.residual.values())
 
     @property
     def passed(self) -> bool:
-        """Whether the files agree: no cause but one-sided ones; with `strict`, none at all.
+        """Whether the files agree: only one-sided causes; with `strict`, no causes at all.
 
-        With `strict` both have all joints, and the same was left out of both.
+        With `strict`, both files must also have all joints, and the same parts left out.
         """
         failing = [cause for cause in self.causes if self.strict or not cause.one_sided]
         partial = self.strict and (any(self.unmatched.values()) or not self.same_notes)
@@ -130,7 +130,7 @@ class Comparison:
 
     @property
     def same_notes(self) -> bool:
-        """Whether what was left out was left out of both files."""
+        """Whether the same parts were left out of both files."""
         ours, theirs = ({n[3:] for n in self.notes if n.startswith(s)} for s in ("A: ", "B: "))
         return ours == theirs
 
@@ -215,7 +215,7 @@ def _row(cause: Cause) -> list[Any]:
 
 
 def _grouped(causes: list[Cause]) -> list[list[Any]]:
-    """One row for all that one file states alike, the largest effect of them."""
+    """One row for equal values that only one file states, with their largest effect."""
     groups: dict[tuple[str, ...], list[Cause]] = {}
     for cause in causes:
         plain = cause.kind not in ("tendon", "actuator")

@@ -1,4 +1,4 @@
-"""One file of a robot, opened once: all that a comparison, an engine or a page makes of it."""
+"""One file of a robot, opened once, with all views that a comparison, an engine or a page needs."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from softdyn.validation.mjcf.mjcf_file import Contents, Mjcf, is_mjcf, read_mjcf
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A file, and what is made of it; each view is made when it is first asked for, and kept.
+    """A file and its views; each view is made at its first use, and kept.
 
     Attributes
     ----------
     path : Path
         The file.
     contents : Contents
-        The file, what it includes, and its meshes, as they were when they were first opened.
+        The file, its includes and its meshes, as first opened.
     floating : bool
-        Whether a URDF's root link moves freely, which the format cannot say.
+        Whether a URDF's root link moves freely, which the format cannot state.
     repair_inertia : bool
         Whether a URDF's impossible inertias become the nearest possible ones.
     """
@@ -45,7 +45,7 @@ class Side:
     def of(
         cls, source: str | Path | Side, contents: Contents | None = None, **options: bool
     ) -> Side:
-        """The file behind a path or a name; a `Side` stays what it is.
+        """The side of a path or a name; a `Side` is returned unchanged.
 
         Raises
         ------
@@ -58,12 +58,12 @@ class Side:
 
     @cached_property
     def is_mjcf(self) -> bool:
-        """Whether it is an MJCF."""
+        """Whether the file is an MJCF."""
         return is_mjcf(self.path, self.contents)
 
     @cached_property
     def robot(self) -> Robot:
-        """A URDF, parsed strictly."""
+        """The strictly parsed URDF."""
         return parse(
             self.path, content=self.contents.text(self.path), floating=self.floating,
             repair_inertia=self.repair_inertia,
@@ -71,24 +71,24 @@ class Side:
 
     @cached_property
     def model(self) -> SoftModel:
-        """A URDF's analytic model, as `softdyn.load` makes it."""
+        """The analytic model of a URDF, as from `softdyn.load`."""
         for warning in self.robot.warnings:
             warnings.warn(warning, stacklevel=2)
         return build(self.robot, None if self.floating else bundled_name(self.path))
 
     @cached_property
     def mjcf(self) -> Mjcf:
-        """An MJCF, read strictly, without what no dynamics depend on."""
+        """The strictly read MJCF, without elements that do not influence the dynamics."""
         return read_mjcf(self.path, contents=self.contents)
 
     @cached_property
     def compiled(self) -> mujoco.MjModel:
-        """What MuJoCo compiles of `mjcf`; not to be changed."""
+        """MuJoCo's compiled model of `mjcf`; do not change it."""
         return compile_mjcf(self.mjcf)
 
     @cached_property
     def scene(self) -> mujoco.MjModel:
-        """An MJCF as MuJoCo compiles it, all shapes and contacts kept; not to be changed."""
+        """MuJoCo's compiled model with all shapes and contacts; do not change it."""
         return compile_mjcf(read_mjcf(self.path, whole=True, contents=self.contents))
 
     @cached_property
@@ -105,13 +105,13 @@ class Side:
         return replace(robot, orders=(), notes=(*robot.notes, note)) if attached else robot
 
     def beside(self, other: Side) -> Side:
-        """The same file; a URDF floats where the other's robot does."""
+        """The same file; a URDF gets a floating base if the other file's robot has one."""
         fixed = not self.is_mjcf and not stands_free(self.neutral)
         return replace(self, floating=True) if fixed and stands_free(other.neutral) else self
 
 
 def stands_free(robot: Neutral) -> bool:
-    """Whether the robot is on a free base; a free body beside others is an object of the scene."""
+    """Whether the robot has a free base; a free body beside others is an object of the scene."""
     free = [k for k, part in enumerate(robot.parts) if part.kind == "free"]
     return any(len(robot.subtree(k)) > 1 or len(robot.parts) == 1 for k in free)
 
@@ -122,9 +122,9 @@ def neutral(source: str | Path | Side, *, floating: bool = False) -> Neutral:
     Parameters
     ----------
     source : str, Path or Side
-        A path, or what `softdyn.load` takes.
+        A path, or an argument of `softdyn.load`.
     floating : bool
-        Whether a URDF's root link moves freely, which the format cannot say.
+        Whether a URDF's root link moves freely, which the format cannot state.
 
     Raises
     ------

@@ -1,12 +1,12 @@
 """Dynamics of the neutral form at many states at once, in NumPy: M, bias, g, J, lengths.
 
-Tendons' armature a adds a Jᵀ J to M and a Jᵀ J̇ q̇ to the bias, J being that of the length. As in
-MuJoCo, M has no entry for two joints neither of which carries the other. The part of the weight
-that is compensated is in neither bias nor g.
+A tendon's armature a adds a Jᵀ J to M and a Jᵀ J̇ q̇ to the bias, where J is that of its length. As
+in MuJoCo, M has no entry for two joints on different branches. Compensated weight is in neither
+bias nor g.
 
-Spatial vectors (angular, linear) at the world's origin in the world's axes; recursive Newton-Euler
-and composite rigid bodies (Featherstone, Rigid Body Dynamics Algorithms, chapters 5 and 6). Neither
-engine is used; tests hold it against both.
+The algorithms are recursive Newton-Euler and composite rigid bodies (Featherstone, Rigid Body
+Dynamics Algorithms, chapters 5 and 6). Spatial vectors (angular, linear) are at the world's origin
+in the world's axes. Neither engine is used; tests compare the terms with both.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Random states: of each part q (samples, freedoms), and v (samples, nv).
+    """Random states: q (samples, freedoms) of each part, and v (samples, nv).
 
     A ball's q is a rotation vector, a free base's a translation and a rotation vector. Angular
     velocities are in the body's own axes, a free base's linear one is in the world's.
@@ -108,7 +108,7 @@ def force_cross(a: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Where the parts are: rotation (parts, samples, 3, 3), translation (parts, samples, 3)."""
+    """Poses of the parts: rotation (parts, samples, 3, 3), translation (parts, samples, 3)."""
 
     rotation: np.ndarray
     translation: np.ndarray
@@ -157,7 +157,8 @@ def evaluate(robot: Neutral, states: States) -> Terms:
     for k, part in enumerate(parts):
         root = part.parent == WORLD
         own = weighed[:, :, owner == k]
-        turning = own[:, :, 3:] if part.kind == "free" else own  # its first three never turn
+        # its first three coordinates do not rotate
+        turning = own[:, :, 3:] if part.kind == "free" else own
         velocity[k] = own.sum(2) if root else velocity[part.parent] + own.sum(2)
         rate = motion_cross(velocity[k], turning.sum(2))
         acceleration[k] = (base if root else acceleration[part.parent]) + rate
@@ -178,7 +179,7 @@ def evaluate(robot: Neutral, states: States) -> Terms:
     bias, g = bias - lifted, np.einsum("sin,i->sn", momenta, base) - lifted
     move = _Motion(placed, S, owner, _ancestors(robot), velocity, acceleration - base)
     for tendon in robot.cables:
-        if tendon.armature:  # none that wraps a shape, which MuJoCo refuses
+        if tendon.armature:  # none wraps a shape, as MuJoCo refuses that
             row, rate = _tendon_row(robot, move, tendon)
             added = tendon.armature * row[:, :, None] * row[:, None, :]
             M += np.where(carried | carried.T, added, 0.0)
@@ -189,7 +190,7 @@ def evaluate(robot: Neutral, states: States) -> Terms:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """How the parts move at the states: spatial vectors as in `evaluate`, gravity left out."""
+    """Motion of the parts at the states: spatial vectors as in `evaluate`, without gravity."""
 
     placed: Placed
     S: np.ndarray
@@ -235,7 +236,7 @@ def _tendon_row(
 
 
 def _branches(tendon: NeutralTendon) -> Iterator[tuple[float, list[Point]]]:
-    """The stretches of a path between pulleys, with what their length is divided by."""
+    """The parts of a path between pulleys, with the divisors of their lengths."""
     divisor: float = 1.0
     points: list[Point] = []
     for point in tendon.path:
@@ -248,7 +249,7 @@ def _branches(tendon: NeutralTendon) -> Iterator[tuple[float, list[Point]]]:
 
 
 def _uplift(robot: Neutral, placed: Placed, S: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    """Generalized force (samples, nv) of the weight that is compensated."""
+    """Generalized force (samples, nv) of compensated weight."""
     found = np.zeros((len(S), robot.nv))
     movers = _ancestors(robot)
     for k, part in enumerate(robot.parts):
@@ -301,7 +302,7 @@ def _spatial_inertias(robot: Neutral, placed: Placed) -> np.ndarray:
 
 
 def _ancestors(robot: Neutral) -> np.ndarray:
-    """(parts, parts) whether the row's part is, or carries, the column's."""
+    """(parts, parts) bool: whether the row's part is, or carries, the column's part."""
     found = np.eye(len(robot.parts), dtype=bool)
     for k, part in enumerate(robot.parts):
         if part.parent != WORLD:
@@ -327,7 +328,7 @@ def _tips(
 
 
 def lengths(robot: Neutral, states: States) -> dict[str, np.ndarray]:
-    """Length (samples,) of every cable; what a path wraps around counts as a point."""
+    """Length (samples,) of every cable; a wrapped shape counts as a point."""
     placed = place(robot, states)
     coordinate = {part.name: q[:, 0] for part, q in zip(robot.parts, states.q, strict=True)}
     found = {}
