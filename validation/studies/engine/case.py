@@ -1,4 +1,4 @@
-"""One closed loop of a study: all that defines it, its run, its figures of merit."""
+"""One closed loop of a study: its definition, its run, its figures of merit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
 from softdyn.validation.twin.plant_errors import PlantErrors
 
-# kind of a case → what its value makes of a robot's setup
+# kind of a case → its experiment, from a robot's setup and the case's value
 KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
     "set_point": experiments.Setup.set_point,
     "tracking": experiments.Setup.tracking,
@@ -32,7 +32,7 @@ KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One closed loop. What is None is the robot's, the experiment's or the controller's own.
+    """One closed loop. None stands for the default of the robot, experiment or controller.
 
     Attributes
     ----------
@@ -45,28 +45,28 @@ class Case:
     parameters : Any
         Arguments of the controller besides the model.
     period, duration, timestep : float, optional
-        Control period, length of the run, plant step (s); a step of ``inf`` is one a period.
+        Control period, length of the run, plant step (s). A step of ``inf`` means one per period.
     plant : PlantErrors
-        How the plant differs from the model.
+        Differences between plant and model.
     signals : SignalPath
         Delay, lag and noise between plant and controller.
     ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
-        Every initial velocity (rad/s, m/s); with a `draw` the standard deviation of each.
+        Every initial velocity (rad/s, m/s), or with a `draw` the standard deviation of each.
     draw : tuple of int, optional
         Seed and number of the random initial velocities.
     target : Callable[[str, Experiment], Callable[[float], Reference]], optional
-        (robot, the paper's experiment) → what the tip is to follow instead.
+        (robot, the paper's experiment) → another reference for the tip.
     law : Callable[[str, SoftModel], Any], optional
-        (controller, model) → what runs instead of the controller of that name.
+        (controller, model) → a controller that replaces the one of that name.
     reference_sampling : bool
         Whether the mean squared error is the plain mean over every fifth control step, t = 0
         included, as in the reference implementation.
     annotations : str, optional
-        A file that holds the robot's ``<softdyn>`` block, where its own has none.
+        A file with the robot's ``<softdyn>`` block, if the robot's own file has none.
     sample : int, optional
-        Number of the random sample that its parameters are.
+        Number of the random sample with these parameters.
     """
 
     robot: str
@@ -90,7 +90,7 @@ class Case:
 
     @cached_property
     def name(self) -> str:
-        """A relative path, safe as a file's and unique: a hash tells what is not the default."""
+        """A unique relative path, safe as a file name; a hash stands for other than default values."""
         value = "" if self.kind == "point" else f"_{number_text(self.value)}"
         path = f"{safe_filename(self.robot)}/{safe_filename(self.controller)}/{self.kind}{value}"
         usual = Case(self.robot, self.controller, self.kind, self.value)
@@ -100,7 +100,7 @@ class Case:
         return f"{path}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
     def experiment(self, model: SoftModel) -> Experiment:
-        """The experiment; for a robot that is not the paper's on an ellipse of its own size."""
+        """The experiment; a robot that is not in the paper gets an ellipse of its own size."""
         setup = replace(experiments.setup_of(model), ellipse_scale=self.ellipse_scale)
         setup = setup if self.period is None else replace(setup, period=self.period)
         experiment = KINDS[self.kind](setup, self.value)
@@ -115,7 +115,7 @@ class Case:
         return self.nudge * np.random.default_rng(self.draw).normal(size=size)
 
     def cost(self, model: SoftModel) -> float:
-        """Rough work: control steps, weighed by the robot's size."""
+        """Rough cost of the run: control steps, weighted by the robot's size."""
         experiment = self.experiment(model)
         return (self.duration or experiment.duration) / experiment.period * (10 + model.nv)
 
@@ -126,7 +126,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     Raises
     ------
     InputError
-        A case that cannot be run; an exception of a user's own controller, in one line.
+        The case cannot run, or a user's controller raised an exception, which is shown in one line.
     """
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
@@ -145,9 +145,9 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
 
 
 def figures(case: Case, log: Log) -> dict[str, Any]:
-    """Every figure of merit of a run, by its one name; NaN or None where the run ended early."""
+    """Every figure of merit of a run by name; NaN or None if the run ended early."""
     found = log.report()
-    # deadlines are the machine's; the verdict of a study is its own
+    # deadlines depend on the machine, and a study has its own verdict
     for name in ("robot", "controller", "kind", "missed_deadlines", "verdict"):
         del found[name]
     error = 100 * np.linalg.norm(log.error, axis=1)
@@ -167,6 +167,6 @@ def figures(case: Case, log: Log) -> dict[str, Any]:
 
 
 def number_text(value: float) -> str:
-    """A number as short as it can be without being another one."""
+    """The shortest text of a number that reads back as the same number."""
     short = f"{value:g}"
     return short if float(short) == value else repr(value)

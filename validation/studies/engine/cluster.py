@@ -1,7 +1,7 @@
-"""Jobs on the workers of a dask.distributed cluster, whoever comes and goes.
+"""Jobs on the workers of a dask.distributed cluster, which may join and leave at any time.
 
-Jobs go to `distributed` itself: joblib's backend for it never returns when a job is given up
-because its worker died (joblib 1.6).
+Jobs go directly to `distributed`, because joblib's backend for it (joblib 1.6) never returns if a
+job fails when its worker dies.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
 GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
 CONNECT = 10.0  # s
-IN_FLIGHT = 1000  # jobs at a scheduler at a time; more only makes it slow
-PATIENCE = 5.0  # s without any worker before saying so
+IN_FLIGHT = 1000  # jobs at a scheduler at a time; more would only slow it down
+PATIENCE = 5.0  # s without any worker before a message
 
 
 class ClusterError(SoftdynError):
-    """The scheduler went away; what was done is kept."""
+    """The scheduler was lost; finished results are kept."""
 
 
 def cluster(address: str) -> Executor:
-    """The workers of the dask.distributed scheduler at tcp://HOST:PORT, whoever comes and goes.
+    """The workers of the dask.distributed scheduler at tcp://HOST:PORT; they may join and leave.
 
     Raises
     ------
     InputError
-        Without `distributed`, without a scheduler there, and with workers of other code.
+        `distributed` is not installed, no scheduler answers, or workers have other code.
     """
     try:
         from distributed import Client
@@ -62,7 +62,7 @@ def cluster(address: str) -> Executor:
                     yield index, result
                 else:
                     suspects.append(index)
-            # a job whose workers died may only have waited behind the one that killed them
+            # a job whose workers died may only have been queued behind the job that killed them
             for index in suspects:
                 ((_, result),) = _submit(client, {index: order[index]}, contents, 1)
                 if not isinstance(result, CaseResult):
@@ -73,9 +73,9 @@ def cluster(address: str) -> Executor:
 
 
 def _check_workers(client: Any) -> None:
-    """Refuse workers that would compute something else; a later one refuses by itself."""
+    """Refuse workers with other code; a worker that joins later refuses its jobs itself."""
     for where, found in client.run(_worker_code, on_error="return").items():
-        if isinstance(found, OSError):  # it left
+        if isinstance(found, OSError):  # it has left
             continue
         if found != fingerprint.code():
             expected = "workers with this softdyn and these versions of its engines"
@@ -88,7 +88,7 @@ def _worker_code() -> str:
 
 
 def _contents(client: Any, order: list[CaseJob]) -> Any:
-    """The user's own files as a job of the cluster: sent once, made again where it got lost."""
+    """The user's own files as a job of the cluster: sent once, and repeated if it is lost."""
     files = {s for job in order for s in (job.robot, job.controller) if s is not None}
     found = {part for source in files for part in source.parts}
     contents = {sha: data for s in found if s.own for sha, data in s.contents().items()}
@@ -98,7 +98,7 @@ def _contents(client: Any, order: list[CaseJob]) -> Any:
 def _submit(
     client: Any, order: dict[int, CaseJob], contents: Any, in_flight: int
 ) -> Iterator[tuple[int, CaseResult | str]]:
-    """Results as they come; a text is why a job has none."""
+    """Results as they come; a text gives the reason why a job has none."""
     from distributed import as_completed
 
     run = f"softdyn-{uuid.uuid4()}"
@@ -126,7 +126,7 @@ def _submit(
 
 
 def _wait(client: Any, done: Any) -> None:
-    """Wait for a result; say so when nobody is there to give one."""
+    """Wait for a result, with a message when there are no workers."""
     asked = busy = time.monotonic()
     told = False
     while not done.has_ready():
@@ -148,7 +148,7 @@ def _wait(client: Any, done: Any) -> None:
 
 
 def _why(failure: Any) -> str:
-    """Why a job has no result, from (type, exception, traceback)."""
+    """The reason why a job has no result, from (type, exception, traceback)."""
     from distributed import KilledWorker
 
     error = failure[1] if isinstance(failure, tuple) else failure

@@ -1,7 +1,7 @@
-"""A cell in several runs: its distribution, tables and files of them.
+"""Distributions of cells over several runs, with their tables and files.
 
-A figure that moves is printed as the median of all runs and their range, marked ``~``; one that
-does not move as a plain number.
+A figure that varies is printed as the median of all runs with their range, marked ``~``; a constant
+figure is a plain number.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from softdyn import InputError
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.tables import Table
 
-LEVEL = 0.05  # of a test of two seeds
-MARK = "~"  # before a figure that stands for a distribution
+LEVEL = 0.05  # significance level of a test of two seeds
+MARK = "~"  # mark of a figure that stands for a distribution
 NOTE = f"{MARK}: the loop is chaotic; median [range] of runs whose first velocities differ by 1e-9."
 
 
 def number(value: float) -> str:
-    """A figure as tables print it: two decimals, or three digits; "none" where a run has none."""
+    """A figure as in tables: two decimals, or three digits; "none" if a run has none."""
     if not math.isfinite(value):
         return "none"
     return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f}"
@@ -35,16 +35,16 @@ def number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Distribution:
-    """The figure of one cell in several runs.
+    """The figures of one cell in several runs.
 
     Attributes
     ----------
     nominal : float
-        From rest (cm or cm²); inf where the run ended before its time.
+        Figure of the run from rest (cm or cm²); inf if the run ended early.
     seeds : mapping
-        Seed → the figures of its nudged runs; none where the printed figure does not move.
+        Seed → the figures of its nudged runs; empty if the printed figure is constant.
     failed : mapping
-        Seed, and "nominal" → how many of its runs failed, where any did.
+        Seed, or "nominal" → number of its failed runs, if there are any.
     """
 
     nominal: float
@@ -53,12 +53,12 @@ class Distribution:
 
     @cached_property
     def values(self) -> tuple[float, ...]:
-        """Every run's, the one from rest first."""
+        """The figures of all runs, the one from rest first."""
         return (self.nominal, *(x for found in self.seeds.values() for x in found))
 
     @property
     def moves(self) -> bool:
-        """Whether its runs print differently."""
+        """Whether the runs' printed figures differ."""
         return len(set(map(number, self.values))) > 1
 
     @property
@@ -72,33 +72,33 @@ class Distribution:
         return min(self.values), max(self.values)
 
     def holds(self, value: float) -> bool:
-        """Whether another run's figure lies in the range, or prints as one of its ends."""
+        """Whether another run's figure lies in the range, or prints like one of its ends."""
         return _within(value, self.values)
 
     def overlap(self) -> bool:
-        """Whether the ranges of all its seeds meet; seeds of one or two runs say nothing."""
+        """Whether the ranges of all seeds overlap; seeds with one or two runs are ignored."""
         seeds = [found for found in self.seeds.values() if len(found) > 2]
         return not seeds or max(map(min, seeds)) <= min(map(max, seeds))
 
     def chance(self) -> float:
         """The probability that two draws of one distribution differ as much as its seeds do.
 
-        The two-sided p-value of Mann and Whitney's rank test (1947); 1 where there are not two.
+        The two-sided p-value of the rank test by Mann and Whitney (1947); 1 without two seeds.
         """
         if len(self.seeds) != 2:
             return 1.0
         found = float(mannwhitneyu(*self.seeds.values()).pvalue)
-        return 1.0 if math.isnan(found) else found  # all runs alike
+        return 1.0 if math.isnan(found) else found  # all runs are equal
 
     def summary(self) -> dict[str, Any]:
-        """Median, range, how many runs, what failed, and the figure as tables print it."""
+        """Median, range, number of runs, failures, and the figure as in tables."""
         low, high = self.range
         found: dict[str, Any] = {"median": self.median, "low": low, "high": high}
         found["failed"] = dict(self.failed)
         return found | {"runs": len(self.values), "text": self.text()}
 
     def text(self, std: Distribution | None = None) -> str:
-        """The figure, or the median and the range, marked; with a deviation, its median."""
+        """The figure, or the marked median and range; with a deviation, its median."""
         after = "" if std is None or math.isinf(std.median) else f" ± {number(std.median)}"
         if not self.moves:
             return number(self.nominal) + after
@@ -108,20 +108,20 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Whether two seeds tell the same, over many cells.
+    """Whether two seeds agree over many cells.
 
-    One cell in twenty differs at the 5 % level though nothing does, so cells are counted.
+    At the 5 % level one cell in twenty differs by chance, so the differing cells are counted.
 
     Attributes
     ----------
     cells : mapping
-        Label → cell, of those with two seeds.
+        Label → cell, for cells with two seeds.
     disjoint : tuple of str
-        Labels of those whose ranges do not meet.
+        Labels of cells whose ranges do not overlap.
     apart : tuple of str
-        Labels of those that differ at the 5 % level.
+        Labels of cells that differ at the 5 % level.
     allowed : int
-        As many differ by chance in 99 of 100 cases (binomial).
+        In 99 of 100 cases, at most this number differs by chance (binomial).
     """
 
     cells: Mapping[str, Distribution]
@@ -131,7 +131,7 @@ class Agreement:
 
     @classmethod
     def of(cls, cells: Mapping[str, Distribution]) -> Agreement:
-        """Count them."""
+        """Count the differing cells."""
         both = {label: cell for label, cell in cells.items() if len(cell.seeds) == 2}
         disjoint = tuple(label for label, cell in both.items() if not cell.overlap())
         apart = tuple(label for label, cell in both.items() if cell.chance() < LEVEL)
@@ -139,7 +139,7 @@ class Agreement:
 
 
 def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
-    """Mean and population standard deviation over cells, run by run of the same number and seed.
+    """Mean and population standard deviation over cells, for runs of equal number and seed.
 
     Uses the same number of runs per seed in every cell that has runs.
     """
@@ -149,7 +149,7 @@ def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribut
 
     def combined(of: Any) -> Distribution:
         def at(seed: str, k: int) -> float:
-            # a cell that does not move has the same figure in every run
+            # a constant cell has the same figure in every run
             return of([c.seeds[seed][k] if seed in c.seeds else c.nominal for c in cells])
 
         seeds = {seed: tuple(at(seed, k) for k in range(n)) for seed, n in lengths.items()}
@@ -164,9 +164,9 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
     Parameters
     ----------
     cells : mapping
-        In the order of the table.
+        Cells by label, in the order of the table.
     titles : sequence of str
-        Titles of all parts of a label but the last.
+        Titles of all parts of a label except the last.
     mean : str
         Title of a last column with mean ± standard deviation over the row; none by default.
     """
@@ -200,7 +200,7 @@ def read_distributions(path: Path) -> dict[str, Distribution]:
 
 
 def write_distributions(path: Path, cells: Mapping[str, Distribution]) -> None:
-    """A cell a line, so that a change shows which."""
+    """Write one cell per line, so that a diff shows the changed cells."""
     lines = [
         f"{json.dumps(label, ensure_ascii=False)}: {json.dumps(_written(cell))}"
         for label, cell in cells.items()
@@ -211,10 +211,10 @@ def write_distributions(path: Path, cells: Mapping[str, Distribution]) -> None:
 def join(
     old: Mapping[str, Distribution], new: Mapping[str, Distribution]
 ) -> dict[str, Distribution]:
-    """Old cells and new ones; of a cell that is in both, the runs of all seeds.
+    """Join old and new cells; a cell in both gets the runs of all seeds.
 
-    Of a seed that is in both the longer list counts: both begin with the same runs. Where the
-    figure from rest is another one, the old runs are of another code, and are dropped.
+    If both have a seed, the longer list is kept, because both begin with the same runs. If the
+    figure from rest differs, the old runs come from other code and are dropped.
     """
     both = dict(old)
     for label, cell in new.items():
@@ -249,7 +249,7 @@ def _read(entry: Mapping[str, Any]) -> Distribution:
 
 
 def value(figure: float | None) -> float:
-    """A figure of a run as a number: inf where it has none."""
+    """A figure of a run as a number; inf if it has none."""
     return math.inf if figure is None or math.isnan(figure) else float(figure)
 
 

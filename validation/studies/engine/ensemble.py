@@ -1,7 +1,7 @@
-"""The same closed loop from starts that differ by 1e-9: cells as distributions.
+"""The same closed loop from starts that differ by 1e-9, so that cells become distributions.
 
-A chaotic loop has no value. Every cell runs from rest, then a few times with tiny random
-velocities, and those whose printed figure moves as often as asked.
+A chaotic loop has no unique figure. Every cell runs from rest, then a few times with tiny random
+initial velocities. Cells whose printed figure varies run as often as requested.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from softdyn.validation.studies.engine.executors import follow
 from softdyn.validation.studies.engine.store import Executor, Store
 
 NUDGE = 1e-9  # rad/s, m/s: standard deviation of each initial velocity
-SCREEN = 2  # nudged runs of every cell; more only where the figure moves
+SCREEN = 2  # nudged runs of every cell; more only if the figure varies
 FIGURE = {"set_point": "final_error_cm", "point": "final_error_cm", "tracking": "mse_cm2"}
 
 
 def members(case: Case, count: int, seed: int) -> list[Case]:
-    """A case from `count` random starts of this seed."""
+    """Copies of a case with `count` random starts of this seed."""
     return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
 
 
@@ -36,7 +36,7 @@ def run(
     known: Mapping[str, Distribution] | None = None,
     folder: Path = Path(),
 ) -> dict[str, Distribution]:
-    """The distribution of every cell; what `store` has is not run again.
+    """The distribution of every cell; results in `store` are used again.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ def run(
     store : Store
     execute : Executor
     count : int
-        Nudged runs of a cell whose printed figure moves in `SCREEN` of them.
+        Number of nudged runs of a cell whose printed figure varies in the first `SCREEN` runs.
     seed : int
         Seed of the nudges.
     known : mapping, optional
-        Cells as they were found with other seeds: what moved there is run as often.
+        Cells from other seeds. A cell that varies there runs `count` times, too.
     folder : Path
         Relative paths of robots and controllers are relative to it.
     """

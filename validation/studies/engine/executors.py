@@ -1,4 +1,4 @@
-"""Jobs on the processes of this machine: results as they come."""
+"""Jobs on processes of this machine; results come as they finish."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ DIED = "its worker process died"
 
 
 def strict(processes: int) -> Executor:
-    """Processes of this machine, one thread each, -1 for one per core; stops at what is wrong.
+    """Processes of this machine with one thread each, -1 for one per core; stops at an error.
 
-    The executor raises `WorkerKilled` and what `worker.run` does.
+    The executor raises `WorkerKilled` and the errors of `worker.run`.
     """
 
     def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
@@ -30,7 +30,7 @@ def strict(processes: int) -> Executor:
 
 
 def patient(processes: int) -> Executor:
-    """The same, going on whatever goes wrong: it is in the result, a killed process too."""
+    """The same, but it continues after errors and killed processes, which are in the results."""
 
     def execute(order: list[CaseJob]) -> Iterator[tuple[int, CaseResult]]:
         left = dict(enumerate(order))
@@ -41,7 +41,7 @@ def patient(processes: int) -> Executor:
                     del left[index]
                     yield index, result
             except WorkerKilled:
-                # one of those under way killed its process: each gets a process of its own
+                # one of the running jobs killed its process: each gets a separate process
                 for index in [i for i in sent if i in left]:
                     yield index, _alone(left.pop(index))
 
@@ -49,13 +49,13 @@ def patient(processes: int) -> Executor:
 
 
 def run_all(cases: Sequence[Case], processes: int = -1) -> list[dict[str, Any]]:
-    """The figures of each case, in the order given, nothing kept; a bar on a terminal."""
+    """Run cases without a store, with a bar on a terminal; their figures in the given order."""
     results = in_order(worker.run, ((job,) for job in worker.jobs_of(cases)), processes)
     return [result.figures | {"step_us": result.step_us} for result in results]
 
 
 def follow(steps: Iterable[tuple[CaseJob, CaseResult | None]], jobs: Sequence[CaseJob]) -> int:
-    """Go through the steps of `Store.run`; returns how many jobs ran.
+    """Go through the steps of `Store.run`; return the number of jobs that ran.
 
     A bar on a terminal counts work, not cases.
     """
@@ -72,7 +72,7 @@ def follow(steps: Iterable[tuple[CaseJob, CaseResult | None]], jobs: Sequence[Ca
             done, ran = done + 1, ran + (result is not None)
             troubled += result is not None and result.figures["outcome"] != "done"
             if result is None and not bar.disable:
-                bar.initial += job.cost  # took no time: not a measure of the speed
+                bar.initial += job.cost  # these took no time and do not measure the speed
             reused = f", {done - ran} of them before" if done > ran else ""
             failed = f", {troubled} failed" if troubled else ""
             bar.set_description_str(f"{done} of {len(jobs)} runs{reused}{failed}", refresh=False)

@@ -1,4 +1,4 @@
-"""One hash of all that a run depends on: when it changes, the case is run again."""
+"""One hash of everything on which a run depends; when it changes, the case runs again."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.twin.borrowed import content
 
-# what in softdyn decides a run's numbers; statics, view, tables and plots do not
+# parts of softdyn that influence a run's numbers, without statics, view, tables and plots
 RUN_BY = (
     "description", "dynamics", "controllers", "validation/twin", "validation/loop",
     "validation/studies/engine", "validation/studies/experiments.py",
 )  # fmt: skip
-# and those of a case that brings functions of its own
+# further parts for a case with its own functions
 CALLED = ("validation/paper",)
 ENGINES = ("pin", "mujoco", "proxsuite", "numpy", "scipy", "numba")
 
 
 def fingerprint(case: Case, *parts: Any) -> str:
-    """A hash of a case, of `parts` that it depends on, of softdyn and of the engines.
+    """A hash of a case, of the `parts` on which it depends, of softdyn and of the engines.
 
-    softdyn counts as it is on disk when this process first asks; a file of shapes by its content,
-    now.
+    softdyn's files are hashed at the first call in this process; a file of shapes at every call.
 
     Raises
     ------
     InputError
-        That file cannot be read.
+        The file of shapes cannot be read.
     """
     calls = case.law or case.target or case.signals.views
     if case.plant.shapes is not None:
@@ -45,7 +44,7 @@ def fingerprint(case: Case, *parts: Any) -> str:
 
 @cache
 def code() -> str:
-    """A hash of what every run depends on: the packages that make it, the engines' versions."""
+    """A hash of the code of every run: softdyn's packages and the engines' versions."""
     engines = [(name, _version(name)) for name in ENGINES]
     return hashlib.sha256(repr([engines, COMPILES, _hash_of(RUN_BY)]).encode()).hexdigest()
 
@@ -56,7 +55,7 @@ def digest(path: Path) -> str:
 
 
 def has_digest(path: Path, sha256: str | None) -> bool:
-    """Whether a file is there, can be read and has this SHA-256."""
+    """Whether a file exists, is readable and has this SHA-256."""
     try:
         return digest(path) == sha256
     except OSError:
@@ -65,7 +64,7 @@ def has_digest(path: Path, sha256: str | None) -> bool:
 
 @cache
 def _hash_of(names: tuple[str, ...]) -> str:
-    """A hash of files of softdyn, of whole folders, and of the files at its top."""
+    """A hash of softdyn's files: of complete folders, and of the files at its top."""
     package = Path(str(files("softdyn")))
     found = [*package.glob("*.py")]
     for name in names:

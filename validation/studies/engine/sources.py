@@ -1,4 +1,4 @@
-"""The files of a robot or a controller: found here, sent along, found again by a worker."""
+"""The files of a robot or a controller: found here, sent along, and found by a worker."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ from softdyn.description.library import bundled_names, find
 from softdyn.validation.inputs import imported
 from softdyn.validation.studies.engine.fingerprint import digest, has_digest
 
-# Models and classes are built once a thread: a SoftModel's scratch memory is not for two.
+# Models and classes are built once per thread, because threads cannot share a SoftModel's scratch
+# memory.
 _kept = threading.local()
 
 
 class NotHere(SoftdynError):
-    """This worker cannot run the case, and another one might."""
+    """This worker cannot run the case, but another one may."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """The files of a robot or a controller, so that a worker can tell whether it has the same.
+    """The files of a robot or a controller, with hashes by which a worker checks its own files.
 
     Attributes
     ----------
@@ -44,9 +45,9 @@ class Source:
     files : tuple of (str, str)
         (path relative to the main file's folder, SHA-256) of each, in order.
     own : bool
-        The user's own; any other is part of a package that every worker has.
+        Whether they are the user's own. Others belong to a package that every worker has.
     overlay : Source, optional
-        A robot's annotations in a file of their own.
+        A robot's annotations, if they are in a separate file.
     """
 
     text: str
@@ -57,12 +58,12 @@ class Source:
 
     @property
     def parts(self) -> tuple[Source, ...]:
-        """Itself, and its overlay where there is one."""
+        """The source itself, and its overlay if there is one."""
         return (self,) if self.overlay is None else (self, self.overlay)
 
     @classmethod
     def of(cls, text: str, paths: Sequence[Path], own: bool) -> Source:
-        """The files at `paths`, the main one first."""
+        """The source of the files at `paths`, the main one first."""
         main = paths[0].resolve()
         found = [(p.relative_to(main.parent).as_posix(), p) for p in (main, *paths[1:])]
         return cls(text, str(main), tuple((name, digest(path)) for name, path in found), own)
@@ -73,7 +74,7 @@ class Source:
         Raises
         ------
         InputError
-            A file that cannot be read.
+            A file cannot be read.
         """
         folder = Path(self.path).parent
         try:
@@ -88,14 +89,14 @@ class Source:
 def of_robot(
     text: str, folder: Path = Path(), annotations: str | None = None
 ) -> tuple[Source, SoftModel]:
-    """A robot's file, a path being relative to `folder`, and its model.
+    """A robot's source and its model; a relative path is relative to `folder`.
 
-    With it go the schedule beside it and the file of its `annotations`.
+    The source contains the schedule beside the file and the file of its `annotations`.
 
     Raises
     ------
     UrdfError, InputError
-        No such robot, or one that cannot be used.
+        The robot does not exist or cannot be used.
     """
     beside = folder / text
     own = text not in bundled_names() and os.path.isfile(beside)
@@ -111,16 +112,16 @@ def of_robot(
 
 
 def of_controller(text: str, folder: Path = Path()) -> Source | None:
-    """A user's FILE.py:CLASS, the file relative to `folder`; None for a name of the package.
+    """Source of a user's FILE.py:CLASS, relative to `folder`; None for a name of the package.
 
     Raises
     ------
     InputError
-        No such name, file or class, or a file that cannot be imported.
+        The name, file or class does not exist, or the file cannot be imported.
     """
     file, _, kind = text.rpartition(":")
     path = folder / file
-    with redirect_stdout(sys.stderr):  # what a user's module prints
+    with redirect_stdout(sys.stderr):  # a user's module may print
         find_controller(f"{path}:{kind}" if is_own(text) else text)
     if not is_own(text):
         return None
@@ -129,7 +130,7 @@ def of_controller(text: str, folder: Path = Path()) -> Source | None:
 
 
 def load_model(robot: str | Path, annotations: str | Path | None = None) -> SoftModel:
-    """The model of a robot as its files are now; read once as long as they do not change."""
+    """The model of a robot from its current files; cached while they do not change."""
     files = [find(robot), *([] if annotations is None else [Path(annotations)])]
     key = (str(robot), *((str(f), digest(f) if os.access(f, os.R_OK) else "") for f in files))
     models = _kept.__dict__.setdefault("models", {})
@@ -165,17 +166,17 @@ def class_of(source: Source, contents: Mapping[str, bytes]) -> Callable[..., Any
 
 
 def _forget_modules(source: Source, folder: Path) -> None:
-    """Import a user's files anew: a worker may have met other versions of them."""
+    """Forget a user's modules, because a worker may have imported other versions."""
     for name, _ in source.files:
         parts = Path(name).with_suffix("").parts
         sys.modules.pop(".".join(parts[:-1] if parts[-1] == "__init__" else parts), None)
-    while str(folder) in sys.path:  # it is put first when the class is imported
+    while str(folder) in sys.path:  # the import of the class puts it first
         sys.path.remove(str(folder))
     importlib.invalidate_caches()
 
 
 def _own_file(source: Source, contents: Mapping[str, bytes]) -> Path:
-    """The user's main file: where it lies, or a copy of what was sent along."""
+    """The user's main file at its place, or a copy from the files sent along."""
     path = Path(source.path)
     if all(has_digest(path.parent / name, sha256) for name, sha256 in source.files):
         return path

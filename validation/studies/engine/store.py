@@ -1,11 +1,11 @@
-"""The results of a study: files below a folder, each whole or not at all.
+"""The results of a study: files in a folder, each complete or missing.
 
-A case has ``runs/NAME.json``, its result, with a fingerprint of all that it depends on and the hash
-of its log; where logs are kept ``runs/NAME.npz``; and where step times are ``times/NAME.json``,
-the only part of a run that is not the same twice. The result is written last: a run that is killed
-leaves nothing that is taken for one. Results and step times have a hash of their own content: what
-is damaged or was edited counts as missing, and is run again. This process alone writes, so that
-workers on other machines need no folder in common; two runs of one case write the same bytes.
+``runs/NAME.json`` is the result of a case, with a fingerprint of everything on which it depends and
+the hash of its log. ``runs/NAME.npz`` is its log, if logs are kept. ``times/NAME.json`` has its
+step times, if they are kept. Only these differ between two runs of a case; all other files have the
+same bytes. The result is written last, so that a killed run leaves no result. Results and step
+times contain a hash of their content. A damaged or edited file counts as missing, and the case runs
+again. Only this process writes, so that workers on other machines need no common folder.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 # Yields (position in the list, result) as jobs end, in any order.
 Executor = Callable[[list[CaseJob]], Iterator[tuple[int, CaseResult]]]
 OUTCOMES = ("done", "failed", "raised", "not_run")
-SEAL = "sha256"  # of all else in a file
+SEAL = "sha256"  # key of the hash of all other content of a file
 
 
 @dataclass(frozen=True)
 class Store:
-    """A folder with a file a case.
+    """A folder with a file per case.
 
     Attributes
     ----------
     folder : Path
     runs : str
-        The folder below it with results and logs.
+        The subfolder with results and logs.
     times : str, optional
-        The one with step times, None where they are not kept.
+        The subfolder with step times; None if they are not kept.
     """
 
     folder: Path
@@ -59,18 +59,18 @@ class Store:
         return self.folder / self.runs / f"{name}.npz"
 
     def result(self, name: str) -> dict[str, Any] | None:
-        """The result of a case, up to date or not; None without a whole one."""
+        """The result of a case, up to date or not; None if it is missing or damaged."""
         found = _read(self.result_path(name))
         whole = found is not None and found.get("outcome") in OUTCOMES and "fingerprint" in found
         return found if whole else None
 
     def figures(self, case: Case, name: str) -> dict[str, Any] | None:
-        """The result of a case, its figures those of its log where there is one.
+        """The result of a case, with the figures of its log if there is one.
 
         Raises
         ------
         InputError
-            A log that is damaged, or not the result's.
+            The log is damaged, or belongs to another result.
         """
         found = self.result(name)
         if found is None or "log_sha256" not in found:
@@ -83,12 +83,12 @@ class Store:
         return found | {key: figures[key] for key in figures if key != "step_us"}
 
     def step_times(self, name: str) -> dict[str, Any] | None:
-        """Step times of a case (µs): median, p99, p999, max; None when they are not there."""
+        """Step times of a case (µs): median, p99, p999, max; None if they are missing."""
         found = _read(self.folder / (self.times or "") / f"{name}.json")
         return found if found is None or set(found) <= {*STEP_TIMES} else None
 
     def load(self, job: CaseJob) -> dict[str, Any] | None:
-        """The result of a case; None without one of this fingerprint and all files whole."""
+        """The result of a case; None unless its fingerprint matches and its files are complete."""
         found = self.result(job.name)
         if found is None or found["fingerprint"] != job.fingerprint:
             return None
@@ -100,7 +100,7 @@ class Store:
         return found
 
     def missing(self, jobs: Iterable[CaseJob]) -> list[CaseJob]:
-        """Tasks without an up-to-date result."""
+        """Jobs without an up-to-date result."""
         return [job for job in jobs if self.load(job) is None]
 
     def save(self, job: CaseJob, result: CaseResult) -> None:
@@ -112,7 +112,7 @@ class Store:
             When they cannot be written.
         """
         path = self.result_path(job.name)
-        ran = result.figures["outcome"] != "not_run"  # else it is tried again the next time
+        ran = result.figures["outcome"] != "not_run"  # otherwise it runs again the next time
         content = {"fingerprint": job.fingerprint if ran else None, **job.head, **result.figures}
         _make_folder(path.parent)
         if result.log is not None:
@@ -128,15 +128,15 @@ class Store:
     def run(
         self, jobs: Sequence[CaseJob], executor: Executor
     ) -> Iterator[tuple[CaseJob, CaseResult | None]]:
-        """Run what is missing and keep what comes; no result for what is up to date.
+        """Run the missing jobs and write their results; yield None for jobs that are up to date.
 
-        Those come first, then the longest job, so that no core idles at the end. With nothing
-        missing the executor is not asked.
+        The latter come first. Then the longest jobs run first, so that no core idles at the end.
+        Without missing jobs, the executor is not called.
 
         Raises
         ------
         InputError
-            When a file cannot be written, and what the executor raises.
+            A file cannot be written. Errors of the executor are passed on.
         """
         missing = self.missing(jobs)
         names = {job.name for job in missing}
@@ -152,13 +152,13 @@ class Store:
 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
-    """`content` and a hash of it: what is changed by hand is not taken for a result."""
+    """Write `content` with its hash, so that an edited file does not count as a result."""
     kept = json.loads(to_json(dict(content)))
     write_json(path, {**kept, SEAL: _seal(kept)})
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    """The content that `_write` wrote; None where there is nothing, or anything else."""
+    """The content that `_write` wrote; None if the file is missing or has other content."""
     try:
         content = read_json(path, "a result")
     except InputError:

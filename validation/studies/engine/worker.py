@@ -30,7 +30,7 @@ from softdyn.validation.studies.engine.sources import NotHere, Source
 
 @dataclass(frozen=True)
 class CaseJob:
-    """A case with all that a worker needs to run it, and a store to keep it.
+    """A case with everything that a worker needs to run it, and a store to keep it.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class CaseJob:
     robot, controller : Source
         Their files; None for a controller of the package.
     cost : float
-        Rough work, for an order.
+        Rough cost, for the order of jobs.
     fingerprint, code : str
-        Hashes: of all that the run depends on, and of softdyn and the engines alone.
+        Hashes: of everything on which the run depends, and only of softdyn and the engines.
     log : bool
         Whether the whole run is kept.
     """
@@ -67,9 +67,10 @@ class CaseResult:
     Attributes
     ----------
     figures : dict
-        How it ended (``outcome``: done, failed, raised, not_run; ``reason``), and its figures.
+        The end of the run (``outcome``: done, failed, raised, not_run; ``reason``), and its
+        figures.
     log : bytes, optional
-        Content of the log's file, without step times: they are not the same twice.
+        Content of the log's file, without step times, because these are not reproducible.
     step_us : dict
         The step times (µs).
     """
@@ -88,13 +89,13 @@ def jobs_of(
     folder: Path = Path(),
     log: bool = False,
 ) -> list[CaseJob]:
-    """Every case with what it depends on.
+    """A job for every case, with its dependencies.
 
     Parameters
     ----------
     cases : sequence of Case
     names, heads : sequences, optional
-        Each job's `CaseJob.name` and `CaseJob.head`; the case's own name and nothing by default.
+        `CaseJob.name` and `CaseJob.head` of each job; by default the case's name and an empty dict.
     also : sequence, optional
         Further data that each run depends on.
     folder : Path
@@ -105,7 +106,7 @@ def jobs_of(
     Raises
     ------
     InputError, UrdfError
-        A robot, a controller or an experiment that cannot be run.
+        A robot, a controller or an experiment cannot be used.
     """
     asked = dict.fromkeys((case.robot, case.annotations) for case in cases)
     robots = {pair: sources.of_robot(pair[0], folder, pair[1]) for pair in asked}
@@ -132,21 +133,22 @@ def run(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult
     ----------
     job : CaseJob
     contents : mapping, optional
-        SHA-256 → content of the user's own files, for a machine that does not have them.
+        SHA-256 → content of the user's own files, for a machine without these files.
 
     Raises
     ------
     NotHere
         This worker cannot run it.
     SoftdynError
-        A defect of the case; an exception of a user's own controller, in one line.
+        The case has a defect, or a user's controller raised an exception, which is shown in one
+        line.
     """
-    with redirect_stdout(sys.stderr):  # what a user's code prints is no part of our output
+    with redirect_stdout(sys.stderr):  # prints of a user's code must not mix with our output
         return _case_result(job, _prepare(job, contents or {})())
 
 
 def attempt(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseResult:
-    """`run`, with whatever goes wrong in the result."""
+    """Call `run`; an error becomes a part of the result."""
     with redirect_stdout(sys.stderr):
         try:
             loop = _prepare(job, contents or {})
@@ -154,9 +156,9 @@ def attempt(job: CaseJob, contents: Mapping[str, bytes] | None = None) -> CaseRe
             return not_run(_reason(error))
         try:
             return _case_result(job, loop())
-        except (MemoryError, OSError) as error:  # of this machine, not of the case
+        except (MemoryError, OSError) as error:  # an error of this machine, not of the case
             return not_run(_reason(error))
-        except Exception as error:  # a user's code may raise anything
+        except Exception as error:  # a user's code may raise any exception
             return _without_figures("raised", _reason(error))
 
 
