@@ -1,6 +1,6 @@
-"""Identification judged by MuJoCo.
+"""Identification tested with MuJoCo's data and compared with MuJoCo's own.
 
-- `trials`: data of twins whose parameters are known, identified;
-- `excitations`: which of several tells the parameters best;
+- `trials`: identification of twins with known parameters;
+- `excitations`: the excitation whose data identify the parameters best;
 - `second_opinion`: the same fit by MuJoCo's own identification.
 """

@@ -1,8 +1,9 @@
-"""Which excitation tells the parameters best: several on the twin, by Cramér and Rao's bound.
+"""Comparison of excitations on the twin, by the Cramér-Rao bound of the parameters.
 
-What a robot needs cannot be read off its file: slow inputs tell stiffness, fast ones damping, wide
-ones both, until joints are at their stops and tell nothing. So each is tried on the twin with the
-file's parameters, and the fit's derivatives say what it would tell.
+A robot's file does not show the best excitation. Slow inputs identify stiffness, fast inputs
+damping, and wide inputs both, until joints reach their stops, where they identify nothing. So each
+excitation runs on the twin with the file's parameters, and the derivatives of the fit give the
+bound.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ KNOTS = (0.1, 0.3, 1.0)  # s
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An excitation, and the least relative deviations (P,) that data of it allow; inf: not known.
+    """An excitation, and the least possible relative deviations (P,) of its data; inf if unknown.
 
-    `refused` says why there are none.
+    If there are none, `refused` gives the reason.
     """
 
     excitation: Excitation
@@ -42,7 +43,7 @@ class Candidate:
 
     @property
     def identifiable(self) -> np.ndarray:
-        """Whether these data tell each parameter (P,)."""
+        """Whether these data identify each parameter (P,)."""
         return np.isfinite(self.relative)
 
     @property
@@ -60,21 +61,21 @@ def compared(
     seed: int = 0,
     jobs: int = -1,
 ) -> list[Candidate]:
-    """Every amplitude with every distance of knots, the best first.
+    """Compare every amplitude with every distance of knots, the best first.
 
     More identifiable parameters are better, then smaller deviations.
 
     Parameters
     ----------
     model, unknowns, outputs, excitation, noise, seed
-        As for `trial`; the excitation's own amplitude and knots do not count, nor its spread.
+        As for `trial`; the excitation's own amplitude, knots and spread are ignored.
     jobs : int
         Processes, -1 for one per core.
 
     Raises
     ------
     InputError
-        No noise, which leaves nothing to compare.
+        The noise is zero, so that there is nothing to compare.
     """
     if not noise > 0:
         raise InputError("noise", "more than 0: it is what deviations come from", noise)
@@ -94,13 +95,14 @@ def _tried(
     try:
         data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
         found = least_deviations(model, data, unknowns, theta, noise * deviations(model, outputs))
-    except SoftdynError as error:  # all at the stops, say: another may do
+    # for example all joints are at stops; another excitation may succeed
+    except SoftdynError as error:
         return Candidate(excitation, np.full(len(unknowns), np.inf), str(error))
     return Candidate(excitation, found / np.where(theta, np.abs(theta), ABOUT_ZERO))
 
 
 def comparison(unknowns: Sequence[Parameter], candidates: Sequence[Candidate]) -> str:
-    """A table, best first, and the options that give the best."""
+    """A table, best first, and the options of the best excitation."""
     kinds = list(dict.fromkeys(one.kind.name for one in unknowns))
     rows = []
     for one in candidates:

@@ -1,9 +1,9 @@
 """The same unknowns from the same data by MuJoCo's own identification, `mujoco.sysid`.
 
-Nothing of our fit is in it but the stretches without a stop and the weights of the outputs: the
-motion is MuJoCo's rollout of the twin, derivatives are its finite differences, the optimiser and
-the intervals its own. It starts from the file's values and the smoothed first states, which are
-unknown too: as they are measured they would move a stiffness by many deviations.
+From our fit it only takes the stretches without a stop and the weights of the outputs. The motion
+is MuJoCo's rollout of the twin, and derivatives, optimiser and intervals are MuJoCo's own. It
+starts from the file's values and the smoothed first states. The first states are unknowns, too,
+because their measurement noise would shift a stiffness by many deviations.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from softdyn.validation.tables import Table
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
-LONGEST = 1e-3  # s, of a step where Runge and Kutta's method is stable with longer ones
+LONGEST = 1e-3  # s, longest step, even if the Runge-Kutta method is stable with longer ones
 UNFINISHED = 0.1  # of a deviation
-UNEVEN = 0.01  # of a sample time: how far times may be from equal steps
-FACTOR = 100.0  # of the file's values, or rad, m: MuJoCo's optimiser wants bounds
+UNEVEN = 0.01  # of a sample time: largest difference of times from equal steps
+FACTOR = 100.0  # of the file's values, or rad, m: bounds for MuJoCo's optimiser
 
 
 def _of_joint(field: str) -> Callable[[mujoco.MjModel, str, float], None]:
@@ -91,17 +91,17 @@ def written(plant: mujoco.MjModel, values: dict[str, dict[str, float]]) -> mujoc
 
 @dataclass(frozen=True, eq=False)
 class Opinion:
-    """Ours beside MuJoCo's, for what ours identified; what it did not is at the file's value.
+    """Our and MuJoCo's estimates of what ours identified; other parameters keep the file's value.
 
     Attributes
     ----------
     ours, theirs : tuple of Estimate
-        Of the same parameters; their deviations are MuJoCo's intervals over 1.96.
+        Estimates of the same parameters; MuJoCo's deviations are its intervals over 1.96.
     unidentified : tuple of str
-        Labels of what ours did not identify.
+        Labels of the parameters that ours did not identify.
     left : float
-        What Gauss and Newton's next step would move theirs by, at most, in their deviations: near
-        zero where MuJoCo's optimiser has come to its end.
+        Largest change of their estimates by another Gauss-Newton step, in their deviations. It is
+        near zero if MuJoCo's optimiser has converged.
     """
 
     ours: tuple[Estimate, ...]
@@ -147,7 +147,7 @@ def _interval(one: Estimate) -> str:
 def check(
     model: SoftModel, data: Measurements, unknowns: Sequence[Parameter], hold_out: float = 0.2
 ) -> FitProblem:
-    """What both fits are of: the part of the data that is not held out, its stretches.
+    """The data of both fits: the part that is not held out, divided into stretches.
 
     Parameters
     ----------
@@ -157,7 +157,8 @@ def check(
     Raises
     ------
     InputError
-        What MuJoCo's identification cannot do of it, by name; the extra is not installed.
+        MuJoCo's identification cannot solve the problem (the error names why), or the extra is not
+        installed.
     """
     kinds = {one.kind.name for one in unknowns} - set(WRITERS)
     if kinds:
@@ -188,14 +189,14 @@ def second_opinion(
     found: Identified,
     hold_out: float = 0.2,
 ) -> Opinion:
-    """MuJoCo's identification of what ours identified.
+    """MuJoCo's identification of the parameters that ours identified.
 
     Parameters
     ----------
     model, data, unknowns, hold_out
-        As `identify` had them.
+        As for `identify`.
     found : Identified
-        What it found.
+        The result of `identify`.
 
     Raises
     ------
@@ -210,14 +211,14 @@ def second_opinion(
     identified = [one.parameter for one in ours]
     sample = float(np.ptp(data.t)) / (len(data.t) - 1)
     steps = max(plant_steps(each, sample, LONGEST) for each in (model, found.model))
-    # no stops, as in our fit: the stretches have none, a motion far from the measured one may
+    # no stops, as in our fit: the stretches have none, but a motion far from the measured one may
     timestep = sample / steps
     twin = Twin(model.robot, timestep=timestep, integrator="rk4", limits=False, friction=True)
     twin.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
-    twin.model.opt.enableflags = 0  # the energy costs time
+    twin.model.opt.enableflags = 0  # the energy is not needed and costs time
     size = np.array(
         [abs(one.nominal) or 1.0 for one in identified]
-    )  # so that differences suit each
+    )  # so that one difference step fits all
     low = np.maximum([one.kind.lower for one in identified] / size, -FACTOR)
     start = np.array([one.nominal for one in identified]) / size
     unknown = sysid.ParameterDict()
@@ -233,7 +234,7 @@ def second_opinion(
         runs.append(_residual(sysid, problem, k, twin, model, steps, found.noise, build))
 
     def residual(x: np.ndarray, parameters: Any) -> tuple[list[np.ndarray], list, list]:
-        # column by column: a rollout keeps every step's state, and there are many columns
+        # column by column, because a rollout stores every step's state, and there are many columns
         several = x.reshape(len(x), -1)
         left = [np.column_stack([run(one, parameters) for one in several.T]) for run in runs]
         return [each.reshape(-1, *x.shape[1:]) for each in left], [], []
@@ -259,7 +260,7 @@ def of_trial(
     model: SoftModel, unknowns: Sequence[Parameter], outputs: Sequence[str],
     excitation: Excitation, noise: float, seed: int, step: float = np.inf,
 ) -> tuple[Trial, Opinion]:  # fmt: skip
-    """A `trial` and the second opinion on its data; arguments and errors are both's."""
+    """A `trial` and the second opinion on its data, with the arguments and errors of both."""
     data, theta = twin_data(model, unknowns, outputs, excitation, noise, seed)
     check(model, data, unknowns)
     one = judged(model, unknowns, data, theta, noise, seed, step)
@@ -267,8 +268,11 @@ def of_trial(
 
 
 def _first(sysid: Any, problem: FitProblem, k: int) -> Any:
-    """The first state (2 n,) of a run, near the smoothed one: a rate that is damped at once is
-    in no output, and far away the motion is another (`Problem.blocks` has more on it)."""
+    """The first state (2 n,) of a run, near the smoothed one.
+
+    It must stay near, because strongly damped velocities do not show in the outputs, and far away
+    the motion differs (see `Problem.blocks`).
+    """
     near, wide = problem.firsts()[k], 3 * np.concatenate(problem.wide())
     return sysid.Parameter(f"first {k}", near, near - wide, near + wide)
 
@@ -277,7 +281,7 @@ def _residual(
     sysid: Any, problem: FitProblem, k: int, twin: Twin, model: SoftModel, steps: int,
     noise: np.ndarray, build: Callable[[Any], mujoco.MjModel],
 ) -> Callable[[np.ndarray, Any], np.ndarray]:  # fmt: skip
-    """Of one run: measured less MuJoCo's rollout, over the noise, all outputs in a row."""
+    """Residuals of one run: data minus MuJoCo's rollout, over the noise, all outputs in a row."""
     begin, end = problem.runs[k]
     data, dofs = problem.data.part(begin, end), StateMap(model, twin).dofs
     order = [model.joint_names.index(name.removeprefix("q.")) for name in data.names]
@@ -319,8 +323,8 @@ def _residual(
 
 
 def _sysid() -> Any:
-    """`mujoco.sysid`, which without the extra can be imported but has nothing in it."""
-    # by its name: MuJoCo types this part of itself alone, and mypy would take it for the whole
+    """`mujoco.sysid`; without the extra it can be imported, but is empty."""
+    # imported by its name: MuJoCo only types this part, and mypy would take it for the whole
     sysid = importlib.import_module("mujoco.sysid")
     if not hasattr(sysid, "optimize"):
         raise InputError("--second-opinion", "the extra softdyn[sysid]", "not installed")

@@ -1,7 +1,7 @@
-"""Would these measurements tell the parameters? Data of the twin with other values, identified.
+"""Trials that show whether measurements identify the parameters, on a twin with other values.
 
-The data are MuJoCo's, never the model's own: a robot whose parameters are drawn at random moves
-under random inputs, its outputs get noise, and the fit starts from the file's values.
+The data come from MuJoCo, not from the model. A robot with randomly drawn parameters moves under
+random inputs, its outputs get noise, and the fit starts from the file's values.
 """
 
 from __future__ import annotations
@@ -35,39 +35,41 @@ from softdyn.validation.twin.twin import Twin
 
 Result = TypeVar("Result")
 
-# standard deviations by type of joint (rad, m), and of tip and cables (m)
+# standard deviations of noise by type of joint (rad, m), and for tip and cables (m)
 JOINT_NOISE = {"revolute": 0.005, "continuous": 0.005, "prismatic": 1e-4}
 TIP_NOISE = 0.001
-ABOUT_ZERO = 0.05  # drawn of what the file has at zero (rad, m): rest positions, offsets
+# range of drawn values that are zero in the file (rad, m): rest positions, offsets
+ABOUT_ZERO = 0.05
 
-# step times eigenvalue: at 2.79 the method diverges, and the inertia changes with the motion
+# limit of step times eigenvalue: the method diverges at 2.79, and the inertia changes with the
+# motion
 STABLE = 1.5
-FINEST = 1e-7  # s: a step of the plant that is shorter would not end
+FINEST = 1e-7  # s: with shorter plant steps, a run would take too long
 LONGEST_REST, STILL = 600, 1e-6  # tenths of a second; rad/s or m/s
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the twin is put through.
+    """The excitation of the twin.
 
     Attributes
     ----------
     seconds, rate : float
-        Length (s) and samples a second.
+        Length (s), and samples per second.
     spread : float
         Parameters are drawn within this share of the file's.
     knots, amplitude, bias : float or tuple of float
-        One for all inputs, or one for each. Inputs run straight between random values, `knots` (s)
-        apart, that use the share `amplitude` of the input's range; the share `bias` of the range is
-        added, which can take joints off their stops.
+        One for all inputs, or one for each. Inputs are linear between random values at knots that
+        are `knots` (s) apart. The values use the share `amplitude` of the input's range. The share
+        `bias` of the range is added, which can move joints off their stops.
     at_rest : bool
-        Whether data of all joints begin at rest, as others must, or at q = 0, whence the robot
-        falls.
+        Whether data of all joints begin at rest. Otherwise they begin at q = 0, from where the
+        robot falls. Other data always begin at rest.
     timestep : float
-        Longest step of the plant (s). It is shorter where Runge and Kutta's explicit method needs
-        it, and an integer part of the sample time. The engine's other methods are of first order:
-        at 0.1 ms their error moves a stiffness of the SpiRob by four of the standard deviations
-        that 20 s of noisy joint angles have.
+        Longest step of the plant (s). The step divides the sample time, and is shorter if the
+        explicit Runge-Kutta method needs it. MuJoCo's other methods are of first order: at 0.1 ms
+        their error shifts a stiffness of the SpiRob by four standard deviations of a fit to 20 s of
+        noisy joint angles.
     """
 
     seconds: float = 20.0
@@ -86,7 +88,7 @@ class Excitation:
         number("timestep", self.timestep, lower=FINEST)
 
     def inputs(self, model: SoftModel, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Inputs (N, m): about the middle of ranges that change sign, else from the lower bound."""
+        """Inputs (N, m), around the middle of ranges that contain 0, else from the lower bound."""
         knots = _of_inputs("knots", self.knots, model, 1 / self.rate, MAX_ROWS / self.rate)
         amplitude = _of_inputs("amplitude", self.amplitude, model, 0.0, 1.0)
         bias = _of_inputs("bias", self.bias, model, 0.0, 1.0)
@@ -104,7 +106,7 @@ class Excitation:
 def _of_inputs(
     name: str, given: float | tuple[float, ...], model: SoftModel, least: float, most: float
 ) -> np.ndarray:
-    """One number of each input (m,), from one of all or one of each."""
+    """One number per input (m,), from a common one or one for each."""
     numbers = np.asarray(given)
     if numbers.shape not in ((), (1,), (model.nu,)):
         raise InputError(name, f"one number, or {model.nu}", f"{numbers.size} of them")
@@ -127,12 +129,12 @@ def twin_data(
     ----------
     model : SoftModel
     unknowns : sequence of Parameter
-        What is drawn.
+        The parameters that are drawn.
     outputs : sequence of str
         Names as in `Measurements`.
     excitation : Excitation
     noise : float
-        1 is `JOINT_NOISE` and `TIP_NOISE`; 0 none.
+        Factor on `JOINT_NOISE` and `TIP_NOISE`; 0 is without noise.
     seed : int
     """
     number("noise", noise, lower=0.0)
@@ -145,7 +147,8 @@ def twin_data(
     timestep = 1 / excitation.rate / steps
     twin = Twin(true.robot, timestep=timestep, integrator="rk4", friction=True)
     factors = member_values(model, unknowns, theta).get("mass", {})
-    for joint, factor in factors.items():  # the file's text, which the twin reads, has the old ones
+    # the twin reads the file's text, which has the old values
+    for joint, factor in factors.items():
         scale_mass(twin.model, joint, factor)
     if factors:
         mujoco.mj_setConst(twin.model, twin.data)
@@ -170,25 +173,25 @@ def twin_data(
 
 
 def deviations(model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
-    """Noise (outputs,) of measurements by these names."""
+    """Standard deviations (outputs,) of the noise of these outputs."""
     of_joints = {f"q.{joint.name}": JOINT_NOISE[joint.kind] for joint in model.robot.moving_joints}
     return np.array([of_joints.get(name, TIP_NOISE) for name in outputs])
 
 
 def scale_mass(model: mujoco.MjModel, joint: str, factor: float) -> None:
-    """Mass and inertia of the body that a joint moves; `mj_setConst` is the caller's."""
+    """Scale mass and inertia of the body that a joint moves; the caller calls `mj_setConst`."""
     body = int(model.joint(joint).bodyid[0])
     model.body_mass[body] *= factor
     model.body_inertia[body] *= factor
 
 
 def plant_steps(model: SoftModel, sample: float, longest: float) -> int:
-    """Steps in a sample time (s): none above `longest` (s), Runge and Kutta's method stable."""
+    """Number of steps per sample time (s): at most `longest` (s), and stable for Runge-Kutta."""
     return int(np.ceil(sample / min(longest, STABLE / _fastest(model))))
 
 
 def _fastest(model: SoftModel) -> float:
-    """Largest eigenvalue (1/s) of the motion about q = 0."""
+    """Largest eigenvalue (1/s) of the motion around q = 0."""
     n = model.nv
     at = model.configuration(np.zeros(n)), np.zeros(n), np.zeros(n), np.zeros(model.nu)
     by_q, by_v = residual_derivatives(model, *at)
@@ -209,18 +212,18 @@ def _come_to_rest(twin: Twin, u: np.ndarray) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One identification of known parameters; NaN for what is not identified.
+    """One identification of known parameters; NaN for parameters that are not identified.
 
     Attributes
     ----------
     seed : int
     found : Identified
     relative : ndarray, (P,)
-        Errors over the true values.
+        Errors relative to the true values.
     scores : ndarray, (P,)
-        Errors over the stated deviations.
+        Errors relative to the stated deviations.
     width : ndarray, (P,)
-        Stated deviations over Cramér and Rao's bound; NaN without noise.
+        Stated deviations relative to the Cramér-Rao bound; NaN without noise.
     """
 
     seed: int
@@ -253,7 +256,7 @@ def judged(
     seed: int,
     step: float = np.inf,
 ) -> Trial:
-    """What is found in the data of `twin_data` beside the θ (P,) that was drawn."""
+    """Identify the data of `twin_data`, and compare with the drawn θ (P,)."""
     found = identify(model, data, unknowns, step=step)
     known = np.array([one.identified for one in found.estimates])
     value = np.array([one.value for one in found.estimates])
@@ -277,15 +280,15 @@ def each_trial(
     step: float = np.inf,
     jobs: int = -1,
 ) -> list[Result]:
-    """`trial`, or another function of its arguments, for each seed from 0 on, one process a core.
+    """Run `trial`, or another function of its arguments, for each seed from 0 on.
 
     Parameters
     ----------
     one_trial : Callable
     what
-        Its first arguments, up to the noise.
+        Its first arguments, up to and including the noise.
     seeds : int
-        So many trials.
+        Number of trials.
     step : float
         As for `trial`.
     jobs : int
@@ -306,9 +309,9 @@ SHOWN = (
 
 
 def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
-    """Kind by kind: identified, errors, and the share of 95 % intervals that hold the truth.
+    """By kind: identified, errors, and the share of 95 % intervals that contain the true value.
 
-    `widest` is the widest interval over that of Cramér and Rao's bound; None without noise.
+    `widest` is the widest interval relative to the Cramér-Rao bound; None without noise.
     """
     estimates, rows = trials[0].found.estimates, []
     for kind in dict.fromkeys(one.parameter.kind.name for one in estimates):
@@ -334,5 +337,5 @@ def summary(trials: Sequence[Trial]) -> list[dict[str, Any]]:
 
 
 def trial_table(trials: Sequence[Trial]) -> Table:
-    """The summary, for people."""
+    """The summary as text."""
     return Table.of(SHOWN, summary(trials))

@@ -1,7 +1,7 @@
 """A plant and a controller that run in front of live pages (`softdyn.view.live`).
 
 - `session`: a plant and a controller that change while they run, without a clock
-- `push`, `ghost`: a hand on a link; the analytic model beside the plant
+- `push`, `ghost`: a pull by the mouse on a link; the analytic model beside the plant
 - `playing`: a session on a clock: `softdyn play`, `softdyn.validation.play`
 - `watching`: a closed loop in front of pages that only watch
 """

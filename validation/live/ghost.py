@@ -11,17 +11,17 @@ from softdyn.validation.crosschecks.trajectories import IMPLICIT
 class Ghost:
     """A robot that Pinocchio moves, with the scheme and the step of the twin.
 
-    It knows no stops, no contacts, no mismatch and no hand: what it shows beside the plant is what
-    these do, and nothing where there are none.
+    It has no stops, contacts, mismatch or pull by the mouse. So its difference to the plant is the
+    effect of these.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     q, v : ndarray, (nq,), (nv,)
-        Where it starts.
+        The initial state.
     timestep : float
-        The plant's (s).
+        The plant's step (s).
     """
 
     def __init__(self, model: SoftModel, q: np.ndarray, v: np.ndarray, timestep: float) -> None:
@@ -35,7 +35,7 @@ class Ghost:
         Raises
         ------
         InputError
-            When it leaves the finite numbers.
+            The motion is no longer finite.
         """
         for _ in range(steps):
             try:
@@ -46,5 +46,5 @@ class Ghost:
 
     @property
     def tip(self) -> np.ndarray:
-        """(3,) in the world (m)."""
+        """Position (3,) of the tip in the world (m)."""
         return self._model.state(self.q, np.zeros(self._model.nv)).y

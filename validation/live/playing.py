@@ -1,4 +1,4 @@
-"""A robot to play with: a session, its pages and its clock put together."""
+"""A robot to play with: a session with its pages and its clock."""
 
 from __future__ import annotations
 
@@ -64,16 +64,16 @@ def drive(
     over: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] | None = None,
 ) -> None:
-    """Run a session until `over`, as fast as its clock says; pages never delay it.
+    """Run a session until `over`, at the pace of its clock; pages never delay it.
 
     Parameters
     ----------
     session : Session
         The session.
     channel : Channel
-        To its pages.
+        Channel to its pages.
     clock : Clock
-        Its pace.
+        The clock that sets its pace.
     over : callable
         Asked once a period, and at least every 20 ms.
     say : callable, optional
@@ -82,7 +82,7 @@ def drive(
     Raises
     ------
     SoftdynError
-        When the pages' server is gone.
+        The pages' server has ended.
     """
     clock.begin()
     while not over():
@@ -101,7 +101,7 @@ def drive(
             clock.begin()
             continue
         if heard and perf_counter() - began > LONG:
-            clock.begin()  # making a controller or a plant is no control step
+            clock.begin()  # the time to make a controller or a plant is no control step
         if not clock.wait(IDLE):
             continue
         clock.done(session.step())
@@ -120,22 +120,22 @@ def drive(
 
 
 def _listen(session: Session, channel: Channel) -> bool:
-    """Do the messages of the pages since the last call; True if there were any."""
+    """Obey the pages' messages since the last call; return True if there were any."""
     heard = False
     for message in channel.messages():
         heard = True
         try:
             if isinstance(
                 message, SetController
-            ):  # it may compile: the robot stands still, and says why
+            ):  # it may compile, so the robot stands still and the page says why
                 busy = f"starting {message.name}: the robot stands still meanwhile"
                 channel.state({**asdict(session.shown), "busy": busy})
                 session.changed = True
             session.apply(message)
         except InputError as error:
             channel.error(str(error))
-            session.changed = True  # what the page shows by itself is not so
-        except Exception as error:  # a user's class that cannot even be made
+            session.changed = True  # the page shows the refused value: send the true one
+        except Exception as error:  # a user's class may fail in its constructor
             channel.error(f"{type(error).__name__}: {error}"[:300])
             session.changed = True
     return heard
@@ -155,11 +155,11 @@ class Play:
     name : str, optional
         Its name in the menu; its own name or its class by default.
     law : str
-        The entry of the menu that acts first, without a controller.
+        The first entry of the menu, if no controller is given.
     period : float, optional
-        Of the control (s).
+        Control period (s).
     target : array_like, (3,), optional
-        The first one (m).
+        The first target (m).
     port : int, optional
         By default a free one from 7000 on.
     """
@@ -197,12 +197,12 @@ class Play:
         raise TypeError("what runs cannot be copied: play again")
 
     def start(self) -> None:
-        """Let it run; nothing where it does.
+        """Let the robot run; no effect if it runs.
 
         Raises
         ------
         InputError
-            After `close`: there is no page any more.
+            It was closed, so there is no page.
         """
         if self._closed:
             raise InputError("start", "a robot whose page is still served", "one that is closed")
@@ -216,7 +216,7 @@ class Play:
             self._thread.start()
 
     def stop(self) -> None:
-        """Stop the robot where it is; `start` goes on."""
+        """Pause the robot; `start` continues."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()
@@ -238,6 +238,6 @@ def play(model: SoftModel, controller: Any = None, **options: Any) -> Play:
     Returns
     -------
     Play
-        Runs until its `close`; shows its page where it is the value of a notebook's cell.
+        It runs until its `close`. A notebook shows its page as a cell's value.
     """
     return Play(model, controller, **options)

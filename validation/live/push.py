@@ -1,4 +1,4 @@
-"""A hand on a link: a spring from one of its points to where the pointer is."""
+"""A pull by the mouse on a link: a spring from one of its points to the pointer."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from softdyn.validation.twin.twin import Twin
 from softdyn.view.live.messages import Push
 
 GRAVITY = 9.81
-SHARE = 10.0  # of its length that a robot which is not soft moves under its own weight
+SHARE = 10.0  # of its length: assumed sag under its own weight of a robot without a stable rest
 
 
 def hand_stiffness(model: SoftModel) -> float:
-    """A spring as stiff as the tip itself at rest (N/m): a hand that moves it half way.
+    """Stiffness of the mouse's spring (N/m): that of the tip at rest, so that it moves half way.
 
-    Of a robot without a stable rest, one that its weight would stretch by a tenth of its length.
+    For a robot without a stable rest, its weight would stretch the spring by a tenth of its length.
     """
     try:
         largest = float(np.linalg.eigvalsh(rest(model).tip_compliance)[-1]) if model.nv else 0.0
@@ -32,23 +32,23 @@ def hand_stiffness(model: SoftModel) -> float:
 
 
 class Hand:
-    """Pulls a point of a body; the twin's rest of the world sees it as an external force.
+    """Pulls a point of a body with an external force in the twin.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     q : ndarray, (nq,)
-        Where it is.
+        Its configuration.
     push : Push
-        What the page says.
+        The message of the page.
     stiffness, largest : float
-        Of the spring (N/m), and the most it pulls with (N).
+        Stiffness of the spring (N/m), and its largest force (N).
 
     Raises
     ------
     InputError
-        For a link that does not move.
+        The link does not move.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Hand:
         self.force = self.point = np.zeros(3)
 
     def pull(self, twin: Twin) -> None:
-        """Set the force for the steps to come."""
+        """Set the force for the next steps."""
         data, body = twin.data, twin.model.body(self._body).id
         mujoco.mj_kinematics(twin.model, data)
         mujoco.mj_comPos(twin.model, data)

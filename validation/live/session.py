@@ -33,7 +33,8 @@ from softdyn.view.scene import Figure
 T = TypeVar("T")
 Make = Callable[[SoftModel], Any]
 KNOWN = (*registry.CONTROLLERS.values(), *registry.BEYOND.values())
-LONGEST_PULL = 0.5  # of the robot's length: a hand pulls no harder than at this distance
+# of the robot's length: the pull by the mouse does not grow beyond this distance
+LONGEST_PULL = 0.5
 
 
 def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str, Make]:
@@ -46,7 +47,7 @@ def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str
 class PageState:
     """The state of a session on its page, besides frames.
 
-    `notice` is the last error, `busy` the reason why the robot stands still for a moment.
+    `notice` is the last error, `busy` the reason why the robot stands still at the moment.
     """
 
     law: str
@@ -62,8 +63,8 @@ class PageState:
 class Session:
     """A robot's twin and the controller that drives it, changed by messages.
 
-    A fault (a plant that diverges, a controller that raises or answers no input) pauses the session
-    and gives the reason in `shown.notice`; another message can mend it.
+    A fault pauses the session, with the reason in `shown.notice`: the plant diverges, or the
+    controller raises or returns no input. Another message can repair it.
 
     Parameters
     ----------
@@ -72,27 +73,25 @@ class Session:
     menu : Mapping of str to Callable
         Controllers by name, each made as ``make(model)`` when it is chosen.
     law : str
-        The first one, or `OPEN_LOOP`.
+        The first controller, or `OPEN_LOOP`.
     period : float, optional
-        Of the control (s); the paper's, or 2 ms.
+        Control period (s); by default the paper's, or 2 ms.
     target : ndarray, (3,), optional
-        The first one (m); by default where the tip rests.
+        The first target (m); by default the tip at rest.
 
     Attributes
     ----------
     shown : PageState
         The state on the pages; `changed` is True when it has changed, until the caller resets it.
     limits : Limits
-        Of the messages.
-    period : float
-        Of the control (s).
-    pull : float
-        Largest force of a hand (N).
+        Limits of the messages.
+    period : float Control period (s). pull : float
+        Largest force of a pull by the mouse (N).
 
     Raises
     ------
     InputError
-        For a first controller that cannot be made.
+        The first controller cannot be made.
     """
 
     def __init__(
@@ -135,12 +134,12 @@ class Session:
     # -- messages ------------------------------------------------------------------------------
 
     def apply(self, message: Message) -> None:
-        """Do a message, wholly or not at all.
+        """Obey a message, completely or not at all.
 
         Raises
         ------
         InputError
-            When it cannot be done: nothing has changed then.
+            It cannot be obeyed; then nothing has changed.
         """
         before = copy(self.shown)
         self._do(message)
@@ -229,7 +228,7 @@ class Session:
         return self._plant.time
 
     def step(self) -> float:
-        """Run one control period; returns the time of its control step (µs)."""
+        """Run one control period; return the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
             self._state = self.model.state(*self._q_v())
@@ -247,9 +246,9 @@ class Session:
         return spent
 
     def frame(self, **clock: float) -> np.ndarray:
-        """The present moment as a frame; `clock` holds the figures that only a clock knows."""
+        """The present state as a frame; `clock` has the figures of the clock."""
         hand, ghost = self._hand, self._ghost
-        with suppress(InputError):  # a plant that diverged is shown where it last was
+        with suppress(InputError):  # a diverged plant is shown at its last finite state
             self._state = self.model.state(*self._q_v())
         state = self._state
         values: dict[str, Any] = {
@@ -293,7 +292,7 @@ class Session:
     def _built(
         self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
     ) -> tuple[Twin, StateMap]:
-        """A plant anew, in a state."""
+        """A new plant in a given state."""
         options = _part(PlantErrors, said).options()
         twin = options.pop("twin")(self.model.robot, timestep=self._grid.timestep, **options)
         states = StateMap(self.model, twin)
@@ -316,7 +315,7 @@ class Session:
         self.shown.law, self.shown.notice = name, ""
 
     def _made(self, name: str) -> Any:
-        """A controller of the menu; one of ours has compiled its kernels before the first step."""
+        """A controller of the menu; ours compile their kernels here, before the first step."""
         make = self._menu[name]
         if make in KNOWN:
             first = self._connected(registry.make_controller(name, self.model), messages.Mismatch())
@@ -324,7 +323,7 @@ class Session:
         return registry.make_controller(name, self.model, cls=make)
 
     def _connected(self, inner: Any, said: messages.Mismatch) -> Any:
-        """A controller behind its signal path, begun anew."""
+        """A controller behind its signal path, after a reset."""
         if inner is None:
             return None
         law = _part(SignalPath, said).around(inner, self.period)
@@ -341,6 +340,6 @@ class Session:
 
 
 def _part(cls: Callable[..., T], said: messages.Mismatch) -> T:
-    """An object of `cls` from the members of a message that it has too."""
+    """An object of `cls` from the fields that it shares with a message."""
     names = signature(cls).parameters
     return cls(**{name: value for name, value in asdict(said).items() if name in names})

@@ -1,4 +1,4 @@
-"""A closed loop on the clock in front of pages that only watch: ``run --view``."""
+"""A closed loop in real time with pages that only watch: ``run --view``."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from softdyn.view.live.pacing import RATE, Clock
 from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
-WAIT = 10.0  # s that a loop waits for a page before it starts
+WAIT = 10.0  # s; a loop waits so long for a page before it starts
 
 
 @dataclass(frozen=True)
 class ViewerCost:
-    """The cost of showing a loop, and how well its clock was kept.
+    """The cost of showing a loop, and its timing.
 
     Attributes
     ----------
     frames, dropped : int
-        Shown, and not taken in time.
+        Frames shown, and frames dropped because the browser was slow.
     pace : float
         Simulated seconds per second of the clock.
     misses : int
-        Periods whose work ended after the next one was due.
+        Periods whose work ended after the start of the next one.
     wake_us : dict of str to float
-        Median, p99 and largest time by which a period began late (µs).
+        Median, p99 and largest delay of the start of a period (µs).
     """
 
     frames: int
@@ -53,7 +53,7 @@ class ViewerCost:
 def open_watch_page(
     loop: ClosedLoop, port: int | None = None, scenery: Sequence[Visual] = ()
 ) -> Channel:
-    """Serve the page of a loop that is about to run; its pages only watch.
+    """Serve the page of a loop before it runs; its pages only watch.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     Returns
     -------
     tuple[Log, ViewerCost]
-        The run, and what showing it cost.
+        The run, and the cost of showing it.
     """
     model, columns, shown = loop.model, Columns(loop.model), 0
     clock = Clock(loop.grid.period, speed, keep=loop.grid.steps)
