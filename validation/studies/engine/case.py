@@ -90,7 +90,7 @@ class Case:
 
     @cached_property
     def name(self) -> str:
-        """A unique relative path, safe as a file name; a hash stands for other than default values."""
+        """A unique relative path, safe as a file name; a hash stands for non-default values."""
         value = "" if self.kind == "point" else f"_{number_text(self.value)}"
         path = f"{safe_filename(self.robot)}/{safe_filename(self.controller)}/{self.kind}{value}"
         usual = Case(self.robot, self.controller, self.kind, self.value)
