@@ -1,1 +1,1 @@
-"""One command a file: arguments, one call, its result."""
+"""The commands, one per file: arguments, one call, its result."""

@@ -1,4 +1,4 @@
-"""`softdyn NAME …`: every command under one name, listed by what one wants to do."""
+"""`softdyn NAME …`: all commands under one name, listed by purpose."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import sys
 from softdyn._version import __version__
 from softdyn.commands import cli
 
-# by what one wants to do
+# # by purpose
 COMMANDS = {
     "begin": ("examples", "new", "identify", "compile"),
-    "see what a robot's file amounts to": ("check", "view", "statics", "converge"),
+    "examine a robot": ("check", "view", "statics", "converge"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
-    "close one loop and look at it": ("run", "play", "replay", "obstacle"),
+    "run one closed loop and look at it": ("run", "play", "replay", "obstacle"),
     "choose a controller and its gains": ("sweep", "tune"),
     "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
     "time the control step": ("step_time",),
 }
-# what a command of earlier versions is called now
+# command of earlier versions → its present name
 MOVED = {
     "beyond": "softdyn sweep periods",
     "compare_steps": "python -m tests.proof compare-steps, in a checkout",
@@ -39,7 +39,7 @@ NAMES = [name for names in COMMANDS.values() for name in names]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command, or list them; returns the exit code."""
+    """Run one command, or list them; return the exit code."""
     if "_ARGCOMPLETE" in os.environ:
         complete()
     name, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def complete() -> None:
-    """Answer the shell, which asks how a line may go on: `argcomplete` does it."""
+    """Complete a command line for the shell, by `argcomplete`."""
     import argcomplete
 
     parser = argparse.ArgumentParser()
@@ -78,7 +78,7 @@ def complete() -> None:
 
 
 def listing() -> str:
-    """All commands with the first line of what each does."""
+    """All commands with the first line of their descriptions."""
     lines = ["usage: softdyn COMMAND …        softdyn COMMAND --help", ""]
     for purpose, names in COMMANDS.items():
         lines.append(f"{purpose}:")
@@ -90,7 +90,7 @@ def listing() -> str:
 
 
 def spelt(name: str) -> str:
-    """A module's name as one types it."""
+    """A module's name as a command."""
     return name.replace("_", "-")
 
 

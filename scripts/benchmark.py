@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The paper's whole table beside the published one: every robot, controller and experiment."""
+"""The paper's table beside the published one: every robot, controller and experiment."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from softdyn.commands import cli
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
 EPILOG = """\
-Robots and controllers as in run.py; a controller of your own is FILE.py:CLASS, a robot of your own
-a URDF, and what has no published gains needs a controller that brings its own.
+Robots and controllers are named as in run.py. A controller of your own is FILE.py:CLASS, a robot of
+your own a URDF. A robot without published gains needs a controller that brings its own gains.
 
-Each case leaves its files below --out. A run that was interrupted goes on where it stopped; a case
-is done again when its robot, its controller, softdyn or an engine has changed. Below --out, for
-the robots and controllers of the last call: index.html with replays/ and thumbnails/, table.md,
-table.tex, results.json and figures/; of all calls: runs/ with the log and the
-figures of every case, and times/.
+The files of each case go below --out. An interrupted run continues where it stopped. A case runs
+again when its robot, its controller, softdyn or an engine has changed. Below --out, the robots and
+controllers of the last call have index.html with replays/ and thumbnails/, table.md, table.tex,
+results.json and figures/. All calls share runs/, with the log and the figures of every case, and
+times/.
 
-A chaotic loop has no value: the table shows median and range, marked ~, of the ensembles that stand
-beside the code (validation/studies/measured), or of those that --ensemble runs.
+A chaotic loop has no unique figure. The table shows its median and range, marked ~, from the
+committed ensembles (validation/studies/measured), or from those that --ensemble runs.
 
 exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
 130 interrupted.
@@ -44,14 +44,14 @@ figures = parser.add_mutually_exclusive_group()
 figures.add_argument(
     "--plots",
     action="store_true",
-    help="run nothing, make figures and index.html again from the logs",
+    help="only make figures and index.html again from the logs",
 )
 figures.add_argument("--no-plots", action="store_true", help="leave figures and index.html out")
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Run what is missing, then table and figures."""
+    """Run the missing cases, then write table and figures."""
     from softdyn import InputError
     from softdyn.validation.studies import benchmark
     from softdyn.validation.studies.benchmark_table import (

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What V really does under the paper's laws, and whether their zero dynamics are stable."""
+"""The decrease of V along runs of the paper's controllers, and their zero dynamics."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from softdyn.commands import cli
 ROBOTS = ("finger", "helix", "spirob")
 LAWS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp")
 EPILOG = """\
-The paper's set points. Along each run: the share of control steps whose V grows faster, under the
-model's own acceleration, than the QP's -V/eps + delta; the poles of the zero dynamics
-(y = y_d, frozen poses); and whether stiffness dominates gravity where no input acts, the paper's
-condition on them. OUT/certificates.md is the table, OUT/certificates_ROBOT.png the run of the soft
-and of the hard law at the first THETA.
+This runs the paper's set points. For each run it shows three things. The first is the share of
+control steps at which V grows faster, under the model's own acceleration, than the QP's -V/eps +
+delta. The second is the poles of the zero dynamics (y = y_d, frozen poses). The third is whether
+stiffness dominates gravity where no input acts, the paper's condition on the zero dynamics.
+OUT/certificates.md is the table. OUT/certificates_ROBOT.png shows the runs of the soft and of the
+hard controller at the first THETA.
 
 exit codes: 0 written; 2 bad input.
 """
@@ -23,13 +24,15 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--robots", nargs="+", default=ROBOTS, choices=ROBOTS, metavar="ROBOT")
 parser.add_argument("--thetas", nargs="+", type=cli.finite, default=(0.5, 0.0, 1.0, 1.5),
                     metavar="T", help="multiples of pi")  # fmt: skip
-parser.add_argument("--duration", type=cli.positive, metavar="S", help="of a run (default: 10 s)")
+parser.add_argument(
+    "--duration", type=cli.positive, metavar="S", help="length of a run (default: 10 s)"
+)
 parser.add_argument("--out", type=Path, default=Path("results/certificates"), metavar="DIR")
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Run, draw, report."""
+    """Run, draw and report."""
     from tqdm import tqdm
 
     import softdyn

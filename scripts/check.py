@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a robot's file amounts to, and what in it looks wrong."""
+"""Describe the robot of a file, and warn of numbers that look wrong."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ EPILOG = """\
 ROBOT is a path to an annotated URDF, a bundled name (finger, helix, spirob, spirob48), or the name
 of a robot of example-robot-data.
 
-Explains joints, springs, tendons and inputs; how many directions the inputs move and at which poses
-fewer; whether stiffness dominates gravity in the directions that no input moves (the paper's
-sufficient condition for stable zero dynamics) and at which pose it ceases to; and numbers that are
-legal but look wrong. Poses: q = 0, all joints at either limit, and --samples random ones.
+The report describes joints, springs, tendons and inputs. It says how many directions the inputs
+move, and at which poses there are fewer. It says whether stiffness dominates gravity in the
+directions that no input moves (the paper's sufficient condition for stable zero dynamics), and at
+which pose this fails. It warns of numbers that are legal but look wrong. The poses are q = 0, all
+joints at either limit, and --samples random ones.
 
-exit codes: 0 the file is sound, whatever it amounts to; 1 some numbers look wrong; 2 bad input.
+exit codes: 0 no number looks wrong; 1 some numbers look wrong; 2 bad input.
 """
 
 
@@ -32,7 +33,7 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.statics import diagnose
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they are in the report
+        warnings.simplefilter("ignore")  # the report contains them
         model = cli.load_robot(arguments)
     found = diagnose(model, arguments.samples)
     cli.write_report(found.to_dict(), arguments.json, str(found))

@@ -1,4 +1,4 @@
-"""What the commands share: one-line errors, exit codes, one thread, JSON output."""
+"""Common parts of the commands: one-line errors, exit codes, one thread, JSON output."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ Command = Callable[[Arguments], int]
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong on one line and knows negative numbers."""
+    """An argument parser with errors on one line, which accepts negative numbers."""
 
     def __init__(self, description: str | None, epilog: str | None = None) -> None:
         layout = argparse.RawDescriptionHelpFormatter
         super().__init__(description=description, epilog=epilog, formatter_class=layout)
-        # argparse takes -1e-3 for an option: its own pattern knows no exponents.
+        # argparse would take -1e-3 for an option, because its own pattern has no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d|-inf|-nan", re.IGNORECASE)
         self.outputs: list[str] = []
 
     def output(self, name: str, metavar: str, help: str) -> None:
-        """An option for a file that the command writes: `check_outputs` knows it."""
+        """Add an option for an output file, which `check_outputs` will check."""
         self.outputs.append(self.add_argument(name, metavar=metavar, help=help).dest)
 
     def option(self, name: str, kind: Callable, metavar: str, help: str, default: Any) -> None:
-        """An option with a default, which its help tells."""
+        """Add an option with a default that its help states."""
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
     def moved(self, name: str, now: str) -> None:
-        """An option of earlier versions: one line says what does its work now."""
+        """Add an option of earlier versions; one line names its replacement."""
         self.add_argument(name, action=_Moved, const=now, nargs="*", help=argparse.SUPPRESS)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse; of a misspelt option the nearest one is named before anything else is missed."""
+        """Parse; for a misspelt option, name the nearest one before other errors."""
         known = self._option_string_actions
         for word in sys.argv[1:] if args is None else args:
             name = str(word).partition("=")[0]
@@ -69,14 +69,14 @@ class Parser(argparse.ArgumentParser):
         return super().parse_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Exit with code 2; what was typed may be long, and have lines."""
+        """Exit with code 2 and one line, even if the arguments are long or have line breaks."""
         from softdyn.exceptions import one_line
 
         self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
 
 
 class _Moved(argparse.Action):
-    """Ends the command with the line of `Parser.moved`."""
+    """Ends the command with the line from `Parser.moved`."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
         parser.error(f"argument {self.option_strings[0]}: now `{self.const}`")
@@ -116,12 +116,12 @@ def whole(text: str) -> int:
 
 
 def add_json(parser: Parser) -> None:
-    """The option for `write_report`, the same in every command."""
+    """Add the option for `write_report`, the same in every command."""
     parser.output("--json", "FILE", "write the figures as JSON; - prints them and nothing else")
 
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """The options of `load_robot`, the same in every command that takes a ROBOT."""
+    """Add the options of `load_robot`, the same in every command that takes a ROBOT."""
     parser.add_argument(
         "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
     )
@@ -130,7 +130,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_repair_option(parser: argparse.ArgumentParser) -> None:
-    """--repair-inertia, of a URDF's links."""
+    """Add --repair-inertia, for a URDF's links."""
     parser.add_argument(
         "--repair-inertia",
         action="store_true",
@@ -139,9 +139,12 @@ def add_repair_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_server_options(parser: argparse.ArgumentParser) -> None:
-    """Options of a command that serves a page."""
+    """Add the options of a command that serves a page."""
     parser.add_argument(
-        "--port", type=count, metavar="P", help="of the page (default: a free one from 7000 on)"
+        "--port",
+        type=count,
+        metavar="P",
+        help="port of the page (default: a free one from 7000 on)",
     )
     parser.add_argument(
         "--no-open", action="store_true", help="print the page's address and open no browser"
@@ -149,7 +152,7 @@ def add_server_options(parser: argparse.ArgumentParser) -> None:
 
 
 def load_robot(arguments: Arguments) -> SoftModel:
-    """The ROBOT of the command line."""
+    """Load the ROBOT of the command line."""
     import softdyn
 
     return softdyn.load(
@@ -161,20 +164,20 @@ def load_robot(arguments: Arguments) -> SoftModel:
 
 
 def add_ensemble_options(parser: Parser) -> None:
-    """The options of `distributions`."""
+    """Add the options of `distributions`."""
     parser.add_argument(
         "--ensemble", type=count, default=0, metavar="N",
-        help="every loop from 2 starts nudged by 1e-9 too, from N where its printed figure moves",
+        help="run every loop from 2 more starts (1e-9 apart), or N if its printed figure varies",
     )  # fmt: skip
-    parser.option("--seed", whole, "S", "of the nudges", 1)
-    parser.output("--keep", "FILE", "join the figures with those in FILE, of other seeds and cells")
+    parser.option("--seed", whole, "S", "seed of the starts", 1)
+    parser.output("--keep", "FILE", "add the figures to those of other seeds and cells in FILE")
 
 
 def distributions(
     arguments: Arguments, cells: Mapping[str, Case], store: Store | None = None,
     execute: Executor | None = None, folder: Path = Path(),
 ) -> dict[str, Distribution]:  # fmt: skip
-    """The ensembles of `add_ensemble_options`, run and kept below --out, by default in ensemble/.
+    """Run the ensembles of `add_ensemble_options`; store them below --out, by default ensemble/.
 
     Relative paths of robots and controllers are relative to `folder`.
     """
@@ -192,20 +195,20 @@ def distributions(
 
 
 def summaries(cells: Mapping[str, Distribution]) -> dict[str, Any]:
-    """Cells as a command's JSON has them."""
+    """Cells in the form of the commands' JSON."""
     return {"cells": {label: cell.summary() for label, cell in cells.items()}}
 
 
 def add_own_options(parser: argparse.ArgumentParser) -> None:
-    """What a study of one own robot is told besides: its annotations, its controller's gains."""
+    """Add the options of a study of one own robot: its annotations, its controller's gains."""
     parser.add_argument(
         "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
     )
-    parser.add_argument("--gains", metavar="FILE", help="of the controller, a TOML file")
+    parser.add_argument("--gains", metavar="FILE", help="gains of the controller, a TOML file")
 
 
 def own_gains(arguments: Arguments) -> dict[str, Any] | None:
-    """The table of `add_own_options`, which is for one robot alone."""
+    """The gains' table of `add_own_options`, which needs a single robot."""
     from softdyn import InputError
 
     given = arguments.annotations or arguments.gains
@@ -238,10 +241,10 @@ def best_note(model: SoftModel, name: str, gains: str | None) -> str:
 
 
 def program(parser: Parser, command: Command, module: str) -> Callable[..., int]:
-    """The ``main(argv=None)`` of a command: reads the arguments, returns the exit code.
+    """The ``main(argv=None)`` of a command: it reads the arguments and returns the exit code.
 
-    The last line of every command, ``main = cli.program(parser, command, __name__)``. Where the
-    module is run as a program, it runs at once, and Python ends with the exit code.
+    The last line of every command is ``main = cli.program(parser, command, __name__)``. If the
+    module is run as a program, the command runs at once, and Python ends with the exit code.
     """
 
     def main(argv: list[str] | None = None) -> int:
@@ -256,10 +259,10 @@ def program(parser: Parser, command: Command, module: str) -> Callable[..., int]
 
 
 def prepare_streams() -> None:
-    """Streams that take any text, whatever the terminal's alphabet, and none that is closed.
+    """Make the streams accept any text in any encoding, and replace closed streams.
 
-    A closed one becomes the null device: the next file that is opened would take its number, and
-    get what engines print.
+    A closed stream becomes the null device. Otherwise the next opened file would get its number,
+    and the prints of the engines.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
@@ -274,13 +277,13 @@ def prepare_streams() -> None:
 
 
 def one_thread() -> None:
-    """Keep BLAS and OpenMP to one thread: to be called before NumPy is imported."""
+    """Limit BLAS and OpenMP to one thread; call it before NumPy is imported."""
     for library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
 
 
 def run(command: Command, arguments: Arguments, parser: Parser) -> int:
-    """Call `command` and turn what it raises into an exit code and one line on stderr."""
+    """Call `command`, and turn its exceptions into an exit code and one line on stderr."""
     from softdyn import InputError, SoftdynError, UrdfError
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
@@ -290,7 +293,7 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, InputError | UrdfError) else FAILED
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # the reader closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return PASSED
     except KeyboardInterrupt:
@@ -299,21 +302,21 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
 
 
 class _Ended(BaseException):
-    """SIGINT or SIGTERM; not an Exception, so that nobody takes it for an error."""
+    """SIGINT or SIGTERM; not an Exception, so that no code handles it as an error."""
 
 
 @contextmanager
 def ends_cleanly() -> Iterator[Callable[[], bool]]:
-    """Leave the block without an error when somebody ends the command by Ctrl-C or SIGTERM.
+    """Leave the block without an error when the command is ended by Ctrl-C or SIGTERM.
 
-    What it gives says whether somebody has: a loop asks it. What is raised inside a compiler's
-    callback, or while something is freed, is swallowed there and ends nothing.
+    It yields a function that says whether this has happened. A loop must call it, because an
+    exception inside a compiler's callback or a destructor is lost.
     """
     ended = threading.Event()
 
     def end(*_: object) -> None:
         ended.set()
-        # a second Ctrl-C must not interrupt the clean end that the first one began
+        # a second Ctrl-C must not interrupt the clean end after the first
         for number in before:
             signal.signal(number, signal.SIG_IGN)
         raise _Ended
@@ -329,13 +332,13 @@ def ends_cleanly() -> Iterator[Callable[[], bool]]:
 
 
 def serve_until(over: Callable[[], bool]) -> None:
-    """Wait until somebody ends the command."""
+    """Wait until the command is ended."""
     while not over():
         time.sleep(0.2)
 
 
 def write_report(report: dict[str, Any], target: str | None, summary: str) -> None:
-    """Print `summary`, or the report as JSON with target ``-``; any other is a file for it."""
+    """Print `summary`, or with target ``-`` the report as JSON; another target is a file for it."""
     from softdyn.validation.files import to_json, write_json
 
     if target == "-":
@@ -347,7 +350,7 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
 
 
 def say(text: str) -> None:
-    """Print `text` at once, or say why not: a full disk must not pass for a success."""
+    """Print `text` at once, or raise an error: a full disk must not look like a success."""
     from softdyn import InputError
 
     if sys.stdout is None:
@@ -357,7 +360,7 @@ def say(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
-        # what is left in the buffer would fail again, with a traceback, at exit
+        # the rest of the buffer would fail again at exit, with a traceback
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise InputError("stdout", "a stream to write to", error.strerror or error) from None
 
@@ -365,8 +368,8 @@ def say(text: str) -> None:
 def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> None:
     """Refuse, before any work, outputs that cannot be written or that would replace an input.
 
-    The outputs are those of `Parser.output` and `more`; every other argument may name a file that
-    the command reads. `arguments.opened` holds what was read of them on the way.
+    The outputs are those of `Parser.output` and `more`. Every other argument may name a file that
+    the command reads. `arguments.opened` has the contents of the files that this check has read.
     """
     given = dict(vars(arguments))
     opened: dict[Path, bytes] = {}
@@ -379,13 +382,13 @@ def check_outputs(parser: Parser, arguments: Arguments, *more: str | Path) -> No
 
     values = [value for name, value in given.items() if name not in parser.outputs]
     each = (x for value in values for x in (value if isinstance(value, list | tuple) else [value]))
-    # inputs are searched for the files that they name only where an output would replace a file
+    # search inputs for the files that they name only if an output would replace a file
     replaces = any(path and os.path.isfile(path) for path in written)
     check(*written, read=files_read(each, opened) if replaces else frozenset())
 
 
 def make_folder(path: Path) -> None:
-    """Create an output folder, or say in one line why it cannot be used."""
+    """Create an output folder, or raise an error that says why it cannot be used."""
     from softdyn import InputError
     from softdyn.validation.files import check_writable
 

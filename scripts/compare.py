@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Two files, one robot: does your MJCF agree with your URDF, and if not, where?"""
+"""Compare two files of one robot, e.g. URDF and MJCF: causes and effects of differences."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ if TYPE_CHECKING:
     from softdyn.validation.mjcf.comparison.side import Side
 
 EPILOG = """\
-A and B are URDFs or MJCFs in any combination, or names as everywhere. Joints are matched by name,
-by like names, then by kinematics; --map FILE names pairs that this gets wrong, as lines
-"joint of A" = "joint of B" in TOML.
+A and B are URDFs or MJCFs in any combination, or names of robots. Joints are matched by name, by
+similar names, then by kinematics. --map FILE gives pairs that would be matched wrongly, as TOML
+lines "joint of A" = "joint of B".
 
-What differs is listed by cause, the largest effect at random states first, each relative: on M, on
-gravity, on the tips. What only one file, or only its format, states (armature in the MJCF alone)
-is listed apart. Then each cause is repaired in turn: what is left must be nothing.
+Differences are listed by cause, the largest effect at random states first. Effects are relative: on
+M, on gravity, on the tips. Properties that only one file or its format states, such as armature in
+the MJCF alone, are listed separately. Then the causes are repaired one by one, and no difference
+must be left.
 
-With --engines the command also fails where an engine disagrees with the comparison's own terms.
+With --engines the command also fails if an engine disagrees with the comparison's own terms.
 
 exit codes: 0 the files agree; 1 they differ; 2 bad input.
 """
@@ -30,22 +31,28 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("a", metavar="A", help="a URDF or an MJCF")
 parser.add_argument("b", metavar="B", help="the other file")
 parser.add_argument("--map", metavar="FILE", help="TOML: joints of A = joints of B")
-parser.add_argument("--strict", action="store_true", help="fail for what one file alone states too")
+parser.add_argument(
+    "--strict", action="store_true", help="also fail for properties that only one file states"
+)
 cli.add_repair_option(parser)
 parser.add_argument(
-    "--engines", action="store_true", help="ask Pinocchio and MuJoCo, each file and both together"
+    "--engines",
+    action="store_true",
+    help="compare with Pinocchio and MuJoCo, each file and both together",
 )
 parser.output("--html", "FILE", "write both robots as a page")
 parser.add_argument("--view", action="store_true", help="show that page in the browser")
 parser.add_argument("--samples", type=cli.count, default=8, metavar="N", help="random states (8)")
-parser.add_argument("--seed", type=cli.whole, default=0, metavar="S", help="of the random states")
+parser.add_argument(
+    "--seed", type=cli.whole, default=0, metavar="S", help="seed of the random states"
+)
 cli.add_server_options(parser)
 cli.add_json(parser)
 parser.moved("--catalogue", "python -m tests.proof pairs DIR …")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Compare, report."""
+    """Compare and report."""
     from softdyn.validation import compare
     from softdyn.validation.mjcf.comparison.side import Side
     from softdyn.validation.mjcf.mjcf_file import Contents
@@ -77,7 +84,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None:
-    """The page of both robots, as a file or in the browser until somebody ends it."""
+    """Write the page of both robots, or show it in the browser until the command is ended."""
     from softdyn.validation.report.pair_page import pair_page
 
     page = pair_page(a, b, result)
@@ -94,7 +101,7 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
 
 
 def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
-    """Each file in its own engine, one against the other, and Pinocchio's reading of an MJCF."""
+    """Compare each file with its engine, both engines, and Pinocchio's own MJCF reader."""
     from softdyn import InputError, SoftdynError
     from softdyn.validation.crosschecks.engines import SAME, differing, engine_errors, side_by_side
     from softdyn.validation.mjcf.readers import pinocchio_reads
@@ -105,7 +112,7 @@ def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any],
     for key, side in (("a", a), ("b", b)):
         report[key] = found = engine_errors(side, **options)
         words = ", ".join(f"{name} {error:.1e}" for name, error in found.items())
-        said.append(f"{key.upper()} in its own engine: {words or 'mimic joints, not asked'}")
+        said.append(f"{key.upper()} in its own engine: {words or 'mimic joints, not compared'}")
         if wrong := [name for name, error in found.items() if not error <= SAME]:
             failed.append(f"{key.upper()}'s engine disagrees in {', '.join(wrong)}")
         if side.is_mjcf:
@@ -113,7 +120,7 @@ def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any],
                 read = pinocchio_reads(side)
             except SoftdynError as error:
                 said.append(
-                    f"{key.upper()} through Pinocchio's own MJCF reader: not asked, {error}"
+                    f"{key.upper()} through Pinocchio's own MJCF reader: not compared, {error}"
                 )
                 continue
             report[f"{key}_by_pinocchio"] = read.to_dict()
@@ -123,7 +130,7 @@ def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any],
         pair = side_by_side(a, b, **options)
     except InputError as error:
         report["pair"] = {"reason": str(error)}
-        said.append(f"one engine against the other: not asked, {error}")
+        said.append(f"one engine against the other: not compared, {error}")
     else:
         report["pair"] = pair.to_dict()
         said.append(f"the URDF in Pinocchio against the MJCF in MuJoCo:\n{pair}")

@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Compile all kernels now, which a first use would: for images and shared installations."""
+"""Compile all kernels now and not at their first use, for images and shared installations."""
 
 from __future__ import annotations
 
 from softdyn.commands import cli
 
 EPILOG = """\
-Compiled code is kept beside the package or, where that cannot be written, in the folder that
-NUMBA_CACHE_DIR names, or in the user's cache folder. It belongs to this kind of processor: an image
-that runs on others compiles there again.
+Compiled code is stored beside the package. If that folder is not writable, it is stored in the
+folder NUMBA_CACHE_DIR, or in the user's cache folder. The code belongs to this kind of processor:
+on another kind it is compiled again.
 
 exit codes: 0 all are compiled; 2 bad input.
 """
 
-# one robot of each kind of tendon: they differ in their kernels
+# one robot per kind of tendon, because their kernels differ
 ROBOTS = ("finger", "spirob")
 
 

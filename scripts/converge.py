@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""How many joints an arm needs: sag, frequencies, shape under its cables against their number."""
+"""The number of joints that an arm needs: convergence of sag, frequencies and bent shapes."""
 
 from __future__ import annotations
 
 from softdyn.commands import cli
 
 EPILOG = """\
-FILE is TOML as for `softdyn new`. Errors are against what the finest arms extrapolate to; of tips
-relative to the arm's length.
+FILE is TOML as for `softdyn new`. Errors are relative to the limit that is extrapolated from the
+finest arms; for tips they are relative to the arm's length.
 
 exit codes: 0 done; 2 bad input.
 """
@@ -18,14 +18,14 @@ parser.add_argument(
     "--segments", type=cli.count, nargs="+", default=[5, 10, 20, 40, 80], metavar="N",
     help="joints in each section (default: 5 10 20 40 80)",
 )  # fmt: skip
-parser.option("--tolerance", cli.positive, "X", "relative error that is allowed", 1e-3)
+parser.option("--tolerance", cli.positive, "X", "allowed relative error", 1e-3)
 cli.add_json(parser)
 parser.moved("--closed-forms", "python -m tests.proof closed-forms")
 parser.moved("--peer", "python -m tests.proof peer")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Measure, extrapolate, report."""
+    """Measure, extrapolate and report."""
     from softdyn import design
     from softdyn.validation.rods import convergence
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Pinocchio against MuJoCo: the same robot in two engines, quantity by quantity and along time."""
+"""Pinocchio against MuJoCo: one robot in two engines, each quantity and trajectories."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
 parser.add_argument("--states-only", action="store_true", help="random states, and no trajectories")
 parser.option("--samples", cli.count, "N", "random states", 20)
-parser.option("--seed", cli.whole, "S", "of the random states", 0)
+parser.option("--seed", cli.whole, "S", "seed of the random states", 0)
 cli.add_json(parser)
 parser.moved("--catalogue", "python -m tests.proof robots")
 parser.moved("--random", "python -m tests.proof robots --random N")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Load, compare, report."""
+    """Load, compare and report."""
     from softdyn.validation import Twin, crosscheck
 
     model = cli.load_robot(arguments)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Copy the examples into a folder: overlays, gains, a sweep, a law, and the tour to begin with."""
+"""Copy the examples into a folder: overlays, gains, a sweep, a controller, and a tour."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from softdyn.commands import cli
 
 EPILOG = """\
-DIR is made if it is not there. Files in it that have a name of ours are never overwritten.
+DIR is created if it does not exist. Existing files in it are never overwritten.
 
 exit codes: 0 copied; 2 bad input, nothing copied.
 """
@@ -19,7 +19,7 @@ parser.add_argument("dir", metavar="DIR", type=Path)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Copy every file, or none."""
+    """Copy all files, or none."""
     import softdyn
     from softdyn.validation.files import write_text
 

@@ -8,11 +8,12 @@ import sys
 from softdyn.commands import cli
 
 EPILOG = """\
---mjcf writes the twin as one file that MuJoCo's own viewer loads: several joints a body where links
-are massless, sites, tendons, actuators, stiff stops, shapes, a keyframe at rest. Collision shapes
-are in group 3; they touch with --contacts (or <flag contact="enable"/> in the file).
---urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what that cannot say.
---csv writes a saved run: a row a sample, with units in the header.
+--mjcf writes the twin as one file that MuJoCo's own viewer loads. It has several joints per body if
+links are massless, and sites, tendons, actuators, stiff stops, shapes and a keyframe at rest.
+Collision shapes are in group 3; they touch with --contacts (or <flag contact="enable"/> in the
+file).
+--urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what a URDF cannot state.
+--csv writes a saved run with a row per sample and units in the header.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.
 """
@@ -27,13 +28,13 @@ output.add_argument("--urdf", metavar="FILE", help="write an annotated URDF")
 output.add_argument("--csv", metavar="FILE", help="write a log as CSV")
 parser.outputs += ["mjcf", "urdf", "csv"]
 cli.add_robot_options(parser)
-parser.add_argument("--no-shapes", action="store_true", help="leave out what it looks like")
-parser.add_argument("--contacts", action="store_true", help="MJCF: its links touch each other")
+parser.add_argument("--no-shapes", action="store_true", help="leave out visual shapes")
+parser.add_argument("--contacts", action="store_true", help="MJCF: its links can touch each other")
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Write, then read what was written and compare."""
+    """Write, then read the file and compare."""
     from softdyn.validation import Log
     from softdyn.validation.mjcf import export
 

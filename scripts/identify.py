@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Stiffness, damping, masses and gears of a robot from its measurements."""
+"""Identify stiffness, damping, masses and gears of a robot from measurements."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ if TYPE_CHECKING:
     from softdyn.identification import Parameter
 
 EPILOG = """\
-DATA is CSV; its header names the columns: t (s), u.INPUT for every input, and what was measured,
-of q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Steps of time may differ.
+DATA is CSV. Its header names the columns: t (s), u.INPUT for every input, and the measured ones of
+q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Time steps may differ.
 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
-tendon_damping or offset (the unknown zero of a length.TENDON). --free takes each member that the
-file gives; --shared one factor on the file's values of them all. The file's values are the first
-guess. With every joint measured, samples near a stop are left out; with less, the run must begin at
-rest under its first input, and ends at its first stop.
+tendon_damping or offset (the unknown zero of a length.TENDON). --free identifies each member in the
+file separately. --shared identifies one factor on the file's values of all members. The file's
+values are the first guess. If every joint is measured, samples near a stop are left out. Otherwise
+the run must begin at rest under its first input, and it is used up to its first stop.
 
-Before there are data, --twin S says what S seconds of them would tell: MuJoCo's twin moves with
-parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a prismatic
-joint, 1 mm of tip and cables), and what was drawn is identified. --excitations compares inputs
-instead: amplitudes and times between knots, with the least deviation that any fit can have.
+--twin S shows, before there are data, what S seconds of them would identify. MuJoCo's twin moves
+with parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a
+prismatic joint, 1 mm of tip and cables), and the drawn parameters are identified. --excitations
+compares inputs instead: amplitudes and times between knots, with the least deviation that any fit
+can have.
 
---second-opinion fits the same unknowns to the same data by MuJoCo's own identification (extra
-`sysid`) and prints both. It needs all joints and only them, in equal steps of time, and no joint
-that stays at a stop.
+--second-opinion also fits the same unknowns to the same data by MuJoCo's own identification (extra
+`sysid`), and prints both. It needs measurements of all joints and of nothing else, equal time
+steps, and no joint that stays at a stop.
 
 exit codes: 0 all parameters identified; 1 some not, they keep the file's value; 2 bad input.
 """
@@ -39,37 +40,42 @@ parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("data", metavar="DATA", nargs="?", help="CSV")
 parser.add_argument("--free", nargs="+", metavar="KIND", help="default: stiffness damping")
 parser.add_argument("--shared", nargs="+", default=[], metavar="KIND")
-parser.option("--hold-out", cli.finite, "PART", "the last part of the data only tests", 0.2)
+parser.option("--hold-out", cli.finite, "PART", "last part of the data, only for a test", 0.2)
 parser.add_argument("--step", type=cli.positive, metavar="S", help="longest step (s) of the model")
 parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of the twin's data")
 parser.add_argument(
-    "--measure", choices=("joints", "tip"), default="joints", help="of the twin; default: joints"
+    "--measure",
+    choices=("joints", "tip"),
+    default="joints",
+    help="outputs of the twin; default: joints",
 )
-parser.option("--noise", cli.finite, "X", "of the twin's outputs; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
+parser.option("--noise", cli.finite, "X", "noise of the twin; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
 for names, metavar, default, what in (
-    (("--amplitude", "--reach"), "PART", 0.6, "of the inputs' ranges that the twin sees"),
-    (("--bias",), "PART", 0.0, "of the ranges, added to the inputs: takes joints off their stops"),
-    (("--knots",), "S", 0.2, "between the twin's random inputs"),
+    (("--amplitude", "--reach"), "PART", 0.6, "share of the inputs' ranges in the twin's data"),
+    (("--bias",), "PART", 0.0, "share of the ranges, added to move joints off their stops"),
+    (("--knots",), "S", 0.2, "time between the twin's random inputs"),
 ):
     parser.add_argument(
         *names, type=cli.finite, nargs="+", metavar=metavar, default=[default],
         help=f"{what}, one for all or one for each; default: {default:g}",
     )  # fmt: skip
-parser.add_argument("--at-rest", action="store_true", help="begin there; default: fall from q = 0")
-parser.option("--seeds", cli.count, "N", "twins", 1)
+parser.add_argument(
+    "--at-rest", action="store_true", help="begin at rest; default: fall from q = 0"
+)
+parser.option("--seeds", cli.count, "N", "number of twins", 1)
 parser.add_argument("--excitations", action="store_true", help="compare inputs on the twin")
 parser.add_argument(
-    "--second-opinion", action="store_true", help="MuJoCo's identification beside ours"
+    "--second-opinion", action="store_true", help="also MuJoCo's own identification"
 )
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
-parser.option("--timestep", cli.positive, "S", "longest of the twin", 1e-4)
+parser.option("--timestep", cli.positive, "S", "longest step of the twin", 1e-4)
 parser.output("--out", "URDF", "write the robot's file with the new numbers")
 parser.output("--html", "FILE", "write a page: fit, residuals, intervals")
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Read, fit, write."""
+    """Read, fit and write."""
     import math
 
     import softdyn
@@ -110,7 +116,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Parameter]) -> int:
-    """Identify what was drawn, seed by seed, or say which inputs would tell it best."""
+    """Identify drawn parameters, seed by seed, or find the inputs that identify them best."""
     import math
 
     from softdyn import InputError
@@ -137,7 +143,7 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
         report["excitations"] = [
             {"amplitude": one.excitation.amplitude, "knots": one.excitation.knots,
              "relative": one.relative.tolist(), "refused": one.refused,
-             "reach": one.excitation.amplitude}  # its name before
+             "reach": one.excitation.amplitude}  # the former key
             for one in found
         ]  # fmt: skip
         cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write a robot's file from what it is made of: sections, material, cables."""
+"""Write a robot's file from a table of its sections, material and cables."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("file", metavar="FILE", help="TOML")
 parser.output(
     "--out", "URDF",
-    "what to write or replace (default: FILE with .urdf; refused if another hand wrote it)",
+    "file to write or replace (default: FILE with .urdf, unless another program wrote that)",
 )  # fmt: skip
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Read, judge, write."""
+    """Read, check and write."""
     from softdyn import InputError, design
     from softdyn.design.chain import GENERATED
     from softdyn.loading import load_text
@@ -42,7 +42,8 @@ def command(arguments: cli.Arguments) -> int:
         there = out.parent / name
         if there.is_file() and there.read_bytes() != content and not (own and out.is_file()):
             raise InputError(str(there), "no file, or the mesh that this command writes", "another")
-    load_text(made.text, path=out)  # refuses what `softdyn.load` would refuse, before it is written
+    # refuse a robot that `softdyn.load` would refuse, before writing
+    load_text(made.text, path=out)
     for name, content in {**made.meshes, out.name: made.text.encode()}.items():
         cli.make_folder((out.parent / name).parent)
         with atomic(out.parent / name) as file:

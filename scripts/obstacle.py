@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The tip meets an obstacle: the published law, the law over a hold, and the same with barriers."""
+"""The tip near an obstacle: the published controller, that over a horizon, that with barriers."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from softdyn.commands import cli
 
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
-of a robot of example-robot-data. One that is not bundled needs --gains; its set point is --target,
-or one that it can rest at.
+of a robot of example-robot-data. A robot that is not bundled needs --gains. Its set point is
+--target, or an equilibrium that its statics find.
 
-A ball stands half-way to the set point, so that the path of the published law cuts it. The second
-run is the same law over a hold of eps of its gains, the third has the ball as a barrier, and the
-file's joint limits with --limits. With --runs, as many random balls and targets besides (targets:
-the tip of random configurations; balls: beside the line to them), all with barriers.
+A ball stands half-way to the set point, so that the path of the published controller cuts it. The
+second run is the same controller over a horizon of eps of its gains. The third also has the ball as
+a barrier, and with --limits the file's joint limits. --runs adds runs to random targets beside
+random balls, all with barriers. A target is the tip of a random configuration, and its ball lies
+beside the line to it.
 
 exit codes: 0 no barrier was violated by more than 1 mm or 0.01 rad; 1 one was; 2 bad input.
 """
@@ -37,7 +38,7 @@ cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Run, judge, report."""
+    """Run, judge and report."""
     from softdyn.controllers.gains import from_table
     from softdyn.validation.studies import obstacle
 

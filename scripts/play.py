@@ -15,13 +15,13 @@ ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotate
 of a robot of example-robot-data. The first CONTROLLER acts (best by default); each further one, a
 class of your own as FILE.py:CLASS, joins the registry's in the page's menu. --gains is as for run.
 
-The plant runs in real time in this process, the pages' server in another: a slow page loses frames
-and delays nothing. The page shows its keys on "?". The address printed holds a random token; from
-another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. Ctrl-C ends it.
+The plant runs in real time in this process, the pages' server in another. So a slow page loses
+frames, but delays nothing. The page lists its keys on "?". The printed address contains a random
+token. From another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. Ctrl-C ends it.
 
---measure S runs S seconds without pages, with two that read every frame and draw none, and with two
-windows of Chromium where that is there, in turns, and says what became of the control step and of
-the clock.
+--measure S compares runs of S seconds: without pages, with two pages that read every frame and draw
+none, and with two windows of Chromium if it is installed. They take turns. The report has the times
+of the control step and the pace of the clock.
 
 exit codes: 0 ended by Ctrl-C or SIGTERM, or measured; 1 the step with two readers took more than
 1.1 x as long; 2 bad input.
@@ -34,7 +34,7 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 parser.add_argument("controllers", nargs="*", metavar="CONTROLLER")
 parser.add_argument(
-    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="the first one, in m"
+    "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="first target in m"
 )
 parser.add_argument("--period", type=cli.positive, metavar="S", help="control period in s")
 parser.add_argument(
@@ -47,7 +47,7 @@ cli.add_server_options(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Build, serve, run until somebody ends it."""
+    """Build, serve and run until the command is ended."""
     with cli.ends_cleanly() as over:
         from softdyn.validation.live.playing import drive, open_play_page
         from softdyn.view.live.pacing import Clock
@@ -64,7 +64,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def measure(session: Any, arguments: cli.Arguments) -> int:
-    """Measure what pages cost."""
+    """Measure the cost of pages."""
     from softdyn.validation.timing import live_timing
 
     report = live_timing.measure(session, arguments.measure, browser=shutil.which("chromium"))

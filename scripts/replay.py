@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""Show saved runs, one or several to compare: as a page without a server, or as a figure."""
+"""Show one or several saved runs, as a page without a server or as a figure."""
 
 from __future__ import annotations
 
 from softdyn.commands import cli
 
 EPILOG = """\
-LOG is what run.py --log or benchmark.py wrote (results/runs/ROBOT/CONTROLLER/CASE.npz). Several
-logs play together in one place, or with --side-by-side next to each other. The page has a timeline
-with the error of each run, shows cables by tension, and works from the file system. --plot draws
-errors and inputs instead, or too.
+LOG is a file of run.py --log or benchmark.py (results/runs/ROBOT/CONTROLLER/CASE.npz). Several logs
+play together in one place, or with --side-by-side next to each other. The page has a timeline with
+the error of each run, and colours cables by tension. It opens from the file system. --plot draws
+errors and inputs, with or without a page.
 
 exit codes: 0 written; 2 bad input.
 """
@@ -23,14 +23,12 @@ parser.add_argument("--labels", nargs="+", metavar="NAME", help="a name for each
 parser.add_argument(
     "--side-by-side", action="store_true", help="next to each other, not in one place"
 )
-parser.add_argument(
-    "--robot", metavar="ROBOT", help="the logs' robot (default: as the logs have it)"
-)
+parser.add_argument("--robot", metavar="ROBOT", help="the logs' robot (default: from the logs)")
 cli.add_robot_options(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Read the logs, write the page."""
+    """Read the logs and write the page."""
     import softdyn
     from softdyn.validation import Log
     from softdyn.validation.report.replay import comparison, replay

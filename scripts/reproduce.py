@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Why our table differs from the paper's: what its reference implementation does otherwise."""
+"""Explain differences from the paper's table by changes of its reference implementation."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from pathlib import Path
 from softdyn.commands import cli
 
 EPILOG = """\
-An EXPERIMENT switches one thing on (see --list) around the controller or in the plant; names joined
-by + are switched on together, e.g. stale+plant-step. Without --robots and --controllers it runs on
-the cells it is meant to explain. Beside it stand ours, from the grid of benchmark.py (what is
-missing there is run), and the published value. A run that was interrupted goes on where it stopped.
+An EXPERIMENT applies one change (see --list) to the controller or the plant. Names joined by +
+apply together, e.g. stale+plant-step. By default an experiment runs on the cells that it is meant
+to explain; --robots and --controllers choose others. The table also shows our result from the grid
+of benchmark.py (missing cases run first), and the published value. An interrupted run continues
+where it stopped.
 
-hulls needs --files, a checkout of the reference implementation. With --records, a folder of runs
-that it recorded at every step (ROBOT_CONTROLLER_thetaT.npz with q, v, ctrl, target), nothing is
-integrated: at each recorded state the emulated law's input and the emulated plant's next state are
-compared with the recorded ones. The experiments are then all that the recorded commit has, hulls
-too where there are --files, or those asked for.
+hulls needs --files, a checkout of the reference implementation. --records takes a folder of its
+runs, recorded at every step (ROBOT_CONTROLLER_thetaT.npz with q, v, ctrl, target). Then there is no
+simulation over time: at each recorded state, the emulated controller's input and the emulated
+plant's next state are compared with the recorded ones. By default the experiment consists of all
+changes in the recorded commit, with hulls if --files is given.
 
-With --ensemble or --keep the experiments run alone, as distributions, without the grid beside them.
+With --ensemble or --keep only the experiments run, as distributions, without the grid.
 
-scs and clf-objective need cvxpy and scs (pip install cvxpy scs), angular and exact quadprog, which
-the test extra installs.
+scs and clf-objective need cvxpy and scs (pip install cvxpy scs). angular and exact need quadprog,
+which the test extra installs.
 
 exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 bad input;
 130 interrupted.
@@ -31,7 +32,7 @@ exit codes: 0 every case ran, failed loops included; 1 a process was killed; 2 b
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help="default: every one")
-parser.add_argument("--list", action="store_true", help="say what there is and stop")
+parser.add_argument("--list", action="store_true", help="list the experiments and stop")
 parser.add_argument("--robots", nargs="+", metavar="ROBOT")
 parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER")
 parser.add_argument("--thetas", nargs="*", type=cli.finite, metavar="T", help="multiples of pi")
@@ -40,13 +41,15 @@ parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (defa
 parser.add_argument("--out", default="results/reproduction", metavar="DIR")
 parser.option("--grid", str, "DIR", "benchmark.py's folder", "results")
 parser.add_argument("--records", metavar="DIR", help="one-step table of the runs recorded in DIR")
-parser.add_argument("--files", metavar="DIR", help="the reference implementation, for hulls")
+parser.add_argument(
+    "--files", metavar="DIR", help="folder of the reference implementation, for hulls"
+)
 cli.add_ensemble_options(parser)
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Run what is missing, then the table."""
+    """Run the missing cases, then write the table."""
     from softdyn.controllers import find_controller
     from softdyn.validation.files import write_text
     from softdyn.validation.paper import reproduction
@@ -98,7 +101,7 @@ def files(arguments: cli.Arguments) -> Path | None:
 
 
 def one_step_table(arguments: cli.Arguments) -> int:
-    """Each record under each experiment; one row of each goes to the table as it is done."""
+    """Evaluate each record under each experiment; each row is printed when it is done."""
     from tqdm import tqdm
 
     from softdyn import InputError

@@ -23,29 +23,30 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
 
-CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic or ic-qp; best or mpc, which need no gains
-for any robot (--gains may give best a schedule, as those in controllers/schedules/, and mpc fields
-of softdyn.controllers.MpcParameters); or a class of your own as FILE.py:CLASS,
-built once as CLASS(model), or CLASS(model, table) with --gains, and called as
-controller(state, reference); what it returns needs an attribute u.
+CONTROLLER is soft-id-clf-qp, id-clf-qp, clf-qp, ic, uic, ic-qp, best or mpc, or a class of your own
+as FILE.py:CLASS. best and mpc need no gains for any robot; --gains may give best a schedule, as in
+controllers/schedules/, and mpc fields of softdyn.controllers.MpcParameters. Your class is built
+once as CLASS(model), or CLASS(model, table) with --gains, and called as controller(state,
+reference). The result needs an attribute u.
 
 --theta and --omega are multiples of pi on the paper's ellipse. For a robot that is not bundled the
-ellipse is scaled to its length, the summed joint offsets from base to tip, as for the finger
-(L/3 by L/8, its far end at distance L below and before the origin); --target needs no length.
+ellipse is scaled to its length, the sum of joint offsets from base to tip, as for the finger (L/3
+by L/8, its far end at distance L below and before the origin). --target needs no length.
 
 --gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
-Bundled robots have the paper's gains by default; others need some.
+Bundled robots have the paper's gains by default; other robots need a file.
 
-The run has reached its reference if |e|, over the last tenth of it and at its end, or the rms of
-|e| over the last cycle of a trajectory, is within --tolerance. Where a set point was not reached,
-statics looks a few seconds for the nearest point where the robot can rest.
+The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
+run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
+--tolerance. If a set point is not reached, statics searches for a few seconds the nearest
+equilibrium of the tip.
 
 exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged; 2 bad input.
 """
 
 
 PATIENCE = 4.0  # s to look for the nearest rest
-TRANSIENT = 1.0  # s; what a shorter run has not reached says nothing of its target
+TRANSIENT = 1.0  # s; a shorter run may not have had the time to reach its target
 
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -71,14 +72,17 @@ parser.add_argument(
     help="log the rate of V under the model's own acceleration (the paper's controllers)",
 )  # fmt: skip
 parser.add_argument("--contacts", action="store_true", help="let the links touch")
+parser.add_argument("--plant", metavar="FILE", help="an MJCF of your own that replaces the twin")
 parser.add_argument(
-    "--plant", metavar="FILE", help="an MJCF of your own to drive in place of the twin"
+    "--tolerance",
+    type=cli.positive,
+    metavar="M",
+    help="tolerance in m (default: 1 %% of the robot's length)",
 )
 parser.add_argument(
-    "--tolerance", type=cli.positive, metavar="M", help="in m (default: 1 %% of the robot's length)"
-)
-parser.add_argument(
-    "--no-verdict", action="store_true", help="exit with 0 unless the run failed, reached or not"
+    "--no-verdict",
+    action="store_true",
+    help="exit with 0 unless the run failed, even if it did not reach its target",
 )
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
 parser.output("--html", "FILE", "write the run as a page that replays it")
@@ -89,7 +93,7 @@ cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Build, simulate, report."""
+    """Build, simulate and report."""
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
     from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -148,7 +152,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[str, float | None]:
-    """The nearest rest to a set point that was not reached: a line, and its distance (cm)."""
+    """The equilibrium nearest to a set point that was not reached: a line, its distance (cm)."""
     import numpy as np
 
     from softdyn import SoftdynError, statics
@@ -172,7 +176,7 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
 def watch(
     loop: ClosedLoop, plant: Scene | None, arguments: cli.Arguments
 ) -> tuple[Log, ViewerCost]:
-    """Run the loop while the browser shows it."""
+    """Run the loop while a browser shows it."""
     from softdyn.validation.live import watching
     from softdyn.validation.report.replay import replay
 
@@ -197,7 +201,7 @@ def around(plant: Scene | None) -> Sequence[Visual]:
 
 
 def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
-    """The user's own scene, after a report on how it differs from the model."""
+    """The user's own scene, after a report on its differences from the model."""
     if arguments.plant is None:
         return None
     from softdyn.validation.mjcf.scene import Scene

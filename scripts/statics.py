@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Where a robot can rest: its tip's targets, the inputs that hold them, and how stably."""
+"""Equilibria of a robot: inputs that hold its tip at targets, and their stability."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data.
 
-Without a goal: the four set points of the paper's ellipse for its robots, and for any other robot
-four stable rests, spread as far as its inputs move the tip. Every target is searched from many
-starts: stable rests under random inputs, and random shapes. What is found exists; what is not found
-may exist. Each result is put into the MuJoCo twin with its input frozen for --hold seconds, exactly
-and with joints nudged by 1e-3 rad, and the tip's drift is told.
+By default the targets are the four set points of the paper's ellipse for its robots. For any other
+robot they are four stable equilibria, as far apart as its inputs can move the tip. The search for
+every target begins at many starts: stable equilibria under random inputs, and random shapes. Every
+equilibrium found is exact, but others may exist. Each one is put into the MuJoCo twin, which holds
+its input for --hold seconds, once exactly and once with joints displaced by 1e-3 rad. The report
+has the tip's drift.
 
---inputs raises the given input slowly from rest instead, and tells where that ends.
+--inputs raises the given input slowly from rest instead, and shows the resulting equilibrium.
 
 exit codes: 0 done; 1 no equilibrium was found; 2 bad input.
 """
 
 
-TARGETS = 4  # of a robot that has none of its own
+TARGETS = 4  # number of targets of a robot without published ones
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
@@ -38,22 +39,30 @@ goal.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="a point in m"
 )
 goal.add_argument(
-    "--inputs", type=cli.finite, nargs="+", metavar="U", help="where these inputs lead"
+    "--inputs",
+    type=cli.finite,
+    nargs="+",
+    metavar="U",
+    help="find the equilibrium under these inputs",
 )
 parser.option("--rays", cli.count, "N", "random inputs to raise", 40)
-parser.option("--spread", cli.count, "N", "stable rests sought where there are few", 100)
-parser.option("--shapes", cli.count, "N", "random shapes to start from, for each target", 12)
-parser.option("--seed", cli.whole, "S", "of all that is random", 0)
+parser.option(
+    "--spread", cli.count, "N", "further stable equilibria sought where there are few", 100
+)
+parser.option(
+    "--shapes", cli.count, "N", "random shapes at which the search for each target starts", 12
+)
+parser.option("--seed", cli.whole, "S", "seed of all random numbers", 0)
 parser.option("--hold", cli.positive, "S", "length of the twin's run in s", 10.0)
 parser.add_argument(
-    "--log", metavar="FILE", help="start from the last state of a run of scripts/run.py, too"
+    "--log", metavar="FILE", help="also start at the last state of a run of scripts/run.py"
 )
-parser.output("--map", "FILE", "draw the rests and the targets: .png or .pdf")
+parser.output("--map", "FILE", "draw the equilibria and the targets: .png or .pdf")
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Search, judge, report."""
+    """Search, judge and report."""
     from softdyn.validation.report.plot_style import check_path
 
     if arguments.inputs is not None and arguments.map is not None:
@@ -67,7 +76,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
-    """Where the given inputs lead from rest."""
+    """Raise the given inputs from rest to an equilibrium."""
     import numpy as np
 
     from softdyn import InputError, statics
@@ -86,7 +95,7 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
 
 
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
-    """The targets, each from many starts."""
+    """Search each target from many starts."""
     from softdyn import statics
     from softdyn.validation import paper
     from softdyn.validation.crosschecks.rest_report import rests_at

@@ -8,26 +8,26 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from softdyn.commands import cli  # beside this script
+from softdyn.commands import cli
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
 HOSTILE_ROUNDS = 5
-DRIVER = "soft-id-clf-qp"  # drives the loops that states are recorded from
+DRIVER = "soft-id-clf-qp"  # drives the loops from which states are recorded
 EPILOG = """\
-Robots and controllers as in benchmark.py. Every figure comes from the same recorded closed-loop
-states, states/ROBOT.npz below --out, which are recorded where they are missing: at the paper's set
-points, or at rests that the statics of anyone's robot find, driven by the first controller. What is
-inside each figure, how the floor and the paper's stack are built: docs/real_time.md. The stack
+Robots and controllers are named as in benchmark.py. Every figure comes from the same recorded
+closed-loop states, states/ROBOT.npz below --out. Missing ones are recorded first, in loops driven
+by the first controller: at the paper's set points, or for a user's robot at equilibria that its
+statics find. docs/real_time.md defines the figures, the floor and the paper's stack. The stack
 needs the extra bench (cvxpy, SCS) and is left out without it.
 
---hostile times the slowest step instead: every controller meets states and references full of NaN,
+--hostile times the slowest step instead. Every controller gets states and references full of NaN,
 infinities, huge and denormal numbers, singular Jacobians and input matrices
-(validation/timing/hostile.py), --rounds times each (5 by default). The time is the processor's, and
-the fastest repetition of a call counts. A step over 5 ms fails, and so does an answer that is not
-finite or not within bounds.
+(validation/timing/hostile.py), --rounds times each (5 by default). The figure is the processor time
+of the fastest repetition. A step over 5 ms fails, and so does an answer that is not finite or not
+within bounds.
 
-Times say something only on a machine that is otherwise idle; how busy it was is in the report.
+Times are meaningful only on an idle machine; the report states its load.
 
 exit codes: 0 done; 1 with --hostile, a step failed; 2 bad input; 130 interrupted.
 """
@@ -55,7 +55,7 @@ parser.moved("--scaling", "python -m tests.proof scaling")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Measure what is asked for."""
+    """Measure the requested figures."""
     from functools import partial
 
     import softdyn
@@ -76,7 +76,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def hostile_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
-    """Time the slowest step of each controller, print the table."""
+    """Time the slowest step of each controller and print the table."""
     from tqdm import tqdm
 
     from softdyn.validation.timing.worst_step import survey, worst_step_text
@@ -88,7 +88,7 @@ def hostile_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[
 
 
 def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
-    """Time ordinary steps, then tables and figures."""
+    """Time ordinary steps, then write tables and figures."""
     from tqdm import tqdm
 
     import softdyn
@@ -106,7 +106,7 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 
     def driver(model: softdyn.SoftModel) -> tuple[str, Any]:
-        """Name and maker of a driver: for a user's robot, the first controller asked for."""
+        """Name and factory of a driver: for a user's robot, the first controller given."""
         return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
 
     load, report = MachineLoad(), dict[str, Any](rows=[])
@@ -133,7 +133,7 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
 
 
 def has_stack() -> bool:
-    """Whether the extra ``bench`` is there; says so on stderr where it is not."""
+    """Whether the extra ``bench`` is installed; a note on stderr says if it is not."""
     found = find_spec("cvxpy") is not None
     if not found:
         hint = "pip install cvxpy scs"

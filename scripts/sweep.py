@@ -24,23 +24,23 @@ FILE is TOML, described in docs/sweeps.md; for example
     Kp = [100, 500, 2000]
     eps = { from = 0.01, to = 0.1, count = 5, spacing = "log" }
 
-or the name of a sweep that comes with softdyn, where there is no such file: robustness (other
-targets, plants, delays, noise: one change at a time), horizon (of the soft controller's dynamics),
-periods (the paper's experiments at several control periods).
+or the name of a shipped sweep, if no such file exists: robustness (other targets, plants, delays,
+noise: one change at a time), horizon (of the soft controller's dynamics), periods (the paper's
+experiments at several control periods).
 
-Below --out: cases/ with one file a case, sweep.csv with all of them, sweep.md with the best, or a
-table of all where the file asks for it. A sweep that was interrupted goes on where it stopped; a
-case is done again when it, its robot, its controller, softdyn or an engine has changed.
+Below --out: cases/ with one file per case, sweep.csv with all of them, and sweep.md with the best
+ones, or with a table of all if the file asks for it. An interrupted sweep continues where it
+stopped. A case runs again when it, its robot, its controller, softdyn or an engine has changed.
 
-exit codes: 0 every case has a result, failed loops included; 1 some could not be run, the scheduler
-went away, or a case failed that must not, with robustness those with masses, springs and damping
-within 10 %; 2 bad input; 130 interrupted.
+exit codes: 0 every case has a result, failed loops included; 1 a case could not run, the scheduler
+was lost, or a case failed that must not fail (for robustness: masses, springs and damping within
+10 %); 2 bad input; 130 interrupted.
 """
 
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("file", metavar="FILE", nargs="?", help="a TOML file, or a sweep's name")
-parser.add_argument("--list", action="store_true", help="list the sweeps that come with softdyn")
+parser.add_argument("--list", action="store_true", help="list the shipped sweeps")
 instead = "instead of the file's"
 parser.add_argument("--robots", nargs="+", metavar="ROBOT", help=instead)
 parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER", help=instead)
@@ -49,16 +49,16 @@ cli.add_own_options(parser)
 where = parser.add_mutually_exclusive_group()
 where.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 where.add_argument(
-    "--scheduler", metavar="tcp://HOST:PORT", help="of a dask cluster: softdyn[cluster]"
+    "--scheduler", metavar="tcp://HOST:PORT", help="scheduler of a dask cluster: softdyn[cluster]"
 )
 parser.add_argument("--out", metavar="DIR", help="default: results/ and FILE's name")
-parser.add_argument("--dry-run", action="store_true", help="only tell what there is to do")
+parser.add_argument("--dry-run", action="store_true", help="only list the cases that would run")
 cli.add_ensemble_options(parser)
 cli.add_json(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Run what is missing, then the tables."""
+    """Run the missing cases, then write the tables."""
     from softdyn import InputError
     from softdyn.validation.studies import sweep, sweep_report
     from softdyn.validation.studies.engine import cluster, executors

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tune the schedule of `best` for a robot, on targets that its test does not have."""
+"""Tune the schedule of `best` for a robot; its test has other targets than the search."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ EPILOG = """\
 ROBOT is a path to an annotated URDF, the name of a robot of example-robot-data with --annotations,
 or a bundled name (finger, helix, spirob, spirob48).
 
-A robot of your own: the statics find points that it can rest at and paths that it can follow. Gains
-are drawn at random and then searched by CMA-ES. The best few meet on other targets, and the winner
-is tested against mpc on targets that neither saw, on fewer where the time is short. The answer
-comes in about --seconds, statics included; a first use's compilation and the runs under way at the
-end come on top. Two runs of mpc, four candidates and their test are made however long they take.
-A winner that beats mpc is written beside the file (my.urdf: my.schedule.toml, or beside the
-annotations), where `best` finds it as long as the robot's dynamics do not change. Otherwise nothing
-is written, and `best` stays mpc. --gains is a schedule to begin with besides.
+A robot of your own: statics finds equilibria and paths that it can follow. Gains are drawn at
+random and then searched by CMA-ES. The best few are compared on other targets. The winner is tested
+against mpc on a third set of targets, or on a part of it if time is short. The answer comes after
+about --seconds, statics included, plus the compilation of a first use and the runs in progress at
+the end. Two runs of mpc, four candidates and their test are made in any case. A winner that beats
+mpc is written beside the file (my.urdf: my.schedule.toml, or beside the annotations). best uses it
+as long as the robot's dynamics do not change. Otherwise nothing is written, and best stays mpc.
+--gains adds a schedule to the start of the search.
 
-A bundled robot: CMA-ES searches the approach on the first second of runs, then the stay on whole
-runs: set points at theta = 0.25, 0.75, 1.25 and 1.75 pi, trajectories at 0.12, 0.17, 0.25 and
-0.45 pi rad/s. The start and the best then meet on 28 other set points and 9 trajectories, which
-decide. None of all these is the paper's. The start is --gains, else the robot's own schedule, else
-its published gains in both stages. --again repeats a search from its summary, as those in
-docs/tuning/. --summary gets the settings, each stage's winner and the finals (JSON); --trace gets
-every candidate with its scores (JSON), anew after every generation.
+A bundled robot: CMA-ES searches the approach on the first second of runs, then the stay on complete
+runs, with set points at theta = 0.25, 0.75, 1.25 and 1.75 pi and trajectories at 0.12, 0.17, 0.25
+and 0.45 pi rad/s. Then 28 other set points and 9 trajectories decide between the start and the best
+candidates. None of all these is the paper's. The start is --gains, else the robot's own schedule,
+else its published gains in both stages. --again repeats a search from its summary, as those in
+docs/tuning/. --summary receives the settings, each stage's winner and the finals (JSON). --trace
+receives every candidate with its scores (JSON), updated after every generation.
 
 Needs the package cma (the extra softdyn[tune]): pip install cma.
 
@@ -43,12 +43,12 @@ what.add_argument("--again", metavar="FILE", help="all settings from a summary (
 parser.add_argument(
     "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
 )
-parser.option("--seconds", cli.positive, "S", "own robot: until the answer", 300.0)
+parser.option("--seconds", cli.positive, "S", "own robot: time until the answer", 300.0)
 parser.add_argument("--gains", metavar="FILE", help="the schedule to start from, TOML")
 parser.option("--approach", int, "N", "bundled: generations of the approach, 0 to keep it", 10)
 parser.option("--stay", int, "N", "bundled: generations of the stay, 0 to keep it", 8)
-parser.option("--finalists", cli.count, "N", "bundled: how many meet at the end, with the start", 6)
-parser.option("--population", cli.count, "N", "bundled: candidates a generation", 10)
+parser.option("--finalists", cli.count, "N", "bundled: candidates in the finals, with the start", 6)
+parser.option("--population", cli.count, "N", "bundled: candidates per generation", 10)
 parser.option("--seed", cli.count, "S", "> 0", 1)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.output("--out", "FILE", "default: beside the robot's file; bundled: schedule.toml")
@@ -57,7 +57,7 @@ parser.output("--trace", "FILE", "bundled; default: none")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Tune a bundled robot on the paper's ellipse, any other one on what its statics find."""
+    """Tune a bundled robot on the paper's ellipse, another one on targets that its statics find."""
     import softdyn
     from softdyn.controllers.schedule import read_schedule
     from softdyn.validation.studies.schedule_search import schedule_tables
@@ -68,7 +68,7 @@ def command(arguments: cli.Arguments) -> int:
 
 
 def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
-    """Find targets, search, test, write what is better."""
+    """Find targets, search, test, and write a schedule that is better."""
     from time import monotonic
 
     from softdyn.controllers.registry import make_controller
@@ -79,7 +79,7 @@ def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
     from softdyn.validation.studies.tuning_targets import find_targets
 
     model = load_model(arguments.robot, arguments.annotations)
-    if model.nu:  # a first use's compilation is not in the time: controllers compile when made
+    if model.nu:  # this compiles the kernels, which is not a part of the time
         make_controller("mpc", model)
         make_controller("soft-id-clf-qp", model, {"Kp": 100.0, "eps": 0.05, "horizon": 0.05})
     began = monotonic()
@@ -103,7 +103,7 @@ def tune_own(arguments: cli.Arguments, start: dict[str, Any] | None) -> int:
 
 @contextmanager
 def share_bar(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal for work of a known time: what is done, and the share that is over."""
+    """A bar on a terminal for work of a known time: the current step, and the share of the time."""
     from tqdm import tqdm
 
     layout = "{desc} |{bar}| {percentage:3.0f} % [{elapsed}]"

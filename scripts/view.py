@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Show a robot in the browser: at rest, then what each of its inputs does."""
+"""Show a robot in the browser: at rest, then moved by each of its inputs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to a URDF, or the name of a robot
 of example-robot-data.
 
-The robot settles under gravity and then follows its own analytic dynamics while one input after
-the other rises and falls; of a robot without inputs, each joint moves in turn. The page is served
-on this machine only, until Ctrl-C.
+The robot settles under gravity. Then it follows its own analytic dynamics while one input after the
+other rises and falls. If it has no inputs, each joint moves in turn. The page is served only on
+this machine, until Ctrl-C.
 
-With --sliders one sets its joints, or its inputs: the arm then settles to its rest (statics, no
-simulation), the ellipsoid at its tip says how it yields to a force, and where the branch of rests
-is unstable the unstable one is drawn too. With --html the file has the joints alone.
+With --sliders you set the joints or the inputs. The inputs lead to an equilibrium (statics, no
+simulation). The ellipsoid at the tip shows its compliance to a force. Where this branch of
+equilibria is unstable, the unstable one is drawn, too. With --html the file only has the sliders of
+joints.
 
 exit codes: 0 ended by Ctrl-C or SIGTERM, or the file is written; 2 bad input.
 """
@@ -36,7 +37,7 @@ cli.add_robot_options(parser)
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Write the page, or serve it until somebody ends it."""
+    """Write the page, or serve it until the command is ended."""
     with cli.ends_cleanly() as over:
         import softdyn
         from softdyn.view.rest_sweep import rest_page

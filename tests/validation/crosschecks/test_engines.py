@@ -80,7 +80,7 @@ def test_the_command_asks_all_three(pair, capsys):
     assert found["pair"]["passed"]
     assert found["b_by_pinocchio"]["exact"]
     command.main([str(pair[0]), str(pair[0]), "--engines", "--samples", "1"])
-    assert "not asked" in capsys.readouterr().out
+    assert "not compared" in capsys.readouterr().out
 
 
 def test_one_degree_of_freedom(tmp_path, capsys):
