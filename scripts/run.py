@@ -165,9 +165,9 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
         return f"statics: {error}", None
     away = found.distance(found.nearest)
     within = away <= log.verdict(tolerance).tolerance
-    reach = "it is in reach" if within else "it may be out of reach"
+    reach = "it is within reach" if within else "it may be out of reach"
     return (
-        f"softdyn statics says: the nearest rest found in {PATIENCE:g} s is {100 * away:.3f} cm "
+        f"softdyn statics: the nearest equilibrium found in {PATIENCE:g} s is {100 * away:.3f} cm "
         f"from the target: {reach}",
         100 * away,
     )

@@ -90,7 +90,7 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
     found, snaps = statics.ramp(model, u)
     rest, robot = HeldRest.of(found, arguments.hold), model.bundled or model.name
     tip = " ".join(f"{x:.4f}" for x in found.y)
-    text = f"{robot}: rests with its tip at {tip} m, {snaps} snaps\n{rest}"
+    text = f"{robot}: equilibrium with its tip at {tip} m, {snaps} snaps\n{rest}"
     return {"robot": robot, "snaps": snaps, "rest": rest.to_dict()}, text
 
 

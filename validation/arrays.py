@@ -47,7 +47,7 @@ def read_npz(path: str | Path, expected: str, kind: str = "file") -> dict[str, n
 def _arrays(archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
     entries = archive.infolist()
     if len({entry.filename for entry in entries}) < len(entries):
-        raise ValueError("an entry that is there twice")
+        raise ValueError("an entry that occurs twice")
     if sum(entry.file_size for entry in entries) > MAX_BYTES:
         raise ValueError(f"more than {MAX_BYTES} bytes")
     for entry in entries:
@@ -68,7 +68,7 @@ def _check_header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> None:
         if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != (
             entry.file_size - stream.tell()
         ):
-            raise ValueError(f"{entry.filename} of another size than its header says")
+            raise ValueError(f"{entry.filename} whose size differs from its header")
 
 
 def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:

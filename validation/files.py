@@ -67,7 +67,7 @@ def check_outputs(*paths: str | Path | None, read: Set[Path] = frozenset()) -> N
             continue
         target = followed(Path(path))
         if target in seen:
-            raise InputError(str(path), "a file for one output alone", "another output's file")
+            raise InputError(str(path), "a different file for each output", "another output's file")
         if target in read:
             raise InputError(str(path), "a file that this command does not read", "its input")
         seen.add(target)
@@ -113,7 +113,7 @@ def write_json(path: str | Path, value: Any) -> None:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise ValueError("a name that is there twice")
+        raise ValueError("a name that occurs twice")
     return found
 
 

@@ -50,7 +50,7 @@ def in_processes(
             )
     except BrokenProcessPool:
         raise WorkerKilled(
-            "a process was killed, or ran out of memory: the same command again goes on where "
+            "a process was killed, or ran out of memory: repeat the command to continue where "
             "it stopped"
         ) from None
 

@@ -97,4 +97,6 @@ def test_what_tells_most_comes_first(finger):
     assert "1 of 4" in text
     assert "1.00%" in text
     assert "not identifiable with it: stiffness joint2, stiffness joint3, stiffness joint4" in text
-    assert "none of them tells anything: always at its stops" in comparison(unknowns, [none])
+    assert "none of them identifies a parameter: always at its stops" in comparison(
+        unknowns, [none]
+    )

@@ -159,7 +159,7 @@ def test_two_outputs_are_two_files(tmp_path, monkeypatch):
     (tmp_path / "link").symlink_to("out")
     check_outputs("out", None, "other", "-", "-", "/dev/null", "/dev/null")
     for same in ("out", str(tmp_path / "out"), "link"):
-        with pytest.raises(InputError, match="expected a file for one output alone"):
+        with pytest.raises(InputError, match="expected a different file for each output"):
             check_outputs("out", same)
     (tmp_path / "out").touch()
     for same in ("out", str(tmp_path / "out"), "link"):

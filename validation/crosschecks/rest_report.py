@@ -145,7 +145,7 @@ class RestReport:
         return {"robot": self.robot, "samples": len(self.samples), "targets": targets}
 
     def __str__(self) -> str:
-        head = f"{self.robot}: {len(self.samples)} stable rests sampled"
+        head = f"{self.robot}: {len(self.samples)} stable equilibria sampled"
         return "\n".join([head, *map(str, self.targets)])
 
 

@@ -78,7 +78,7 @@ def compared(
         The noise is zero, so that there is nothing to compare.
     """
     if not noise > 0:
-        raise InputError("noise", "more than 0: it is what deviations come from", noise)
+        raise InputError("noise", "more than 0, because deviations come from noise", noise)
     several = [
         replace(excitation, amplitude=amplitude, knots=knots, spread=0.0)
         for amplitude, knots in product(AMPLITUDES, KNOTS)
@@ -116,7 +116,7 @@ def comparison(unknowns: Sequence[Parameter], candidates: Sequence[Candidate]) -
     titles = ["amplitude", "knots (s)", "identifiable", *(f"worst {kind}" for kind in kinds)]
     table = Table(titles, rows, ["g", "g", ">", *[".2%"] * len(kinds)]).text()
     if not best.identifiable.any():
-        return f"{table}\nnone of them tells anything: {best.refused}"
+        return f"{table}\nnone of them identifies a parameter: {best.refused}"
     others = [one.label for one, yes in zip(unknowns, best.identifiable, strict=True) if not yes]
     lines = [f"best: --amplitude {best.excitation.amplitude:g} --knots {best.excitation.knots:g}"]
     if others:

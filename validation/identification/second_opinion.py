@@ -135,7 +135,9 @@ class Opinion:
         held = "not identified, held at the file's value"
         lines += [f"{held}: {label}" for label in self.unidentified]
         if self.left > UNFINISHED:
-            lines.append(f"MuJoCo's optimiser stopped {self.left:.2g} deviations before its end")
+            lines.append(
+                f"MuJoCo's optimiser stopped {self.left:.2g} deviations before convergence"
+            )
         return "\n".join(lines)
 
 
@@ -176,7 +178,7 @@ def check(
     problem = problem_of(model, part, tuple(unknowns), np.inf)
     if problem.held.any():
         held = [model.joint_names[j] for j in np.flatnonzero(problem.held)]
-        expected = "joints that leave their stops: MuJoCo's model would be one without"
+        expected = "joints that leave their stops"
         raise InputError("--second-opinion", expected, ", ".join(held))
     _sysid()
     return problem

@@ -194,7 +194,7 @@ class Play:
         self.close()
 
     def __reduce__(self) -> Any:
-        raise TypeError("what runs cannot be copied: play again")
+        raise TypeError("a running robot cannot be copied: call play again")
 
     def start(self) -> None:
         """Let the robot run; no effect if it runs.

@@ -148,7 +148,7 @@ class Session:
     @singledispatchmethod
     def _do(self, message: Any) -> None:
         name = messages.NAMES[type(message)]
-        raise InputError("do", "something that a robot in motion can do", name)
+        raise InputError("do", "a message that a running robot can obey", name)
 
     @_do.register
     def _(self, message: messages.SetTarget) -> None:
@@ -278,7 +278,7 @@ class Session:
                 self._ghost.advance(self._u, steps)
             except InputError:
                 self._ghost, self.shown.ghost, self.changed = None, False, True
-                self.shown.notice = "the model beside the plant left the finite numbers"
+                self.shown.notice = "the model beside the plant diverged"
 
     def _fault(self, text: str) -> None:
         self.shown.paused, self.shown.notice, self.changed = True, one_line(text, 300), True

@@ -66,7 +66,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         if not fits(about[name]):
             raise InputError(where, f"{name} as a log has it", repr(about[name]))
     if about["failed"] != (about["reason"] is not None):
-        raise InputError(where, "a reason of failed runs alone", repr(about["reason"]))
+        raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
     _check_shapes(where, arrays, len(about["joint_names"]))
     _check_values(where, arrays, about)
 
@@ -90,7 +90,7 @@ def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str,
     """Refuse impossible values; only the last sample of a run that ended early may be NaN."""
     t, u, low, high = (arrays[name] for name in ("t", "u", "u_min", "u_max"))
     if not (t[0] == 0 and np.isfinite(t).all() and (np.diff(t) > 0).all()):
-        raise InputError(where, "times from 0 that increase", "others")
+        raise InputError(where, "increasing times from 0", "others")
     if about["complete"] and abs(t[-1] - about["duration"]) > about["timestep"]:
         raise InputError(where, f"{about['duration']} s of a complete run", f"{t[-1]} s")
     whole = len(t) if about["complete"] else len(t) - 1

@@ -39,7 +39,7 @@ WITHOUT_EFFECT = {
     "names, text and states": _names("""
         name_* names names_map paths signature *_user numeric_* text_* tuple_* key_*
     """),
-    "what it looks like": _names("""
+    "appearance": _names("""
         vis cam_* light_* mat_* tex_* skin_* *_rgba *_matid geom_group site_group jnt_group
         tendon_group tendon_width site_type site_size site_dataid geom_castshadow
     """),
@@ -57,12 +57,12 @@ WITHOUT_EFFECT = {
     "refused: flexible bodies and plugins": _names("""
         flex_* flexedge_* efm0_* efmC_* plugin plugin_* *_plugin
     """),
-    "how finely or how fast the motion is computed, not which": _names("""
+    "accuracy and speed of the computation": _names("""
         opt.timestep opt.integrator opt.solver opt.jacobian opt.tolerance opt.ls_tolerance
         opt.noslip_tolerance opt.iterations opt.ls_iterations stat mjDSBL_WARMSTART mjDSBL_EULERDAMP
         mjDSBL_ISLAND mjDSBL_AUTORESET mjENBL_ENERGY mjENBL_FWDINV mjENBL_INVDISCRETE
     """),
-    "computed by the compiler from what is read": _names("""
+    "computed by the compiler from other fields": _names("""
         body_rootid body_weldid body_dofnum body_dofadr body_treeid body_geomnum body_geomadr
         body_simple body_sameframe body_subtreemass body_invweight0 jnt_actuatorid jnt_plasticadr
         dof_parentid dof_treeid dof_Madr dof_simplenum dof_invweight0 dof_M0 dof_length tree_bodyadr
@@ -71,7 +71,7 @@ WITHOUT_EFFECT = {
         actuator_actadr actuator_actnum actuator_historyadr actuator_acc0 actuator_length0
         flg_gravcomp B_* M_* D_* mapM2M mapM2D mapD2M
     """),
-    "told flag by flag": _names("opt.disableflags opt.enableflags"),
+    "reported flag by flag": _names("opt.disableflags opt.enableflags"),
 }
 
 # Fields → fields; the former act only if one of the latter is on.

@@ -55,7 +55,7 @@ def map_inputs(
         where = f"{theirs.path}: actuator for {motor.name!r}"
         if not free:
             names = ", ".join(m.name for m in theirs.motors) or "none"
-            raise InputError(where, f"one on what {motor.target} pulls", names)
+            raise InputError(where, f"one on {motor.target}", names)
         chosen = theirs.motors[free[0]]
         if chosen.law:
             raise InputError(

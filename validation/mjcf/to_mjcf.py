@@ -338,8 +338,8 @@ def lost(robot: Robot) -> list[str]:
         excess = moments[2] - moments[1] - moments[0]
         if excess > max(ROUNDING * moments[2], SMALLEST):  # a point's are rounding
             notes.append(
-                f"the inertia of {part.link!r}, whose principal moments are a + b < c by "
-                f"{excess / moments[2]:.1e} c: no body has them; the nearest possible are written"
+                f"the inertia of {part.link!r}: its principal moments are a + b < c by "
+                f"{excess / moments[2]:.1e} c, so the nearest possible ones are written"
             )
     repeated = Counter(link.name for link in robot.links)
     notes += [f"a second link {name!r}" for name, count in repeated.items() if count > 1]

@@ -257,8 +257,8 @@ THERE = {
     "spirob": f"{_TASK}+soft-stops+contacts+friction",
 }
 ALIASES = {
-    "reference": "all of it, as each robot has it (exact QPs; +scs for its solver)",
-    "there": "its targets, sampling and plant, the controller as it is (SpiRob of 27 DOF)",
+    "reference": "all changes of each robot (exact QPs; +scs for its solver)",
+    "there": "its targets, sampling and plant with our controller (SpiRob of 27 DOF)",
 }
 
 

@@ -46,9 +46,9 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
     white = "white" if found.white >= 0.01 else "not white: the model lacks something"
     notes = [
-        f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); intervals count their colour.",
+        f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); the intervals account for it.",
         f"In the part of the data held out they are {found.held_out:.3g} times the fit's.",
-        *(f"These data do not tell: {text}." for text in found.unidentifiable),
+        *(f"Not identifiable from these data: {text}." for text in found.unidentifiable),
         f"Half the step of the simulation would move an estimate by {found.moved:.2g} of its"
         " standard deviation, at most.",
     ]

@@ -133,7 +133,7 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
 def _handles() -> list[Line2D]:
     dots: dict[str, Any] = {"linestyle": "", "marker": "o", "ms": 3}
     return [
-        Line2D([], [], color=SKY, label="tip at a stable rest", **dots),
+        Line2D([], [], color=SKY, label="tip at a stable equilibrium", **dots),
         Line2D([], [], color=BLACK, ls="", marker="+", ms=8, mew=1.4, label="target"),
         Line2D([], [], color=GREEN, label="closest stable shape"),
         Line2D([], [], color=VERMILLION, label="closest shape, unstable"),

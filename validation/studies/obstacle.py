@@ -54,7 +54,7 @@ class Encounters:
                 f"{max(row['violation'] for row in random):.2f} mm or 0.01 rad, "
                 f"{sum(row['relaxed'] > 0 for row in random)} in which rows gave way, "
                 f"{sum(row['fallbacks'] for row in random)} fallbacks, "
-                f"{sum(row['failed'] for row in random)} that did not come nearer"
+                f"{sum(row['failed'] for row in random)} that did not approach the target"
             )
         guarded = self.report["runs"][2:]
         steps, states = (sum(row[key] for row in guarded) for key in ("relaxed", "outside"))

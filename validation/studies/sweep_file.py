@@ -92,7 +92,7 @@ class _Reader(ValueReader):
         self.check(self.count is None or drawn, "samples", expected, "none")
         equilibria = self.yes("targets.equilibria", self.section("targets", None))
         fits = not equilibria or all(a.name != "point" and not a.drawn for a in targets)
-        self.check(fits, "targets.equilibria", "values of theta and omega alone", "others")
+        self.check(fits, "targets.equilibria", "only values of theta and omega", "others")
         self.check_gains(controllers, models, axes)
         sizes = {"changes": len(changes), "periods": 1 + len(periods)}
         self.check_size(models, controllers, targets, axes, sizes)
@@ -212,12 +212,12 @@ class _Reader(ValueReader):
                 read = {robot: self.axis(at, name, x, check) for robot, x in each.items()}
                 lists += [axis for axis in read.values() if axis.varies]
                 fits = not any(axis.drawn for axis in read.values()) and not (differs and lists)
-                self.check(fits and len(lists) < 2, at, "one value, or one list a change", value)
+                self.check(fits and len(lists) < 2, at, "one value, or one list per change", value)
                 fields[name] = {robot: axis.values[0] for robot, axis in read.items()}
             for value in lists[0].values if lists else [None]:
                 title = text if value is None else text.replace("{}", f"{value:g}")
                 known = title in names or "/" in title or not title
-                self.check(not known, key, "a name of its own, with {} for a list and no /", title)
+                self.check(not known, key, "a unique name, with {} for a list and without /", title)
                 names.add(title)
                 yield title, fields | {axis.name: {"default": value} for axis in lists}
 
@@ -225,7 +225,9 @@ class _Reader(ValueReader):
         known = ("robot", "controller", "change", "plant.period", "gains.horizon",
                  *(axis.name for axis in axes))  # fmt: skip
         rows = self.names("rows", known)
-        self.check(rows or len(changes) == 1, "rows", "what tells changes apart", "nothing")
+        self.check(
+            rows or len(changes) == 1, "rows", "parameters that distinguish the changes", "nothing"
+        )
         if rows and "period" in self.said and "plant.period" not in rows:
             rows.insert(rows.index("change") if "change" in rows else len(rows), "plant.period")
         return tuple(rows)

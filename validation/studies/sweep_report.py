@@ -294,7 +294,7 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
                      f"{inline(result['reason'])}")  # fmt: skip
     more = len(failures) - SHOWN_REASONS
     parts += [f"- and {more} more: see sweep.csv"] if more > 0 else []
-    return ["## Cases that did not end well", "\n".join(parts)]
+    return ["## Failed cases", "\n".join(parts)]
 
 
 def label(name: str) -> str:

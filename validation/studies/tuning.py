@@ -310,12 +310,12 @@ def tuning_text(targets: TuningTargets, found: Mapping[str, Any]) -> str:
     verdict = (
         "the schedule beats predictive control"
         if found["better"]
-        else "predictive control is better: no schedule is worth having here"
+        else "predictive control is better, so no schedule is needed"
     )
     return "\n".join((
         f"{targets.model.name}: {points} targets and {paths} paths, found by its statics",
         f"{found['candidates']} candidates in {found['seconds']:.0f} s; least costs: {costs}",
-        f"on {tested} that no step of the search saw:",
+        f"on {tested} that the search has not used:",
         Table.of(COLUMNS, found["rows"]).text(),
         verdict,
     ))  # fmt: skip

@@ -97,7 +97,7 @@ def find_targets(robot: str, annotations: str | None, model: SoftModel, seed: in
         if np.linalg.norm(one.y - start) > NEAREST * model.robot.length
     ][:wanted]
     if len(rests) < len(POINTS):
-        expected = f"at least {len(POINTS)} stable rests with the tip away from where it starts"
+        expected = f"at least {len(POINTS)} stable equilibria with the tip away from its start"
         raise InputError(str(model.robot.path), expected, len(rests))
     # divided in turn, because the first ones are the outermost
     parts = [name for k in range(wanted) for name, n in POINTS.items() if k < n]

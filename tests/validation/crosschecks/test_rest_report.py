@@ -26,7 +26,7 @@ def test_a_reachable_point_is_held_and_the_text_says_so():
     assert min(away) < max(away)
     assert target.closest_sample == pytest.approx(min(away))
     text = str(report)
-    assert text.startswith(f"finger: {len(report.samples)} stable rests sampled\nthere (")
+    assert text.startswith(f"finger: {len(report.samples)} stable equilibria sampled\nthere (")
     assert "\n  closest        0.000 cm away, stable (eigenvalue" in text
     assert "\n  stable  " not in text
     row = json.loads(json.dumps(report.to_dict()))["targets"][0]

@@ -147,7 +147,7 @@ def afloat(root) -> None:
     ("change", "expected"),
     [
         (shorter, "none for joint4"),
-        (undriven, "on what tendon:tendon_a pulls, got none"),
+        (undriven, "one on tendon:tendon_a, got none"),
         (servos, "a motor, whose force is its input, got 'servo_1', gain"),
         (afloat, "expected a fixed base, as the model's, got a floating one"),
     ],
@@ -169,7 +169,7 @@ def test_a_plant_that_cannot_be_is_refused(finger):
     def run_it(**options):
         return simulate(finger, SoftIdClfQp(finger), SetPoint([0.2, 0, 0]), **options)
 
-    with pytest.raises(InputError, match="none beside a plant"):
+    with pytest.raises(InputError, match="none, because the plant"):
         run_it(plant=SCENE, contacts=True)
     with pytest.raises(InputError, match="an MJCF file"):
         run_it(plant=3)

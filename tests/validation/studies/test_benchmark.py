@@ -483,5 +483,5 @@ def test_rows_need_results(tmp_path):
 def test_processes(tmp_path):
     assert sorted(in_processes(divmod, [(7, 2), (9, 4)], 1)) == [(2, 1), (3, 1)]
     assert sorted(in_processes(os.path.abspath, [(".",)], 2)) == [os.getcwd()]
-    with pytest.raises(WorkerKilled, match="goes on where it stopped"):
+    with pytest.raises(WorkerKilled, match="to continue where it stopped"):
         list(in_processes(os._exit, [(9,)], 2))

@@ -176,7 +176,7 @@ class Comparison:
     def verdict(self) -> str:
         """The answer in one line."""
         if not self.matched and not self.explained:
-            return "no joint of one file is one of the other: two robots"
+            return "no joint of one file matches one of the other: two robots"
         if not self.explained:
             return "UNEXPLAINED: the files differ by more than the causes found"
         kinds = list(dict.fromkeys(c.kind for c in self.causes if not c.one_sided))

@@ -19,7 +19,7 @@ from softdyn.validation.studies.engine.executors import DIED
 from softdyn.validation.studies.engine.store import Executor
 from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
 
-GONE = "--scheduler: it went away before the end; call again to go on where it stopped"
+GONE = "--scheduler: the scheduler was lost; repeat the command to continue where it stopped"
 CONNECT = 10.0  # s
 IN_FLIGHT = 1000  # jobs at a scheduler at a time; more would only slow it down
 PATIENCE = 5.0  # s without any worker before a message
