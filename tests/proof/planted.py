@@ -32,7 +32,8 @@ are turned. One to three defects are planted in one of them, of sizes from 10 µ
 
   named        its causes are the planted ones
   equivalent   it has no more causes than were planted, and nothing is left
-  missed       a planted one is not named that alone changes an engine's q̈ by more than 1e-6
+  missed       a planted one is not named that alone changes an engine's q̈ by more than 1e-6;
+               of two displacements one cause may name both
   false        anything else
 
 exit codes: 0 nothing missed, nothing false; 1 otherwise; 2 bad input.
@@ -44,7 +45,8 @@ SIZES = {
     "pose": LENGTH, "turn": ANGLE, "displaced": LENGTH, "armature": FORCE, "friction": FORCE,
     "damping": FORCE, "base": ANGLE, "tendon": LENGTH, "actuator": (1, 1),
 }  # fmt: skip
-CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # other kinds keep their names
+CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # others are called what they are
+PLACES = ("zero", "pose", "turn", "displaced", "tilt", "base", "tendon")
 BODILY = ("mass", "centre", "inertia")
 ROBOTIC = ("base", "tendon", "actuator")
 NOTICED = 1e-6
@@ -146,6 +148,9 @@ def trial(robot: Robot, rng: np.random.Generator) -> Trial | None:
     result = compare(*files)
     known = _known(*(robot.path(wrong) if file == path else file for file in files))
     causes = tuple(c for c in result.causes if (c.kind, c.where) not in known)
+    if wrong != "mjcf" and any(plant.kind in PLACES for plant in plants):
+        # a URDF that states no rest means the length at zero, which goes along
+        causes = tuple(c for c in causes if (c.kind, c.detail) != ("tendon", "rest length"))
     name = f"robot {robot.seed}, {files[0].name} {files[1].name}"
     called = _called(causes, plants, files) if result.explained else "false"
     if called == "named":
@@ -191,10 +196,12 @@ def _called(causes: tuple[Cause, ...], plants: list[Plant], files: list[Path]) -
 
 
 def _unnamed(causes: tuple[Cause, ...], plants: list[Plant], files: list[Path]) -> list[Plant]:
-    """The defects that no cause names."""
+    """The defects of which no cause speaks; a displacement may be part of another's cause."""
     parts = _parts(files[0])
     found = {(c.kind, parts.get(c.where, "")) for c in causes}
-    return [plant for plant in plants if _place(plant) not in found]
+    moved = any(kind in PLACES for kind, _ in found)
+    unnamed = [plant for plant in plants if _place(plant) not in found]
+    return [plant for plant in unnamed if not (moved and plant.kind in PLACES)]
 
 
 def _place(plant: Plant) -> tuple[str, str]:

@@ -97,15 +97,18 @@ def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
             if piece.mass <= 0:
                 continue
             heavier = replace(piece, mass=piece.mass + gained)
-            if heavier.mass > 0 and _same_centre(rest + heavier, whole):
-                # its mass explains the centre; the rest of the tensor's difference is its own
+            if abs(heavier.mass) <= NOTHING * whole.mass:  # the other file has no such link
+                heavier = replace(heavier, mass=0.0)
+            if _same_centre(rest + heavier, whole):
+                # its mass explains the centre; what is left of the tensor is its own
                 gap = whole.tensor - (rest + heavier).tensor
                 heavier = replace(heavier, tensor=heavier.tensor + gap)
             shifted = replace(piece, com=piece.com + moment / piece.mass)
             for changed in (heavier, shifted):
-                if changed.mass > 0 and _alike(rest + changed, whole, 1e-9):
+                if changed.mass >= 0 and _alike(rest + changed, whole, 1e-9):
                     pair = (changed, piece) if swapped else (piece, changed)
-                    return list(_differences(name, *pair, partial(_welded, k, rest)))
+                    where = name or part.link or part.name
+                    return list(_differences(where, *pair, partial(_welded, k, rest)))
     return None
 
 

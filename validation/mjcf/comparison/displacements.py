@@ -27,10 +27,11 @@ BEAM = 12
 # digits that a moved zero costs in addition to its number; a pose or a base costs twice that
 CAUSE = 0.5
 SPOILED = 10.0
-LINK = 1.25  # weight of a link's origin, which both formats place at the joint
-TURNED = 0.5  # weight of a frame's rotation on its link, which is convention
-PARALLEL = 1e-3  # sine of the angle below which two axes count as parallel
-LINES = 6  # pairs of axes from which a base's rotation is estimated
+LINK = 1.25  # weight of a link's origin, which both formats place by the joint
+BEGINS = 4.0  # digits, at most, of where on its hinge's axis a link begins, which is convention
+TURNED = 0.5  # weight of how a frame is turned on its link, which is convention
+PARALLEL = 1e-3  # sine of the angle between two axes that tell one direction only
+LINES = 6  # pairs of axes that are asked how a base is turned
 HINGED = ("hinge", "slide")
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -291,8 +292,15 @@ class _Joint:
         """Digits of the remaining errors between the features of both."""
         found = np.zeros(len(places.translation))
         for m, (p, q) in enumerate(self.points):
-            weight = LINK if m == 0 and self.has_link else 1.0
-            found += weight * digits(_norm(places.at(p) - q))
+            gap = places.at(p) - q
+            if m or not self.has_link:
+                found += digits(_norm(gap))
+            elif self.one.kind != "hinge":
+                found += LINK * digits(_norm(gap))
+            else:
+                along = gap @ self.other.axis
+                found += LINK * digits(_norm(gap - along[:, None] * self.other.axis))
+                found += np.minimum(LINK * digits(np.abs(along)), BEGINS)
         for frame, other in self.frames:
             # the root's frame is the base in its file
             weight = 1.0 if self.k == WORLD else TURNED

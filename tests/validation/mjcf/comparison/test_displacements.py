@@ -202,3 +202,25 @@ def test_noise_of_rounding_hides_no_cause(tmp_path):
     assert ("pose", "elbow_joint") in large
     assert large["pose", "elbow_joint"].startswith(("moved 0.1", "moved 0.099"))
     assert not {kind for kind, _ in found} & {"zero", "base"}
+
+
+def test_where_on_its_axis_a_link_begins_displaces_nothing(tmp_path):
+    """Parallel axes: other links begin up to 176 mm further along them, all else is 1 mm off."""
+    one, other = (
+        robot(
+            ("pan", "base", pan, "0 0 0", "0 0 1", "0 0 0"),
+            ("lift", "pan", lift, "0 0 0", "0 1 0", upper),
+            ("elbow", "lift", elbow, "0 0 0", "0 1 0", fore),
+            ("wrist_1", "elbow", wrist, "0 0 0", "0 1 0", centre),
+            ("wrist_2", "wrist_1", last, "0 0 0", "0 0 1", "0 0 0"),
+        )
+        for pan, lift, upper, elbow, fore, wrist, centre, last in (
+            ("0 0 0.1807", "0 0 0", "0.306 0.175 0", "0.6127 0 0", "0.28577 0.0393 0",
+             "0.57155 0.17415 0", "0 0 0", "0 0 -0.11985"),
+            ("0 0 0.181", "0 0.176 0", "0.3065 0 0", "0.613 -0.137 0", "0.2855 0 0",
+             "0.571 0 0", "0 0.135 0", "0 0.135 -0.12"),
+        )
+    )  # fmt: skip
+    found = compared(tmp_path, one, other)
+    moved = [words for (kind, _), words in found.items() if kind != "frame"]
+    assert max(float(re.search(r"([\d.]+) mm", words)[1]) for words in moved) < 1.5
