@@ -162,7 +162,10 @@ def trial(robot: Robot, rng: np.random.Generator) -> Trial | None:
 
 
 def _plant(robot: Robot, hand: str, plants: list[Plant], path: Path) -> bool:
-    """Write one file of a robot with defects; False if the robot has no place for them."""
+    """Write one file of a robot with defects; False if the robot has no place for them.
+
+    A turned rod may have a moment below zero by rounding, which MuJoCo refuses.
+    """
     root = etree.fromstring(robot.texts[hand].encode())
     table = defects.MJCF if hand == "mjcf" else defects.URDF
     try:
@@ -171,7 +174,10 @@ def _plant(robot: Robot, hand: str, plants: list[Plant], path: Path) -> bool:
     except (AttributeError, IndexError, TypeError):  # the robot has no such element
         return False
     path.write_bytes(etree.tostring(root))
-    return True
+    try:
+        return hand != "mjcf" or bool(mujoco.MjSpec.from_file(str(path)).compile())
+    except ValueError:
+        return False
 
 
 @cache
