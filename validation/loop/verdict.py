@@ -83,6 +83,8 @@ class Verdict:
     activity : float or None
         Rate of change of the inputs: the mean over the inputs of Σ|Δu| per second, relative to
         their range (1/s).
+    effort : float or None
+        Root mean square of the inputs, each relative to its larger bound.
     at_bound : float or None
         Share of the steps at which an input is at a bound, mean over the inputs.
     missed : int or None
@@ -96,6 +98,7 @@ class Verdict:
     overshoot: float | None
     activity: float | None
     at_bound: float | None
+    effort: float | None
     missed: int | None
 
     def to_dict(self) -> dict[str, object]:
@@ -108,6 +111,7 @@ class Verdict:
             "overshoot": self.overshoot,
             "input_activity": self.activity,
             "share_at_bound": self.at_bound,
+            "input_effort": self.effort,
             "missed_deadlines": self.missed,
         }
 
@@ -159,14 +163,15 @@ def overshoot(y: np.ndarray, y_ref: np.ndarray) -> float | None:
 
 def activity(
     t: np.ndarray, u: np.ndarray, u_min: np.ndarray, u_max: np.ndarray
-) -> tuple[float | None, float | None]:
-    """`Verdict.activity` and `Verdict.at_bound` of the inputs (N, nu) held from t (N + 1,) on."""
+) -> tuple[float | None, float | None, float | None]:
+    """`Verdict`'s activity, at_bound and effort of inputs (N, nu) held from t (N + 1,) on."""
     free = u_max > u_min
     if len(u) == 0 or not free.any():
-        return None, None
-    u, low, span = u[:, free], u_min[free], (u_max - u_min)[free]
+        return None, None, None
+    u, low, high = u[:, free], u_min[free], u_max[free]
     with np.errstate(all="ignore"):  # a damaged log may state a range of 1e-310
-        share = (u - low) / span
+        effort = np.sqrt(np.mean((u / np.maximum(np.abs(low), np.abs(high))) ** 2))
+        share = (u - low) / (high - low)
         changes = np.abs(np.diff(share, axis=0)).sum(axis=0).mean() / t[-1]
     held = (share <= AT_BOUND) | (share >= 1 - AT_BOUND)
-    return float(changes), float(held.mean())
+    return float(changes), float(held.mean()), float(effort)

@@ -112,7 +112,7 @@ def plot(log: Log, path: str | Path | None = None) -> Figure:
 
 def _activity(log: Log) -> str:
     """Rate of change of a run's inputs, for a title; empty without inputs."""
-    changes, _ = activity(log.t, log.u, log.u_min, log.u_max)
+    changes, *_ = activity(log.t, log.u, log.u_min, log.u_max)
     return "" if changes is None else f", {changes:.3g} of the range/s"
 
 

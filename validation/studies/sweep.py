@@ -120,6 +120,8 @@ class Sweep:
         Names of the changes whose runs from rest decide the exit code.
     gains : mapping
         Gains of every case; gains of the axes override them.
+    own_gains : mapping
+        Controller → gains of its cases; they override the gains of every case.
     """
 
     path: Path
@@ -141,6 +143,7 @@ class Sweep:
     means: bool
     must_not_fail: tuple[str, ...]
     gains: Mapping[str, Any]
+    own_gains: Mapping[str, Mapping[str, Any]]
 
     def jobs(self) -> list[CaseJob]:
         """Every case with its dependencies."""
@@ -195,12 +198,13 @@ class Sweep:
         return list(self._expand())
 
     def _expand(self) -> Iterator[tuple[Case, str]]:
-        grid = [axis for axis in self.axes if not axis.drawn]
-        drawn = [axis for axis in self.axes if axis.drawn]
         targets = {robot: self._targets_of(robot) for robot in self.robots}
-        combinations = [dict(zip((a.name for a in grid), values, strict=True))
-                        for values in product(*(axis.values for axis in grid))]  # fmt: skip
         for robot, controller in product(self.robots, self.controllers):
+            axes = self.axes_of(controller)
+            grid = [axis for axis in axes if not axis.drawn]
+            drawn = [axis for axis in axes if axis.drawn]
+            combinations = [dict(zip((a.name for a in grid), values, strict=True))
+                            for values in product(*(axis.values for axis in grid))]  # fmt: skip
             for (kind, target), combination in product(targets[robot], combinations):
                 for fixed, change in product(
                     self._at_periods(robot, kind, combination), self.changes
@@ -213,6 +217,16 @@ class Sweep:
                         goal = target.values[sample] if isinstance(target, Axis) else target
                         index = None if self.samples is None else sample
                         yield self._case(robot, controller, kind, goal, values, index), change
+
+    def axes_of(self, controller: str) -> list[Axis]:
+        """The axes of a controller's cases: its own go before those of all controllers."""
+        own = [axis for axis in self.axes if axis.controller == controller]
+        named = {axis.name for axis in own}
+        named |= {f"gains.{key}" for key in self.own_gains.get(controller, {})}
+        return [
+            axis for axis in self.axes
+            if axis in own or (axis.controller is None and axis.name not in named)
+        ]  # fmt: skip
 
     def _targets_of(self, robot: str) -> list[Target]:
         """Kinds and values of the targets; for random samples, kinds and axes."""
@@ -249,7 +263,10 @@ class Sweep:
         times = {name: plant.pop(name) for name in TIMES if name in plant}
         case = Case(
             robot, controller, kind, target,
-            parameters=resolve_gains(model, controller, {**self.gains, **groups["gains"]}),
+            parameters=resolve_gains(
+                model, controller,
+                {**self.gains, **self.own_gains.get(controller, {}), **groups["gains"]},
+            ),
             period=times.get("period"),
             plant=PlantErrors(**plant),
             signals=SignalPath(**groups["signals"]),

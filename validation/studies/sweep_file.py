@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,12 +15,12 @@ from typing import Any
 from softdyn import InputError, SoftModel, UrdfError
 from softdyn.checks import number
 from softdyn.controllers import CONTROLLERS
-from softdyn.controllers.gains import PUBLISHED
+from softdyn.controllers.gains import PUBLISHED, from_table
 from softdyn.controllers.registry import is_own, make_controller
 from softdyn.files import read_toml
 from softdyn.validation.studies import sweep_values as values
 from softdyn.validation.studies.engine import sources
-from softdyn.validation.studies.sweep import FIGURES, GAINS, NOMINAL, SHARE, TARGETS, Sweep
+from softdyn.validation.studies.sweep import FIGURES, NOMINAL, SHARE, TARGETS, Sweep
 from softdyn.validation.studies.sweep_values import Axis, Check, ValueReader
 
 OVERLAYS = "annotations"
@@ -70,6 +73,7 @@ class _Reader(ValueReader):
         super().__init__(path, table)
         self.folder, self.said = folder, said
         self.gains: dict[str, Check] | None = None  # a user's controller may have any gains
+        self.said_own: dict[str, Any] = {}
 
     def sweep(self) -> Sweep:
         self.known("", self.table, (*KEYS, OVERLAYS))
@@ -85,7 +89,9 @@ class _Reader(ValueReader):
         shorter = plant.pop("shorter_periods", None)
         periods = () if shorter is None else self.axis(key, key, shorter, values.positive).values
         self.table["plant"] = plant
+        own_axes, own_gains = self.read_own_gains(controllers)
         axes = [self.axis(n, n, value, check) for n, value, check in self.flat(self.table)]
+        axes += own_axes
         changes = {NOMINAL: dict[str, Any]()} | dict(self.read_changes())
         drawn = any(axis.drawn for axis in (*targets, *axes))
         expected = "a parameter with uniform or log_uniform"
@@ -93,7 +99,7 @@ class _Reader(ValueReader):
         equilibria = self.yes("targets.equilibria", self.section("targets", None))
         fits = not equilibria or all(a.name != "point" and not a.drawn for a in targets)
         self.check(fits, "targets.equilibria", "only values of theta and omega", "others")
-        self.check_gains(controllers, models, axes)
+        self.check_gains(controllers, models, axes, own_gains)
         sizes = {"changes": len(changes), "periods": 1 + len(periods)}
         self.check_size(models, controllers, targets, axes, sizes)
         sweep = Sweep(
@@ -101,9 +107,10 @@ class _Reader(ValueReader):
             self.count, self.seed, self.yes("logs", self.table), self.read_figure(targets, axes),
             models, self.overlays(), equilibria, periods, changes, self.read_rows(axes, changes),
             self.yes("means", self.table), tuple(self.names("must_not_fail", changes)),
-            self.said.get("gains", {}),
+            self.said.get("gains", {}), own_gains,
         )  # fmt: skip
         _ = sweep.cases, sweep.rows and sweep.cells  # finds errors that no single key shows
+        self.try_controllers(sweep)
         return sweep
 
     def replace(self) -> None:
@@ -119,9 +126,12 @@ class _Reader(ValueReader):
             self.check(len(robots) == 1, "robots", "one robot for annotations or gains", got)
         if "annotations" in said:
             table[OVERLAYS] = {robots[0]: self.beside(said["annotations"])}
-        if "gains" in said:
+        if "gains" in said:  # tables of single controllers come first, by their names here
+            named = {self.beside(key): value for key, value in said["gains"].items()}
+            self.said_own = {n: named.pop(n) for n in self.names("controllers") if n in named}
+            self.said = said = {**said, "gains": named}
             gains = self.section("gains", None)
-            table["gains"] = {k: v for k, v in gains.items() if k not in said["gains"]}
+            table["gains"] = {k: v for k, v in gains.items() if k not in named}
         if "period" in said:
             table["plant"] = self.section("plant", None) | {"period": said["period"]}
 
@@ -162,8 +172,7 @@ class _Reader(ValueReader):
                 raise self.told("controllers", error) from None
         ours = [CONTROLLERS[name] for name in found if name in CONTROLLERS]
         if ours:
-            self.gains = dict.fromkeys(GAINS, values.gain)
-            self.gains |= {name: values.anything for one in ours for name in one.options}
+            self.gains = values.of_paper(*ours)
             if len(ours) == len(found) and all("horizon" in one.options for one in ours):
                 self.gains[SHARE] = values.not_negative
         return found
@@ -197,6 +206,38 @@ class _Reader(ValueReader):
                 yield f"{group}.{key}", value, values.anything if known is None else known[key]
         if "ellipse_scale" in table:
             yield "ellipse_scale", table["ellipse_scale"], values.positive
+
+    def read_own_gains(
+        self, controllers: Sequence[str]
+    ) -> tuple[list[Axis], dict[str, dict[str, Any]]]:
+        """Take out of [gains] the tables of single controllers: what may vary, and what is fixed.
+
+        A table in such a table, as the stages of a schedule, is fixed.
+        """
+        axes, fixed, gains = list[Axis](), dict[str, dict[str, Any]](), self.section("gains", None)
+        spread = {"from", *values.DRAWN}
+        for name in controllers:
+            said, table = self.said_own.get(name, {}), gains.pop(name, {})
+            for one in (said, table):
+                self.check(isinstance(one, dict), f"gains.{name}", "a table of gains", one)
+            known = values.of_paper(CONTROLLERS[name]) if name in CONTROLLERS else None
+            if known is not None:
+                self.known(f"gains.{name}", table, tuple(known))
+            fixed[name] = {}
+            for key, value in table.items():
+                if key not in said and (not isinstance(value, dict) or spread & set(value)):
+                    check = values.anything if known is None else known[key]
+                    axis = self.axis(f"gains.{name}.{key}", f"gains.{key}", value, check)
+                    axes.append(replace(axis, controller=name))
+                else:
+                    fixed[name][key] = value
+            fixed[name] |= said
+        for name, value in gains.items():
+            single = not isinstance(value, dict) or (spread | {"count"}) & set(value)
+            expected = f"a gain, or one of the controllers {', '.join(controllers)}"
+            self.check(single or self.gains is None, f"gains.{name}", expected, "a table")
+        self.table["gains"] = gains
+        return axes, fixed
 
     def read_changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Each change by its name; a list of values makes one change per value."""
@@ -245,25 +286,55 @@ class _Reader(ValueReader):
     # -- checks of the whole file -----------------------------------------------------------------
 
     def check_gains(
-        self, controllers: Sequence[str], models: dict[str, SoftModel], axes: list[Axis]
-    ) -> None:
-        said = self.said.get("gains", {})
-        given = "Kp" in said or any(axis.name == "gains.Kp" for axis in axes)
+        self, controllers: Sequence[str], models: dict[str, SoftModel], axes: list[Axis],
+        own: Mapping[str, Mapping[str, Any]],
+    ) -> None:  # fmt: skip
         for robot, controller in product(models, controllers):
+            given = "Kp" in {**self.said.get("gains", {}), **own[controller]}
+            given |= any(a.name == "gains.Kp" and a.controller in (None, controller) for a in axes)
             published = controller in PUBLISHED.get(models[robot].bundled or "", {})
             expected = f"a value for {robot}, which has no published gains"
             has = given or published or controller not in CONTROLLERS
             self.check(has, "gains.Kp", expected, "none")
-            if said and not is_own(controller):
-                # finds gains that the controller does not accept
-                make_controller(controller, models[robot], said)
+            if controller in CONTROLLERS:  # finds gains that the controller does not accept
+                said = {**self.said.get("gains", {}), **self.said_own.get(controller, {})}
+                options = CONTROLLERS[controller].options
+                gains = {k: v for k, v in said.items() if k not in options}
+                from_table(models[robot], controller, {"Kp": 1.0, **gains}, options)
+
+    def try_controllers(self, sweep: Sweep) -> None:
+        """Build each controller with its gains: its errors appear before anything runs.
+
+        Of a grid, each value of each gain is tried once.
+        """
+        first: dict[tuple[str, str], Any] = {}
+        tried: set[str] = set()
+        for case in sweep.cases:
+            table = case.parameters
+            begin = first.setdefault((case.robot, case.controller), table)
+            others = sum(table[key] != (begin or {}).get(key) for key in table) if table else 0
+            key = repr((case.robot, case.controller, table))
+            if others > 1 or key in tried:
+                continue
+            tried.add(key)
+            cls = sources.class_at(case.controller, self.folder)
+            try:
+                with redirect_stdout(sys.stderr):  # what a user's class prints
+                    make_controller(case.controller, sweep.models[case.robot], table, cls)
+            except InputError as error:
+                where = f"{case.controller} for {case.robot}: {error.name}"
+                raise InputError(f"{self.path}: {where}", error.expected, error.got) from None
 
     def check_size(
         self, robots: Any, controllers: Any, targets: list[Axis], axes: Any, more: dict[str, int]
     ) -> None:
         sizes = {"robots": len(robots), "controllers": len(controllers)}
         sizes["targets"] = sum(1 if axis.drawn else len(axis.values) for axis in targets)
-        sizes |= {a.name: len(a.values) for a in axes if a.varies and not a.drawn}
+        names = [f"{a.controller or ''} {a.name}".strip() for a in axes]
+        sizes |= {
+            name: len(a.values) for name, a in zip(names, axes, strict=True)
+            if a.varies and not a.drawn
+        }  # fmt: skip
         sizes |= {name: size for name, size in more.items() if size > 1}
         sizes |= {} if self.count is None else {"samples": self.count}
         total = math.prod(sizes.values())

@@ -21,8 +21,8 @@ from softdyn.validation.tables import Table, document, inline
 BEST = 10
 SHOWN_REASONS = 20
 RESULTS = (
-    "outcome", *FIGURES, "steps", "simulated_s", "not_solved", "fallbacks", "max_bound_violation",
-    "reason",
+    "outcome", *FIGURES, "settling_time_s", "overshoot", "input_effort", "steps", "simulated_s",
+    "not_solved", "fallbacks", "max_bound_violation", "reason",
 )  # fmt: skip
 UNITS = {
     "gains.Kp": "1/s²", "gains.eps": "s", "gains.null_damping": "1/s",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +56,7 @@ def point(key: str, value: Any) -> tuple[float, ...]:
 
 def gain(key: str, value: Any) -> float:
     """A valid value for this field of `Gains`."""
-    Gains(**{"Kp": 1.0, key.removeprefix("gains."): value})
+    Gains(**{"Kp": 1.0, key.rpartition(".")[2]: value})
     return float(value)
 
 
@@ -65,6 +65,12 @@ def anything(key: str, value: Any) -> Any:
     if isinstance(value, list):
         return tuple(anything(key, item) for item in value)
     return value if isinstance(value, bool | str) else number(key, value)
+
+
+def of_paper(*controllers: Any) -> dict[str, Check]:
+    """The gains of these controllers of the paper and their options, each with its check."""
+    options = {name: anything for one in controllers for name in one.options}
+    return {**{field.name: gain for field in fields(Gains)}, **options}
 
 
 def flag(key: str, value: Any) -> bool:
@@ -107,11 +113,14 @@ class Axis:
         In the file's order.
     drawn : str, optional
         The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
+    controller : str, optional
+        The only controller that it is for.
     """
 
     name: str
     values: tuple[Any, ...]
     drawn: str | None = None
+    controller: str | None = None
 
     @property
     def varies(self) -> bool:

@@ -324,6 +324,13 @@ MISUSES = [
               "eps = {from = 1, to = 2, count = 1000}"},
      f"expected at most {MAX_CASES} cases, got 1000000 = 1 robots × 1 controllers × 1 targets × "
      "1000 gains.Kp × 1000 gains.eps"),
+    ({"controllers": 'controllers = ["ic", "own.py:Spring"]',
+      "more": '[gains."own.py:Sprung"]\nk = 1'},
+     "gains.own.py:Sprung: expected a gain, or one of the controllers ic, own.py:Spring, got a"),
+    ({"more": "[gains.ic]\nkp = 1"}, "gains.ic.kp: expected one of Kp, eps"),
+    ({"more": "[gains.ic]\nKp = [1, -1]"}, "gains.ic.Kp: expected a positive number, got -1"),
+    ({"controllers": 'controllers = ["mpc"]', "more": "[gains.mpc]\nhorizn = 1"},
+     "mpc for finger: parameters: expected"),
     ({"more": "nonsense"}, "expected a TOML file"),
 ]  # fmt: skip
 
@@ -387,6 +394,7 @@ def test_runningare_those_of_simulate(folder, call):
     assert code == 0
     report = json.loads(out)
     assert (report["cases"], report["ran"], report["kept"]) == (4, 4, 0)
+    table = list(csv.DictReader(Path("out/sweep.csv").read_text().splitlines()))
     model = softdyn.load("finger")
     for result in results(Path("out")):
         inputs = result["inputs"]
@@ -400,6 +408,14 @@ def test_runningare_those_of_simulate(folder, call):
         )
         assert result["final_error_cm"] == 100 * float(np.linalg.norm(log.error[-1]))
         assert result["outcome"] == ("failed" if log.failed else "done")
+        found = log.verdict()
+        row = next(row for row in table if float(row["final_error_cm"]) == log.final_error_cm)
+        assert row["settling_time_s"] == (
+            "" if found.settling_time is None else str(found.settling_time)
+        )
+        assert float(row["overshoot"]) == found.overshoot
+        share = log.u / np.maximum(-model.u_min, model.u_max)
+        assert float(row["input_effort"]) == pytest.approx(np.sqrt(np.mean(share**2)))
     (path, *_) = sorted(Path("out").rglob("*.npz"))
     assert Log.load(path).duration == 0.2
     best = min(results(Path("out")), key=lambda r: (r["outcome"] != "done", r["final_error_cm"]))
@@ -758,3 +774,29 @@ def test_a_sweep_of_best_and_mpc_needs_no_gains(folder, call):
     assert code == 0, err
     assert json.loads(out)["outcomes"]["done"] == 2
     assert {r["inputs"]["gains"] for r in results(Path("out"))} == {None}
+
+
+def test_each_controller_has_gains_of_its_own(written, folder):
+    """They go before the gains of all; each controller has its own grid."""
+    sweep = written("""
+robots = ["pendulum.urdf"]
+controllers = ["own.py:Spring", "ic"]
+[targets]
+point = [0.1, 0, -0.17]
+[gains]
+Kp = [50, 60]
+eps = 0.1
+[gains."own.py:Spring"]
+Kp = 1
+stiffness = [1, 2, 3]
+[gains.ic]
+eps = 0.2
+""")
+    spring = [c.parameters for c in sweep.cases if c.controller != "ic"]
+    assert spring == [{"Kp": 1, "eps": 0.1, "stiffness": k} for k in (1, 2, 3)]
+    ic = [c.parameters for c in sweep.cases if c.controller == "ic"]
+    assert [(gains["Kp"], gains["eps"]) for gains in ic] == [(50, 0.2), (60, 0.2)]
+    said = {"gains": {"own.py:Spring": {"stiffness": 4}, "eps": 0.3}, "robots": ["pendulum.urdf"]}
+    sweep = read_sweep(folder / "sweep.toml", said)
+    assert sweep.cases[0].parameters == {"Kp": 1, "eps": 0.3, "stiffness": 4}
+    assert {c.parameters["eps"] for c in sweep.cases if c.controller == "ic"} == {0.2}

@@ -111,6 +111,19 @@ def of_robot(
     return replace(found, overlay=overlay), model
 
 
+def class_at(text: str, folder: Path = Path()) -> Any:
+    """The class behind a name of the package or behind FILE.py:CLASS, relative to `folder`.
+
+    Raises
+    ------
+    InputError
+        No such name, file or class, or a file that cannot be imported.
+    """
+    file, _, kind = text.rpartition(":")
+    with redirect_stdout(sys.stderr):  # what a user's module prints
+        return find_controller(f"{folder / file}:{kind}" if is_own(text) else text)
+
+
 def of_controller(text: str, folder: Path = Path()) -> Source | None:
     """Source of a user's FILE.py:CLASS, relative to `folder`; None for a name of the package.
 
@@ -119,12 +132,10 @@ def of_controller(text: str, folder: Path = Path()) -> Source | None:
     InputError
         The name, file or class does not exist, or the file cannot be imported.
     """
-    file, _, kind = text.rpartition(":")
-    path = folder / file
-    with redirect_stdout(sys.stderr):  # a user's module may print
-        find_controller(f"{path}:{kind}" if is_own(text) else text)
+    class_at(text, folder)
     if not is_own(text):
         return None
+    path = folder / text.rpartition(":")[0]
     beside = [p for p in imported(path) if p != path.resolve()]
     return Source.of(text, [path, *beside], own=True)
 
