@@ -53,7 +53,7 @@ def period_note(period: float, kept: Kept) -> str:
     text = f"{kept.pace:.2f} of real time at a control period of {1e3 * period:g} ms"
     longer = math.ceil(1e3 * step / (ROOM - plant)) if plant < ROOM else 0
     if longer <= 1e3 * period:
-        return f"{text}: a longer period does not help, the plant alone takes {plant:.2f}"
+        return f"{text}: no longer period helps, a second of the plant alone takes {plant:.2f} s"
     return f"{text}: this machine holds --period {longer / 1e3:g}"
 
 

@@ -322,8 +322,9 @@ class _Reader(ValueReader):
                 with redirect_stdout(sys.stderr):  # what a user's class prints
                     make_controller(case.controller, sweep.models[case.robot], table, cls)
             except InputError as error:
-                where = f"{case.controller} for {case.robot}: {error.name}"
-                raise InputError(f"{self.path}: {where}", error.expected, error.got) from None
+                origin = "--gains" if "gains" in self.said else self.path
+                where = f"{origin}: {case.controller} for {case.robot}: {error.name}"
+                raise InputError(where, error.expected, error.got) from None
 
     def check_size(
         self, robots: Any, controllers: Any, targets: list[Axis], axes: Any, more: dict[str, int]

@@ -239,7 +239,7 @@ def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
             3e-3,
             "0.50 of real time at a control period of 2 ms: this machine holds --period 0.008",
         ),
-        (0.5, 0.5e-3, "a longer period does not help, the plant alone takes 1.75"),
+        (0.5, 0.5e-3, "no longer period helps, a second of the plant alone takes 1.75 s"),
     ],
 )
 def test_a_period_that_the_machine_does_not_hold_is_told(pace, step, expected):
