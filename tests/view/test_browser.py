@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn import design
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
@@ -16,6 +17,7 @@ from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
 from tests.support import ROOT
+from tests.support.arms import RUBBER, loaded
 from tests.support.browser import Browser, required
 
 pytestmark = required()
@@ -273,3 +275,28 @@ def test_a_whole_spirob_run_is_a_small_page():
     )  # fmt: skip
     # a tip that jumps at every step needs the largest number of frames
     assert len(replay(log, model).html()) < 5e6
+
+
+def test_a_skin_moves_with_the_joints(browser, tmp_path):
+    """Its circles lie about their links; it stands for the pieces that it covers."""
+    arm = design.Arm((design.Section(0.2, [0.02, 0.01], RUBBER, 3),))
+    model = loaded(arm, tmp_path)
+    q = np.full(model.nq, 0.3)
+    softdyn.show(model, q).save(tmp_path / "arm.html")
+    browser.open((tmp_path / "arm.html").as_uri())
+    skin = "softdyn.tracks[0].figure.skins[0]"
+    points = browser.run(f"Array.from({skin}.mesh.geometry.attributes.position.array)")
+    rows = np.reshape(points, (-1, 28, 3))[2:-2:4]  # between two rings there are three more rows
+    figure = Figure.of(model)
+    (rings,) = figure.data["skins"]
+    placed = model.link_poses(q)
+    for row, ring in zip(rows, rings, strict=True):
+        pose = placed[figure.links[ring["link"]]] @ np.reshape(ring["pose"], (4, 4)).T
+        local = (row - pose[:3, 3]) @ pose[:3, :3]
+        np.testing.assert_allclose(local[:, 2], 0, atol=1e-6)
+        np.testing.assert_allclose(np.hypot(*local[:, :2].T), ring["radius"], atol=1e-6)
+    shown = "softdyn.tracks[0].figure.shapes.map(s => s.visible)"
+    assert browser.run(shown) == [not shape.skin for shape in figure.shapes]
+    browser.run("softdyn.tracks[0].figure.look(1, true)")
+    assert all(browser.run(shown))
+    assert not browser.run(f"{skin}.mesh.visible")
