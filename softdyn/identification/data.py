@@ -24,6 +24,8 @@ AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
 ENOUGH = 0.2  # if this share of the data lies in stretches without a stop, hold no further joint
 NEAR = 0.02  # of a joint's range; a joint this close to a stop may be pressed against it
+LARGEST = 1e6  # rad or m; no robot's output is larger, and its square would hide all others
+BEYOND = 0.1  # of an input's range; a measured tension may overshoot its bound
 PRESSED = 4  # samples before and after at which a held joint must be at its stop; arrivals bounce
 
 
@@ -45,7 +47,8 @@ class Measurements:
     Raises
     ------
     InputError
-        Other shapes, numbers that are not finite, times that do not increase, nothing that moves.
+        Other shapes, numbers that are not finite or beyond `LARGEST`, an output that is there
+        twice, times that do not increase, nothing that moves.
     """
 
     t: np.ndarray
@@ -58,6 +61,9 @@ class Measurements:
         if samples < 3 or not instances("names", self.names, str, "an output's name"):
             raise InputError("data", "three samples of an output or more", f"{samples}")
         object.__setattr__(self, "t", array("t", self.t, (samples,)))
+        for name in self.names:
+            if self.names.count(name) > 1:
+                raise InputError("names", "each output once", f"{name!r} twice")
         rows = self.u
         if not isinstance(rows, np.ndarray):
             rows = instances("u", rows, object, "the inputs of one sample")
@@ -65,6 +71,10 @@ class Measurements:
         object.__setattr__(self, "u", array("u", rows, (samples, inputs)))
         shape = (samples, len(self.names))
         object.__setattr__(self, "outputs", array("outputs", self.outputs, shape))
+        most = np.abs(self.outputs).max(0)
+        if most.max() > LARGEST:
+            k = int(most.argmax())
+            raise InputError(self.names[k], f"rad or m, at most {LARGEST:g}", f"{most[k]:g}")
         late = np.flatnonzero(np.diff(self.t) <= 0)
         if late.size:
             k = int(late[0])
@@ -155,7 +165,8 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     Raises
     ------
     InputError
-        Another number of inputs, or outputs that the robot has not.
+        Another number of inputs, inputs far beyond the file's bounds, or outputs that the robot
+        has not.
     """
     if data.u.shape[1] != model.nu:
         raise InputError("data", f"{model.nu} inputs, as {model.name!r} has", data.u.shape[1])
@@ -163,6 +174,14 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     for name in data.names:
         if name not in known:
             raise InputError("data", f"outputs of {model.name!r}", did_you_mean(name, known))
+    room = BEYOND * (model.u_max - model.u_min)
+    beyond = (data.u < model.u_min - room) | (data.u > model.u_max + room)
+    for k, j in np.argwhere(beyond)[:1]:
+        raise InputError(
+            f"u.{model.robot.actuators[j].name}",
+            f"{model.u_min[j]:g} to {model.u_max[j]:g}, the bounds in the robot's file",
+            f"{data.u[k, j]:g} at t = {data.t[k]:g} s: another unit?",
+        )
 
 
 def read_csv(path: str | Path, model: SoftModel) -> Measurements:
@@ -182,7 +201,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     ------
     InputError
         A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
-        number, angles in degrees, times in milliseconds.
+        number, angles in degrees, times in milliseconds, inputs beyond the file's bounds.
     """
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     known = ("t", *inputs, *output_names(model))
@@ -225,6 +244,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
                for names in (inputs, outputs)]  # fmt: skip
     with errors_in(str(path)):
         data = Measurements(column["t"], stacked[0], outputs, stacked[1])
+        check_data(model, data)
     step = float(np.median(np.diff(data.t)))
     if step >= SLOW and "t (s)" not in titles:
         expected = f"seconds, or the title t (s) where samples are {step:g} s apart"

@@ -14,9 +14,9 @@ from softdyn.checks import array, instance, instances, number
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import DONE, ResidualBlock, least_squares, reduced
-from softdyn.identification.data import SHORTEST, Measurements
+from softdyn.identification.data import SHORTEST, Measurements, check_data
 from softdyn.identification.linear import first_guess
-from softdyn.identification.parameters import Parameter, with_values
+from softdyn.identification.parameters import Parameter, distinct, with_values
 from softdyn.identification.problem import FitProblem, Simulated, first_stop, problem_of
 from softdyn.identification.result import Estimate, Identified
 from softdyn.identification.trajectory import TrajectoryError
@@ -64,7 +64,8 @@ def identify(
     Raises
     ------
     InputError
-        No unknowns, a floating base or mimic joints, or data of another robot.
+        No unknowns, a member in two of them, a floating base or mimic joints, data of another
+        robot, inputs beyond the file's bounds, a step that is not positive.
     TrajectoryError
         No simulation near the first guess.
     """
@@ -73,6 +74,8 @@ def identify(
         raise InputError("unknowns", "at least one", "none")
     if check_model(model).robot.floating or model.robot.followers:
         raise InputError("robot", "a fixed base and no mimic joints", model.name)
+    distinct(unknowns)
+    check_data(model, instance("data", data, Measurements, "Measurements"))
     split = fit_length(data, hold_out)
     if len(data.t) < FEWEST:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
@@ -337,14 +340,13 @@ def _deviations(R: np.ndarray) -> np.ndarray:
 
 
 def _moved(found: Fit) -> float:
-    """Largest change of θ with half the simulation's step, over its deviation, to first order.
+    """Largest change of θ with half of every step, over its deviation, to first order.
 
     It is NaN if the model cannot be simulated with half the step.
     """
     problem, coarse = found.problem, found.simulated
-    half = replace(problem, step=min(problem.step, float(np.diff(problem.data.t).max())) / 2)
     try:
-        outputs = half.outputs(found.theta, [run.first for run in coarse])
+        outputs = replace(problem, finer=2).outputs(found.theta, [run.first for run in coarse])
     except TrajectoryError:  # the change is unknown, but the fit is still good
         return float("nan")
     fine = [run._replace(out=out) for run, out in zip(coarse, outputs, strict=True)]

@@ -235,7 +235,7 @@ def unknowns_of(
     Raises
     ------
     InputError
-        See `parameters`.
+        See `parameters`; a kind that is named twice.
     """
     free = instances("free", free, str, "a kind")
     shared = instances("shared", shared, str, "a kind")
@@ -243,7 +243,22 @@ def unknowns_of(
         free = ("stiffness", "damping")
     found = [parameters(model, kind) for kind in free]
     found += [parameters(model, kind, shared=True) for kind in shared]
-    return tuple(one for several in found for one in several)
+    several = tuple(one for some in found for one in some)
+    distinct(several)
+    return several
+
+
+def distinct(unknowns: Sequence[Parameter]) -> None:
+    """Refuse unknowns of which two have the same member: only their product could be told."""
+    for name, group in groupby(
+        sorted(unknowns, key=lambda one: one.kind.name), lambda one: one.kind.name
+    ):
+        same = list(group)
+        if (np.sum([one.weights != 0 for one in same], axis=0) > 1).any():
+            labels = ", ".join(dict.fromkeys(one.label for one in same))
+            raise InputError(
+                name, "each member in one unknown, --free or --shared", f"twice: {labels}"
+            )
 
 
 def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) -> np.ndarray:

@@ -60,6 +60,8 @@ class FitProblem:
         The result of `at_stops`.
     held : ndarray of bool, (n,)
         Joints that are at their stops in all runs.
+    finer : int
+        Each interval between samples is simulated in so many times more steps.
     """
 
     base: SoftModel
@@ -70,6 +72,7 @@ class FitProblem:
     smooth: np.ndarray | None
     stops: np.ndarray
     held: np.ndarray
+    finer: int = 1
 
     def simulated(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[Simulated]:
         """Outputs of each run and their derivatives by θ and by the run's first state."""
@@ -96,7 +99,7 @@ class FitProblem:
         t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
         unknowns = self.unknowns if start.by_q.size else ()
         driven = self._driven(run)
-        path, by = follow(model, unknowns, t, u, start, driven, self.step, self.base)
+        path, by = follow(model, unknowns, t, u, start, driven, self.step, self.base, self.finer)
         out, slope = measured_outputs(model, self.data.names, path, by)
         for unknown, value in zip(self.unknowns, theta, strict=True):
             out += value * unknown.shift(model, self.data.names)

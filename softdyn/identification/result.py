@@ -13,6 +13,10 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.identification.parameters import Parameter, member_values
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
+NOT_WHITE = (
+    "the model lacks something; or the data are simulated, with too coarse a step. To tell: "
+    "simulate them with half of it. What the step left shrinks, what the model lacks stays"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +62,8 @@ class Identified:
     unidentifiable : tuple of str
         The parameters, or combinations of them, that are not identifiable, as text.
     moved : float
-        Largest change of an estimate with half the simulation's step, over its standard deviation.
+        Largest change of an estimate with half of every step, over its standard deviation. It is
+        NaN if the model cannot be simulated with half of every step.
     """
 
     model: SoftModel
@@ -125,5 +130,5 @@ class Identified:
                 " standard deviation: give a shorter --step"
             )
         if self.white < 0.01:
-            lines.append("the residuals are not white: the model lacks something")
+            lines.append(f"the residuals are not white: {NOT_WHITE}")
         return "\n".join(lines)

@@ -70,6 +70,7 @@ def follow(
     driven: Driven | None = None,
     step: float = np.inf,
     file: SoftModel | None = None,
+    finer: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joint coordinates (N, n) at the samples, and their derivatives (N, n, P).
 
@@ -96,6 +97,8 @@ def follow(
         Longest step (s).
     file : SoftModel, optional
         A model with the file's masses, if those of `model` differ.
+    finer : int
+        Number by which the steps of each interval are multiplied.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def follow(
         if k + 1 == len(t):
             break
         interval = t[k + 1] - t[k]
-        pieces = int(np.ceil(interval / step * (1 - 1e-9))) if np.isfinite(step) else 1
+        pieces = finer * int(np.ceil(interval / step * (1 - 1e-9)) if np.isfinite(step) else 1)
         h = interval / pieces
         for piece in range(pieces):
             if driven:

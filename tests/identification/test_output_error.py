@@ -19,6 +19,7 @@ from softdyn.identification.linear import first_guess
 from softdyn.identification.output_error import _joined, _solve
 from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
 from softdyn.identification.problem import measured_outputs, problem_of
+from softdyn.identification.result import COARSE
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
 
@@ -304,6 +305,43 @@ def test_bad_requests(finger):
     data = Measurements(np.arange(3.0), np.zeros((3, 2)), ("tip.x",), np.eye(3)[:, :1])
     with pytest.raises(InputError, match="unknowns: expected at least one"):
         identification.identify(finger, data, [])
+
+
+def test_what_would_mislead_a_fit_is_refused(finger):
+    stiffness = identification.parameters(finger, "stiffness")
+    t, moving = np.arange(12) * 0.01, np.linspace(0.0, 0.1, 12)[:, None]
+    data = Measurements(t, np.zeros((12, 2)), ("q.joint1",), moving)
+    for step in (0, -1, np.nan):
+        with pytest.raises(InputError, match=r"step: expected a .*number > 0"):
+            identification.identify(finger, data, stiffness, step=step)
+    shared = identification.parameters(finger, "stiffness", shared=True)
+    for several in (stiffness * 2, (*stiffness, *shared)):
+        with pytest.raises(InputError, match="stiffness: expected each member in one unknown"):
+            identification.identify(finger, data, several)
+    with pytest.raises(InputError, match="stiffness: expected each member in one"):
+        identification.unknowns_of(finger, ["stiffness", "damping"], ["stiffness"])
+    assert identification.unknowns_of(finger, ["stiffness"], ["damping"])
+    u = np.zeros((12, 2))
+    u[5, 1] = -1.3
+    with pytest.raises(InputError, match=r"u\.u2: expected -1 to 1, .*, got -1.3 at t = 0.05 s"):
+        identification.identify(finger, replace(data, u=u), stiffness)
+    with pytest.raises(InputError, match=r"q\.joint1: expected rad or m, at most 1e\+06"):
+        replace(data, outputs=1e300 * moving)
+    with pytest.raises(InputError, match=r"each output once, got 'q\.joint1' twice"):
+        replace(data, names=("q.joint1",) * 2, outputs=np.hstack((moving, moving)))
+
+
+def test_one_dropout_does_not_silence_the_step(tmp_path):
+    """A second at rest without samples: half of it once counted as half of every step."""
+    model, data = swings(tmp_path, 2, 0.04, "q.x", 1e-6)
+    several = identification.parameters(model, "stiffness")
+    gap = Measurements(
+        np.append(-1.0, data.t), np.vstack(([0.0], data.u)), data.names,
+        np.vstack(([0.0], data.outputs)),
+    )  # fmt: skip
+    plain, dropped = (identification.identify(model, one, several).moved for one in (data, gap))
+    assert plain > COARSE
+    assert dropped > COARSE
 
 
 def test_the_zero_of_a_cable_s_length(finger):

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from softdyn.identification import Identified, Measurements
+from softdyn.identification.result import NOT_WHITE
 from softdyn.validation.report.plot_style import style
 from softdyn.validation.tables import Table
 from softdyn.view.page import head
@@ -44,7 +45,7 @@ def page(name: str, data: Measurements, found: Identified) -> str:
         rows.append([one.parameter.label, *shown, one.parameter.nominal, one.parameter.unit])
     table = Table(TITLES, rows, ("", ".6g", "", ".6g", ""))
     bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
-    white = "white" if found.white >= 0.01 else "not white: the model lacks something"
+    white = "white" if found.white >= 0.01 else f"not white: {NOT_WHITE}"
     notes = [
         f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); the intervals account for it.",
         f"In the part of the data held out they are {found.held_out:.3g} times the fit's.",
