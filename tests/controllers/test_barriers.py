@@ -69,6 +69,17 @@ def test_values_and_derivatives(name: str) -> None:
             assert ((unit == 1e-3) | (unit == 1e-2)).all()
 
 
+def test_a_half_space_is_measured_along_its_unit_normal_into_the_allowed_side() -> None:
+    model = robot("finger")
+    state = model.state(np.full(4, 0.3), np.full(4, 0.2))
+    wall = HalfSpace([0.0, 0.0, -5.0], 0.04)
+    assert np.array_equal(wall.normal, [0.0, 0.0, -1.0])
+    values = wall(state)
+    assert values.b == pytest.approx([-state.y[2] - 0.04])
+    np.testing.assert_allclose(values.gradient, -state.J[2:])
+    np.testing.assert_allclose(values.drift, -state.Jdot[2:] @ state.v)
+
+
 def test_joint_limits_are_those_of_the_file() -> None:
     model = robot("helix")
     state = model.state(model.q0, np.zeros(model.nv))

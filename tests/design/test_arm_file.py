@@ -76,6 +76,40 @@ def test_discs_and_plates_weigh_where_they_are():
     assert np.sum(seen, axis=0) == pytest.approx(expected, rel=1e-9)
 
 
+def test_a_payload_is_a_solid_ball():
+    """2/5 m r² about each axis of its own, and its mass at its centre: by sums over a grid."""
+    rod, ball = design.Section(0.1, 0.01, RUBBER, 2), design.Payload(0.5, 0.02, 0.03)
+    bare, laden = (
+        design.lay_out(design.Arm((rod,), payload=payload, unusual=True))
+        for payload in (None, ball)
+    )
+    grid = (np.arange(40) + 0.5) / 40 * 2 - 1
+    points = np.stack(np.meshgrid(grid, grid, grid), -1).reshape(-1, 3)
+    points = 0.02 * points[(points**2).sum(1) <= 1]
+    points[:, 0] += 0.1 + 0.03 - laden.stations[-1]
+    squares = 0.5 * np.einsum("ki,kj->ij", points, points) / len(points)
+    expected = np.trace(squares) * np.eye(3) - squares
+    about = [
+        body.tensor + body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+        for body in (laden.bodies[-1], bare.bodies[-1])
+    ]
+    assert laden.bodies[-1].mass - bare.bodies[-1].mass == pytest.approx(0.5)
+    np.testing.assert_allclose(about[0] - about[1], expected, rtol=2e-3, atol=1e-12)
+
+
+def test_a_straight_cable_stays_within_its_discs_and_a_led_one_within_the_rod():
+    for straight, disc, limit in ((True, 0.014, 0.014), (True, None, 0.01), (False, 0.014, 0.01)):
+        plate = None if disc is None else design.Plate(disc, 0.002, 0.001)
+        rod = design.Section(0.1, 0.01, RUBBER, 2, discs=4, disc=plate)
+        for share, fits in ((0.99, True), (1.01, False)):
+            cable = design.Cable(0.0, share * limit, straight, 1.0)
+            if fits:
+                assert design.urdf(design.Arm((rod,), cables=(cable,)))
+                continue
+            with pytest.raises(InputError, match=f"at most {limit:g} m there"):
+                design.urdf(design.Arm((rod,), cables=(cable,)))
+
+
 def test_a_straight_cable_is_as_long_as_its_chords(model):
     lengths = dict(zip(model.tendons.names, model.tendon_lengths(model.q0), strict=True))
     # half a turn over 80 mm in four steps, at 13 mm
@@ -120,6 +154,11 @@ def test_damping_by_ratio_and_by_viscosity():
     by_viscosity = design.lay_out(design.Arm((rod,), design.Damping(viscosity=1000.0)))
     tau = [s.damping / s.stiffness for s in by_viscosity.all_springs]
     assert tau == pytest.approx([1000 / 0.25e6] * 10)
+    # a measured EI states the modulus, four times the material's here
+    measured = 4 * 0.25e6 * math.pi / 4 * 0.01**4
+    rod = design.Section(0.2, 0.01, RUBBER, 5, bending_stiffness=measured)
+    springs = design.lay_out(design.Arm((rod,), design.Damping(viscosity=1000.0))).all_springs
+    assert [s.damping / s.stiffness for s in springs] == pytest.approx([1000 / 1e6] * 10)
 
 
 def test_a_profile_is_looked_at_all_along_and_cables_go_outwards():

@@ -13,7 +13,7 @@ from softdyn import InputError, identification
 from softdyn.commands import identify as command
 from softdyn.identification.data import at_stops
 from softdyn.validation.identification.trials import Excitation, twin_data
-from tests.support import ROOT
+from tests.support import ROOT, cart
 
 HEADER = "t,u.u1,u.u2,q.joint1,q.joint2,q.joint3,q.joint4"
 
@@ -117,6 +117,19 @@ def test_new_numbers_in_the_file(finger, tmp_path):
     path.write_text(identification.rewritten(finger.robot, {"armature": {"joint1": 1.0}}))
     assert np.array_equal(softdyn.load(path).armature, [1.0, 0, 0, 0])
     assert identification.rewritten(finger.robot, {}) == finger.robot.path.read_text()
+
+
+def test_a_mass_s_factor_is_on_the_links_welded_to_its_body_too(tmp_path):
+    text = cart.CART.format(stiffness=8, damping=0.3, lower=-1, upper=1).replace(
+        '<link name="tip"/>',
+        '<link name="tip"><inertial><mass value="0.2"/><inertia ixx="1e-4" ixy="0" ixz="0" '
+        'iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link>',
+    )
+    before = cart.load(tmp_path, text)
+    after = cart.load(tmp_path, identification.rewritten(before.robot, {"mass": {"x": 3.0}}))
+    M, tripled = (one.state(np.zeros(1), np.zeros(1)).M[0, 0] for one in (before, after))
+    assert pytest.approx(0.7) == M
+    assert tripled == pytest.approx(2.1)
 
 
 def test_what_a_file_of_annotations_gives_is_written_with_the_robot(tmp_path):

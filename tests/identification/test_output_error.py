@@ -172,6 +172,25 @@ def swings(folder, seconds, dt, output, noise):
     return model, Measurements(t, u[:, None], (output,), values[:, None])
 
 
+def test_coloured_residuals_widen_the_intervals(tmp_path):
+    """By the root of 1 + 2 Σ w ρ over what white noise of that size would leave."""
+    model, data = swings(tmp_path, 2.4, 0.04, "q.x", 0.0)
+    noise, rng = np.zeros(len(data.t)), np.random.default_rng(2)
+    for k in range(1, len(noise)):
+        noise[k] = 0.8 * noise[k - 1] + 1e-3 * rng.standard_normal()
+    data = replace(data, outputs=data.outputs + noise[:, None])
+    model = with_values(model, identification.parameters(model, "stiffness"), np.array([15.0]))
+    several = identification.parameters(model, "stiffness")
+    found = identification.identify(model, data, several, hold_out=0)
+    rho, size = found.autocorrelation[:, 0], np.isfinite(found.residuals).sum()
+    weights = 1 - np.arange(1, len(rho) + 1) / (len(rho) + 1)
+    factor = (1 + 2 * (weights * rho)[np.abs(rho) > 2 / size**0.5].sum()) ** 0.5
+    theta = np.array([found.estimates[0].value])
+    white = identification.least_deviations(model, data, several, theta, found.noise, hold_out=0)
+    assert factor > 1.2
+    assert found.estimates[0].deviation == pytest.approx(factor * white[0], rel=0.02)
+
+
 def test_far_from_the_file_s_values(tmp_path):
     """With the file's spring, the cart is 2 swings ahead after 2 s, and 20 at the end.
 

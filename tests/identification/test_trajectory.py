@@ -12,10 +12,12 @@ import softdyn
 from softdyn import identification
 from softdyn.dynamics.mimic import build
 from softdyn.identification import trajectory
+from softdyn.identification.friction import friction_of
 from softdyn.identification.parameters import with_values
 from softdyn.identification.trajectory import Driven, Start, follow
 from softdyn.validation.identification.trials import Excitation, trial
 from tests.support import cart
+from tests.support.control_cases import robot
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +84,18 @@ def test_joints_that_are_driven_along_the_motion_change_nothing(finger):
         driven = Driven(joints, make_interp_spline(t[late], values[:, joints], k=5))
         found, _ = follow(finger, (), t[late], u[late], start, driven)
         assert least <= np.abs(found - rest)[:, [1, 3]].max() / np.ptp(rest) <= most
+
+
+def test_dry_friction_is_tanh_1_of_its_size_at_a_hundredth_of_the_range_a_second(finger):
+    rub = friction_of(finger)
+    rates = 0.01 * (finger.upper - finger.lower)
+    assert rub.signs(rates) == pytest.approx(np.tanh(np.ones(4)))
+    assert rub.signs(-100 * rates) == pytest.approx(-np.ones(4))
+    other = robot("sliding and turning")  # a slide, a joint without limits, two that turn
+    range_ = other.upper - other.lower
+    assert np.isfinite(range_).tolist() == [True, False, True, True]
+    range_[1] = 2 * np.pi
+    assert friction_of(other).slow == pytest.approx(0.01 * range_)
 
 
 def test_dry_friction_takes_the_same_off_each_swing(tmp_path):
