@@ -289,7 +289,7 @@ def test_the_period_and_contacts_reach_the_run(call):
         (["none.urdf", "own.py:Push", "--theta", "0"], "robot: expected an existing file"),
         (["finger", "no-controller", "--theta", "0"], "controller: expected soft-id-clf-qp"),
         (["finger", "none.py:Push", "--theta", "0"], "expected an existing Python file"),
-        (["finger", "own.py:Pull", "--theta", "0"], "expected a class in own.py, got 'Pull'"),
+        (["finger", "own.py:Pull", "--theta", "0"], "expected a class in own.py: Table, Push"),
         (["finger", "own.py", "--theta", "0"], "controller: expected"),
         (
             ["finger", "own.py:Broken", "--theta", "0"],
