@@ -44,7 +44,7 @@ def allocate(model: SoftModel, state: State, tau: Any) -> np.ndarray:
     InputError
         For a State of another robot, a `tau` of another shape, and a bound that is not finite.
     """
-    # a control step: a State of this very model says that it is one
+    # fast path of a control step: a State of this model needs no further check
     if not isinstance(state, State) or (
         state.model is not model and state.model.robot.digest != check_model(model).robot.digest
     ):

@@ -42,7 +42,7 @@ def _numba() -> Any:
 numba = _numba()
 COMPILES = numba is not None
 CACHES: list[KernelCache] = []
-PATIENCE = 2.0  # s of compiling that need no word, where some kernels are there already
+PATIENCE = 2.0  # s of compiling without a message, if some kernels are compiled already
 
 
 def compiled_or(plain: Callable[..., Any], *, reorder: bool = False) -> Callable[[Kernel], Kernel]:
@@ -133,7 +133,7 @@ class KernelCache:
 
     @property
     def has_neighbours(self) -> bool:
-        """Whether any kernel of these sources was kept before."""
+        """Whether the cache already holds a kernel of the same sources."""
         return any(self._path.parent.glob(f"*{self._path.name.removeprefix(self._stem)}"))
 
     def flush(self) -> None:
@@ -195,7 +195,7 @@ def announce_compilation() -> Any:
                 if not self.running:
                     self.before = signal.signal(signal.SIGINT, self.note)
                     self.began = perf_counter()
-                    if known:  # a few more seldom take long
+                    if known:  # a few more kernels rarely take long
                         self.later = threading.Timer(max(PATIENCE - self.spent, 0), say_once)
                         self.later.daemon = True
                         self.later.start()
@@ -224,7 +224,7 @@ def announce_compilation() -> Any:
 
 @cache
 def some_are_kept() -> bool:
-    """Whether this machine had compiled any of our kernels when this process first asked."""
+    """Whether a kernel was compiled before this process; only the first call looks."""
     return any(cache.has_neighbours for cache in CACHES)
 
 
@@ -233,11 +233,11 @@ def say_once() -> None:
     """Say why the program pauses; only one of many processes says it."""
     if sys.stderr is None or not current_process().name.endswith(("MainProcess", "-1")):
         return
-    what = "its kernels, each time: no folder can keep them"
+    what = "its kernels, in every process: no folder is writable"
     if CACHES:
         what = (
             "its kernels, once on this machine: 10 to 20 s (`softdyn compile` does it beforehand)"
         )
     if some_are_kept():
-        what = "more of its kernels, which nothing here has needed before"
+        what = "more of its kernels, needed here for the first time"
     print(f"softdyn: compiling {what}", file=sys.stderr, flush=True)
