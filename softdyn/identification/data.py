@@ -18,7 +18,7 @@ from softdyn.files import as_path, read_bytes
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
 UNIT = re.compile(r"\s*\(([^()]*)\)$")  # the unit after a column's name, as in a log's CSV
 UNITS = {"t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",)}
-SLOW = 0.5  # s between samples, from which on times are rather milliseconds
+SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
 BESIDE = ("v.", "target.")
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
@@ -47,8 +47,8 @@ class Measurements:
     Raises
     ------
     InputError
-        Other shapes, numbers that are not finite or beyond `LARGEST`, an output that is there
-        twice, times that do not increase, nothing that moves.
+        For other shapes, numbers that are not finite or beyond `LARGEST`, a repeated output, times
+        that do not increase, and outputs that are all constant.
     """
 
     t: np.ndarray
@@ -165,8 +165,8 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     Raises
     ------
     InputError
-        Another number of inputs, inputs far beyond the file's bounds, or outputs that the robot
-        has not.
+        For another number of inputs, inputs far beyond the file's bounds, and outputs that the
+        robot does not have.
     """
     if data.u.shape[1] != model.nu:
         raise InputError("data", f"{model.nu} inputs, as {model.name!r} has", data.u.shape[1])

@@ -64,8 +64,8 @@ def identify(
     Raises
     ------
     InputError
-        No unknowns, a member in two of them, a floating base or mimic joints, data of another
-        robot, inputs beyond the file's bounds, a step that is not positive.
+        For no unknowns, a member in two of them, a floating base or mimic joints, data of another
+        robot, inputs beyond the file's bounds, and a step that is not positive.
     TrajectoryError
         No simulation near the first guess.
     """

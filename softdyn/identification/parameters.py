@@ -235,7 +235,7 @@ def unknowns_of(
     Raises
     ------
     InputError
-        See `parameters`; a kind that is named twice.
+        As in `parameters`, and for a kind that is named twice.
     """
     free = instances("free", free, str, "a kind")
     shared = instances("shared", shared, str, "a kind")
@@ -249,7 +249,7 @@ def unknowns_of(
 
 
 def distinct(unknowns: Sequence[Parameter]) -> None:
-    """Refuse unknowns of which two have the same member: only their product could be told."""
+    """Refuse a member in two unknowns, because only their product would be identifiable."""
     for name, group in groupby(
         sorted(unknowns, key=lambda one: one.kind.name), lambda one: one.kind.name
     ):

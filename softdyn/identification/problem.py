@@ -61,7 +61,7 @@ class FitProblem:
     held : ndarray of bool, (n,)
         Joints that are at their stops in all runs.
     finer : int
-        Each interval between samples is simulated in so many times more steps.
+        Factor of the number of steps in each interval between samples.
     """
 
     base: SoftModel

@@ -14,8 +14,8 @@ from softdyn.identification.parameters import Parameter, member_values
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
 NOT_WHITE = (
-    "the model lacks something; or the data are simulated, with too coarse a step. To tell: "
-    "simulate them with half of it. What the step left shrinks, what the model lacks stays"
+    "the model lacks something, or the data are simulated with too coarse a step. To find out, "
+    "simulate them with half the step: only an effect of the step shrinks"
 )
 
 

@@ -98,7 +98,7 @@ def follow(
     file : SoftModel, optional
         A model with the file's masses, if those of `model` differ.
     finer : int
-        Number by which the steps of each interval are multiplied.
+        Factor of the number of steps in each interval.
 
     Raises
     ------
