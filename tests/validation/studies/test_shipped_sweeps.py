@@ -290,7 +290,7 @@ MISUSES = [
     ("changes.a = { plant.mass = [1, 2] }", "changes.a: expected a unique name, with {}"),
     ("changes.'{} {}' = { plant = { mass = [1, 2], damping = [1, 2] } }",
      "changes.{} {}.plant.damping: expected one value, or one list per change, got [1, 2]"),
-    ("changes.a = { plant.mass = { default = [1, 2], finger = 3 } }", "one list a change"),
+    ("changes.a = { plant.mass = { default = [1, 2], finger = 3 } }", "one list per change"),
     ("changes.none = { plant.mass = 2 }", "changes.none: expected a unique name"),
     ("changes.'a/b' = { plant.mass = 2 }", "changes.a/b: expected a unique name"),
     ("rows = ['robot', 'mass']", "rows: expected any of robot, controller, change"),
