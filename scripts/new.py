@@ -36,7 +36,7 @@ def command(arguments: cli.Arguments) -> int:
         cli.check_outputs(parser, arguments, out)
     own = not out.is_file() or GENERATED.encode() in out.read_bytes()
     if arguments.out is None and not own:
-        raise InputError(str(out), "no file, or --out to replace it", "one of another hand")
+        raise InputError(str(out), "no file, or --out to replace it", "a file of another program")
     made = design.read(table, arguments.file)
     for name, content in made.meshes.items():
         there = out.parent / name

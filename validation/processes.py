@@ -31,7 +31,7 @@ def in_processes(
     Parameters
     ----------
     function : Callable
-        What is called.
+        The function to call.
     calls : iterable of tuple
         The arguments of each call.
     jobs : int

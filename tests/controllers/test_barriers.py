@@ -209,7 +209,7 @@ def test_rows_that_cannot_all_be_met_give_way_and_say_so() -> None:
 
 
 def test_rows_give_way_on_the_helix_whatever_the_state() -> None:
-    """Of 90 such states 11 ended "not solved": sets thinner than the solver's tolerance."""
+    """Earlier, 11 of 90 such states were not solved: sets thinner than the tolerance."""
     model, rng = robot("helix"), np.random.default_rng(2)
     size = model.upper - model.lower
     controller = SoftIdClfQp(model, horizon=TAU, barriers=[JointLimits(model)])

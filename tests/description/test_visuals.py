@@ -1,4 +1,4 @@
-"""What a robot looks like: shapes, colours, scales, and meshes that stay inside its folder."""
+"""The visuals of a robot: shapes, colours, scales, and meshes that stay inside its folder."""
 
 from __future__ import annotations
 

@@ -14,29 +14,28 @@ if TYPE_CHECKING:
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 
 EPILOG = """\
-Each input is a file of the corpus after a few random changes (tests/proof/fuzzing/inputs.py),
-wholly determined by --seed and its number. It is loaded as a user's file would be, in a process of
-its own that is killed after 5 s of processor time. A finding is
+Each input is a file of the corpus after a few random changes (tests/proof/fuzzing/inputs.py), fully
+determined by --seed and its number. It is loaded as a user's file would be, in a separate process
+that is killed after 5 s of processor time. A finding is
 
   crash            the process died
   hang             it took longer than 5 s
-  exception        anything but a softdyn error, or terms that are not finite at rest
+  exception        an exception other than a softdyn error, or terms that are not finite at rest
   message          an error that is not one line, or names no file
-  lost content     accepted, but a second reading of the file by another parser says otherwise
-  engines differ   accepted, but MuJoCo computes another robot (one input in three is asked)
+  lost content     accepted, but a second reading of the file by another parser differs
+  engines differ   accepted, but MuJoCo computes another robot (one input in three is compared)
 
---arguments damages command lines instead: a command ends well, having written every file that it
-was asked for, or says in one line what is wrong, having written none
-(tests/proof/fuzzing/arguments.py).
+--arguments damages command lines instead. A command must succeed and write every requested file, or
+report the error in one line and write no file (tests/proof/fuzzing/arguments.py).
 
 --data damages logs, a store's results, a tuning's summary, a sweep and a schedule instead, and
-reads them as their commands do; lost content is then what the reader accepted and json, tomllib or
-numpy.load find to be something else (tests/proof/fuzzing/data.py).
+reads them as their commands do. Lost content then is accepted content in which json, tomllib or
+numpy.load differ from the reader (tests/proof/fuzzing/data.py).
 
---messages says damaged messages to a live robot (softdyn play): a refused one changes nothing,
-after any other the robot goes on (tests/proof/fuzzing/messages.py).
+--messages sends damaged messages to a live robot (softdyn play). A refused message must change
+nothing, and after any other the robot must go on (tests/proof/fuzzing/messages.py).
 
-Inputs behind findings are written to --out.
+Inputs with findings are written to --out.
 
 exit codes: 0 no finding; 1 some; 2 bad input.
 """

@@ -5,7 +5,8 @@ from __future__ import annotations
 from softdyn.commands import cli
 
 EPILOG = """\
-SoRoMoX (extra `peers`) has piecewise constant strains. The time of one evaluation of each is told.
+SoRoMoX (extra `peers`) has piecewise constant strains. The output has the time of an evaluation of
+each.
 
 exit codes: 0 done; 2 bad input.
 """

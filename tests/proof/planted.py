@@ -26,14 +26,14 @@ from tests.support import defects
 from tests.support.other_hand import other_hand
 
 EPILOG = """\
-Random robots are written as a URDF, as an MJCF, and as a URDF from another hand, whose link frames
-are turned. One to three defects are planted in one of them, of sizes from 10 µm, 10 µrad or 1e-5 to
-1 cm, 0.3 rad or 0.3. A comparison with another of them is
+Random robots are written as a URDF, as an MJCF, and as a second URDF with turned link frames. One
+to three defects are planted in one of these files, of sizes from 10 µm, 10 µrad or 1e-5 to 1 cm,
+0.3 rad or 0.3. The verdict on its comparison with another file is
 
   named        its causes are the planted ones
-  equivalent   it has no more causes than were planted, and nothing is left
-  missed       a planted one is not named that alone changes an engine's q̈ by more than 1e-6;
-               of two displacements one cause may name both
+  equivalent   it has no more causes than were planted, and no residual
+  missed       it does not name a planted defect that alone changes an engine's q̈ by more than 1e-6;
+               one cause may name both of two displacements
   false        anything else
 
 exit codes: 0 nothing missed, nothing false; 1 otherwise; 2 bad input.

@@ -77,7 +77,7 @@ def side_by_side(
 ) -> CrossCheck:
     """The URDF in Pinocchio against the MJCF in MuJoCo: every term, q̈ and trajectories.
 
-    Where only one file states armature, damping or springs, both engines take the URDF's values. So
+    If only one file states armature, damping or springs, both engines take the URDF's values. So
     the engines agree where the files agree. Joints that only the MJCF has stand still.
 
     Parameters

@@ -109,7 +109,7 @@ class StepLadder:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What `crosscheck` found; its text is the table that the script prints.
+    """The result of `crosscheck`; its text is the table that the script prints.
 
     Attributes
     ----------

@@ -109,7 +109,7 @@ class ClosedLoop:
         hold, and its step if that divides the period. A warning is given if the file differs from
         the model's.
     name : str, optional
-        What the log calls the controller; its `name` or its class by default.
+        Name of the controller in the log; its `name` or its class by default.
 
     Attributes
     ----------
@@ -365,7 +365,7 @@ def simulate(
     plant : str, Path or MappedPlant, optional
         A user's MJCF file, or its `Scene`, which replaces the twin.
     name : str, optional
-        What the log calls the controller; its `name` or its class by default.
+        Name of the controller in the log; its `name` or its class by default.
     progress : bool
         Show a bar on stderr if that is a terminal.
     on_step : Callable[[float, State, ControllerOutput], None], optional

@@ -78,9 +78,9 @@ def lyapunov(task: TaskTerms, eps: float) -> Lyapunov:
 def actuated_rows(B: np.ndarray, tolerance: float = RANK_TOLERANCE) -> tuple[np.ndarray, ...]:
     """R (r, n) and S (r, m) of the actuated dynamics, eq. (actuated): R (M q̈ + h) = S u.
 
-    Where B has full column rank, T = [Bᵀ; null(Bᵀ)] is formed and R is the first m rows of T⁻ᵀ,
-    S = I: the paper's collocated form. Without full rank there is no such T. Then R is an
-    orthonormal basis of range(B) and S = R B, so that only the dynamics along range(B) are imposed.
+    If B has full column rank, T = [Bᵀ; null(Bᵀ)] is formed and R is the first m rows of T⁻ᵀ, S = I:
+    the paper's collocated form. Without full rank there is no such T. Then R is an orthonormal
+    basis of range(B) and S = R B, so that only the dynamics along range(B) are imposed.
     """
     m = B.shape[1]
     basis = scipy.linalg.orth(B, rcond=tolerance)

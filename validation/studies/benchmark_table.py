@@ -30,7 +30,7 @@ ABOUT = (
 
 
 def benchmark_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """One row of the table as text; a dash for what was not asked for or not published."""
+    """One row of the table as text; a dash where no figure was requested or published."""
     published, emulated = row["paper"], row.get("emulated") or {}
     runs = len(row["set_points_cm"]) + len(row["trajectories_cm2"])
 

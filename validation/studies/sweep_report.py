@@ -147,7 +147,7 @@ def report(sweep: Sweep, found: list[Row], ran: int) -> dict[str, Any]:
 
 
 def summary(report: Mapping[str, Any]) -> str:
-    """The same for people."""
+    """The report as text."""
     ended = ", ".join(f"{n} {_words(name)}" for name, n in report["outcomes"].items() if n)
     figure = report["figure"]
     return "\n".join([

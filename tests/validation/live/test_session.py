@@ -211,7 +211,7 @@ class Listens:
 
 @pytest.mark.parametrize("chosen", ["before", "after"])
 def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
-    """Of a law that acts already, and of one that is chosen later; a reset begins both anew."""
+    """It holds for the running controller and for one chosen later; a reset restarts both."""
     own = Listens(model)
     session = make(model, "own" if chosen == "before" else OPEN_LOOP, {"own": lambda _model: own})
     session.apply(m.Mismatch(delay=3 * session.period, noise=1e-4))
