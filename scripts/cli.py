@@ -218,7 +218,7 @@ def own_gains(arguments: Arguments) -> dict[str, Any] | None:
 
 
 def make_controller(name: str, model: SoftModel, table: dict[str, Any], cls: Any, file: str) -> Any:
-    """A controller with the parameters in a file, which an error about them names."""
+    """A controller with the parameters of a file; an error about them names the file."""
     from softdyn import InputError
     from softdyn.controllers import registry
 
@@ -232,7 +232,7 @@ def make_controller(name: str, model: SoftModel, table: dict[str, Any], cls: Any
 
 
 def best_note(model: SoftModel, name: str, gains: str | None) -> str:
-    """A line about what `best` is for a robot without a tuned schedule; empty for any other."""
+    """A line saying that `best` is `mpc` for a robot without a tuned schedule; else empty."""
     from softdyn.controllers.schedule import tuned
 
     if name != "best" or gains is not None or model.nu == 0 or tuned(model) is not None:

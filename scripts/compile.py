@@ -22,7 +22,7 @@ parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one pe
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Make every law for every kind of robot: that warms it up."""
+    """Make every controller for every kind of robot, which compiles its kernels."""
     from softdyn.compiled import COMPILES
     from softdyn.controllers.registry import BEYOND, CONTROLLERS
     from softdyn.validation.processes import in_order
@@ -30,7 +30,7 @@ def command(arguments: cli.Arguments) -> int:
     if not COMPILES:
         cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
         return cli.PASSED
-    # what most share comes first, so that the others find it
+    # first the kernels that most share, so that other processes find them
     names = sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__)
     in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
     cli.say("all kernels are compiled")

@@ -28,7 +28,7 @@ exit codes: 0 ended by Ctrl-C or SIGTERM, or measured; 1 the step with two reade
 """
 
 
-KEPT = 500  # periods after which the clock is judged
+KEPT = 500  # number of periods after which the pace is judged
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
@@ -40,7 +40,9 @@ parser.add_argument("--period", type=cli.positive, metavar="S", help="control pe
 parser.add_argument(
     "--gains", metavar="FILE", help="TOML: of the first CONTROLLER, or a table for each by its name"
 )
-parser.add_argument("--measure", type=cli.positive, metavar="S", help="what pages cost, S s each")
+parser.add_argument(
+    "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
+)
 cli.add_json(parser)
 cli.add_robot_options(parser)
 cli.add_server_options(parser)
@@ -73,12 +75,12 @@ def measure(session: Any, arguments: cli.Arguments) -> int:
 
 
 def warn(text: str) -> None:
-    """Say something beside the address."""
+    """Print a line beside the address."""
     print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
 def make_session(arguments: cli.Arguments) -> Any:
-    """The session that the command line asks for."""
+    """Make the session for the command line."""
     from softdyn.validation import paper
     from softdyn.validation.live.session import Session, menu_of
     from softdyn.view.live.messages import OPEN_LOOP

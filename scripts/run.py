@@ -213,7 +213,7 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
 
 
 def make_controller(model: SoftModel, name: str, file: str | None) -> Any:
-    """A controller by its command-line name, with the parameters in a file where there is one."""
+    """A controller by its command-line name, with the parameters of a file if there is one."""
     from softdyn.controllers import registry
 
     if file is None:

@@ -45,7 +45,7 @@ SIZES = {
     "pose": LENGTH, "turn": ANGLE, "displaced": LENGTH, "armature": FORCE, "friction": FORCE,
     "damping": FORCE, "base": ANGLE, "tendon": LENGTH, "actuator": (1, 1),
 }  # fmt: skip
-CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # others are called what they are
+CAUSES = {"tilt": "axis", "displaced": "axis", "turn": "pose"}  # other kinds keep their names
 PLACES = ("zero", "pose", "turn", "displaced", "tilt", "base", "tendon")
 BODILY = ("mass", "centre", "inertia")
 ROBOTIC = ("base", "tendon", "actuator")

@@ -19,7 +19,7 @@ from softdyn.view.live.page import live_page
 from softdyn.view.scene import Figure
 
 HELD, ROOM = 0.95, 0.9  # pace of a period that is held; share of the time that work may take
-LONG = 5e-3  # s that messages may take before the clock starts anew
+LONG = 5e-3  # s; if messages take longer, the clock starts anew
 
 
 def open_play_page(session: Session, port: int | None = None) -> Channel:
@@ -45,7 +45,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
 
 
 def period_note(period: float, kept: Kept) -> str:
-    """A word about a control period (s) that the machine does not hold, with one that it would."""
+    """A note about a control period (s) that the machine cannot hold, with one that it can hold."""
     if kept.pace >= HELD:
         return ""
     step = 1e-6 * kept.step_us["median"]

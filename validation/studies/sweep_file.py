@@ -210,7 +210,7 @@ class _Reader(ValueReader):
     def read_own_gains(
         self, controllers: Sequence[str]
     ) -> tuple[list[Axis], dict[str, dict[str, Any]]]:
-        """Take out of [gains] the tables of single controllers: what may vary, and what is fixed.
+        """Remove the tables of single controllers from [gains]: varying gains, and fixed ones.
 
         A table in such a table, as the stages of a schedule, is fixed.
         """
@@ -319,7 +319,7 @@ class _Reader(ValueReader):
             tried.add(key)
             cls = sources.class_at(case.controller, self.folder)
             try:
-                with redirect_stdout(sys.stderr):  # what a user's class prints
+                with redirect_stdout(sys.stderr):  # a user's class may print
                     make_controller(case.controller, sweep.models[case.robot], table, cls)
             except InputError as error:
                 origin = "--gains" if "gains" in self.said else self.path

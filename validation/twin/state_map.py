@@ -191,7 +191,7 @@ class StateMap:
         return qpos, self.velocity_map(qpos) @ v
 
     def from_twin(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Model state q (nq,), v (nv,) of a twin state; followers are left out."""
+        """Model state q (nq,), v (nv,) of a twin state, without mimic joints."""
         qpos, qvel = _sized("qpos", qpos, self._twin_nq), _sized("qvel", qvel, self._twin_nv)
         coordinates, v = qpos[self._positions], qvel[self.dofs]
         if self._turned:
@@ -208,7 +208,7 @@ class StateMap:
         return q, v
 
     def coordinates(self, qpos: np.ndarray) -> np.ndarray:
-        """(nv,) as `SoftModel.coordinates`, but that angles are not wrapped."""
+        """Coordinates (nv,) as in `SoftModel.coordinates`, but angles are not wrapped."""
         qpos = _sized("qpos", qpos, self._twin_nq)
         joints = self._sense * qpos[self._positions] + self._zero
         if not self.floating:
@@ -227,7 +227,7 @@ class StateMap:
         return found
 
     def velocity_map_rate(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
-        """Ṗ (twin's nv, nv): R [ω]× of a floating base, zero elsewhere."""
+        """Ṗ (twin's nv, nv): R [ω]× for a floating base, zero elsewhere."""
         qpos, qvel = _sized("qpos", qpos, self._twin_nq), _sized("qvel", qvel, self._twin_nv)
         found = np.zeros_like(self.ties)
         if self.floating:

@@ -100,7 +100,7 @@ def _one_piece(k: int, one: Part, other: Part) -> list[Finding] | None:
             if abs(heavier.mass) <= NOTHING * whole.mass:  # the other file has no such link
                 heavier = replace(heavier, mass=0.0)
             if _same_centre(rest + heavier, whole):
-                # its mass explains the centre; what is left of the tensor is its own
+                # its mass explains the centre; the rest of the tensor's difference is its own
                 gap = whole.tensor - (rest + heavier).tensor
                 heavier = replace(heavier, tensor=heavier.tensor + gap)
             shifted = replace(piece, com=piece.com + moment / piece.mass)

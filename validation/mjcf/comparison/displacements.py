@@ -27,11 +27,11 @@ BEAM = 12
 # digits that a moved zero costs in addition to its number; a pose or a base costs twice that
 CAUSE = 0.5
 SPOILED = 10.0
-LINK = 1.25  # weight of a link's origin, which both formats place by the joint
-BEGINS = 4.0  # digits, at most, of where on its hinge's axis a link begins, which is convention
-TURNED = 0.5  # weight of how a frame is turned on its link, which is convention
-PARALLEL = 1e-3  # sine of the angle between two axes that tell one direction only
-LINES = 6  # pairs of axes that are asked how a base is turned
+LINK = 1.25  # weight of a link's origin, which both formats place at the joint
+BEGINS = 4.0  # largest number of digits for a link's place on its hinge's axis, which is convention
+TURNED = 0.5  # weight of a frame's rotation on its link, which is convention
+PARALLEL = 1e-3  # sine of the angle below which two axes count as parallel
+LINES = 6  # pairs of axes from which a base's rotation is estimated
 HINGED = ("hinge", "slide")
 Pair = tuple[np.ndarray, np.ndarray]
 

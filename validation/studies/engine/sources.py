@@ -112,15 +112,15 @@ def of_robot(
 
 
 def class_at(text: str, folder: Path = Path()) -> Any:
-    """The class behind a name of the package or behind FILE.py:CLASS, relative to `folder`.
+    """The class of a name of the package or of FILE.py:CLASS, relative to `folder`.
 
     Raises
     ------
     InputError
-        No such name, file or class, or a file that cannot be imported.
+        The name, file or class does not exist, or the file cannot be imported.
     """
     file, _, kind = text.rpartition(":")
-    with redirect_stdout(sys.stderr):  # what a user's module prints
+    with redirect_stdout(sys.stderr):  # a user's module may print
         return find_controller(f"{folder / file}:{kind}" if is_own(text) else text)
 
 
