@@ -116,8 +116,9 @@ def _axis(a: Neutral, b: Neutral, k: int) -> Iterator[Finding]:
     words += [f"displaced {1e3 * gap:.6g} mm"] * (gap > GRAIN)
     if words or gap > NOTHING or angle > NOTHING:
         first, second = ([*vector(part.axis), *vector(part.point)] for part in (one, other))
-        # a link whose origin lies on its joint moves with it
+        # a link whose origin lies on its joint moves with it, where it is no further apart
         tied = all(np.allclose(p.point, p.pose.translation, atol=GRAIN) for p in (one, other))
+        tied = tied and _apart(one.pose, other.pose) <= gap + GRAIN
         yield Finding(
             "axis", one.name, (first, second), ", ".join(words),
             lambda robot: robot.with_part(

@@ -224,3 +224,11 @@ def test_where_on_its_axis_a_link_begins_displaces_nothing(tmp_path):
     found = compared(tmp_path, one, other)
     moved = [words for (kind, _), words in found.items() if kind != "frame"]
     assert max(float(re.search(r"([\d.]+) mm", words)[1]) for words in moved) < 1.5
+
+
+def test_a_link_that_begins_elsewhere_on_its_axis_is_a_frame(tmp_path):
+    """The axes lie a tenth of a nanometre apart, which is no cause."""
+    arm = ("pan", "base", "0 0 0.1", "0 0 0", "0 0 1", "0 -0.026 0.002")
+    one = robot(arm, ("roll", "pan", "0 0 0.3", "0 0 0", "0 0 1", "0.01 0 0.02"))
+    other = robot(arm, ("roll", "pan", "0 1e-10 0.29", "0 0 0", "0 0 1", "0.01 -1e-10 0.03"))
+    assert set(compared(tmp_path, one, other)) == {("frame", "roll")}
