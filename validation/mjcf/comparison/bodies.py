@@ -131,7 +131,8 @@ def _differences(
     scale = float(np.linalg.norm(one.tensor))
     if float(np.linalg.norm(one.tensor - other.tensor)) > NOTHING * scale:
         tensors = _tensor(one), _tensor(other)
-        yield Finding("inertia", where, tensors, _turned_or_scaled(one, other), put(one))
+        change = _turned_or_scaled(one, other) if one.mass else "of nothing"
+        yield Finding("inertia", where, tensors, change, put(one))
 
 
 def _tensor(body: Inertia) -> list[float]:
