@@ -10,7 +10,7 @@ slowly raised input never reaches. `approach` then follows the branch of exact e
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import perf_counter
@@ -22,12 +22,14 @@ from softdyn.checks import array, instance, instances, length, number, whole
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.statics.branch import REACHED, approach
-from softdyn.statics.equilibria import balance, rest
+from softdyn.statics.equilibria import balance, move, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError
 from softdyn.statics.explore import explore
 from softdyn.statics.samples import random_shapes
 
 SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
+SADDLES = 4  # unstable equilibria, the closest, from which stable ones are sought downhill
+ASIDE = 0.1  # of a joint, out of an unstable equilibrium (rad, m)
 EXPLORED = 4  # number of the given starts that `explore` uses
 
 
@@ -139,11 +141,14 @@ def inputs_for_tip(
             break
         with suppress(StaticsError):
             ends.append(explore(model, target, q, u))
-    found: list[Equilibrium] = []
-    for one in sorted(ends, key=lambda one: _order(one, target)):
-        if not any(_same(one, other) for other in found):
-            found.append(one)
-    return TipSearch(target, tuple(found))
+    found = _distinct(ends, target)
+    sides = list[Equilibrium]()
+    for one in [one for one in found if not one.stable][:SADDLES]:
+        for side in _downhill(one):
+            if perf_counter() <= latest and not any(_same(side, other) for other in sides):
+                sides.append(side)
+                ends.append(approach(side, target, stay_stable=True))
+    return TipSearch(target, tuple(_distinct(ends, target) if sides else found))
 
 
 def _order(one: Equilibrium, target: np.ndarray) -> tuple[float, float]:
@@ -154,3 +159,24 @@ def _order(one: Equilibrium, target: np.ndarray) -> tuple[float, float]:
 def _same(one: Equilibrium, other: Equilibrium) -> bool:
     coordinates = one.model.coordinates
     return bool(np.abs(coordinates(one.q) - coordinates(other.q)).max() < SAME)
+
+
+def _distinct(ends: Iterable[Equilibrium], target: np.ndarray) -> list[Equilibrium]:
+    """Each equilibrium once, the closest first."""
+    found: list[Equilibrium] = []
+    for one in sorted(ends, key=lambda one: _order(one, target)):
+        if not any(_same(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def _downhill(saddle: Equilibrium) -> Iterator[Equilibrium]:
+    """Stable equilibria under the same input, on both sides of each unstable direction."""
+    model, free = saddle.model, ~saddle.held
+    values, vectors = np.linalg.eigh(saddle.stiffness[np.ix_(free, free)])
+    for direction in vectors.T[values < 0]:
+        step = np.zeros(model.nv)
+        step[free] = ASIDE * direction / np.abs(direction).max()
+        for aside in (step, -step):
+            with suppress(StaticsError):
+                yield settle(model, saddle.u, move(model, saddle.q, aside))
