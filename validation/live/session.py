@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, statics
-from softdyn.controllers import registry
+from softdyn.controllers import Mpc, registry
 from softdyn.controllers.controller import guard_of
 from softdyn.exceptions import one_line
 from softdyn.validation.live.ghost import Ghost
@@ -294,7 +294,8 @@ class Session:
     ) -> tuple[Twin, StateMap]:
         """A new plant in a given state."""
         options = _part(PlantErrors, said).options()
-        twin = options.pop("twin")(self.model.robot, timestep=self._grid.timestep, **options)
+        make = _part(SignalPath, said).between(options.pop("twin"))
+        twin = make(self.model.robot, timestep=self._grid.timestep, **options)
         states = StateMap(self.model, twin)
         try:
             twin.set_state(*states.to_twin(q, v), t)
@@ -317,10 +318,17 @@ class Session:
     def _made(self, name: str) -> Any:
         """A controller of the menu; ours compile their kernels here, before the first step."""
         make = self._menu[name]
+
+        def made(cls: Any) -> Any:
+            law = registry.make_controller(name, self.model, cls=cls)
+            if isinstance(law, Mpc) and law.targets is not None:
+                law.targets.background = True  # a search takes seconds
+            return law
+
         if make in KNOWN:
-            first = self._connected(registry.make_controller(name, self.model), messages.Mismatch())
+            first = self._connected(made(None), messages.Mismatch())
             first(self._state, self._reference)
-        return registry.make_controller(name, self.model, cls=make)
+        return made(make)
 
     def _connected(self, inner: Any, said: messages.Mismatch) -> Any:
         """A controller behind its signal path, after a reset."""

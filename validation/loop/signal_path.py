@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from softdyn import Reference, State
 from softdyn.controllers import Command
+from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.validation.twin.twin import Twin
 
 View = Callable[[State], State]
 
@@ -21,18 +23,21 @@ class SignalPath:
     Attributes
     ----------
     delay : float
-        Time (s) from a state to the input that answers it, in whole control periods.
+        Time (s) from a state to the begin of the input that answers it. Before the first input
+        arrives, zero input acts, or the one nearest to it within the bounds.
     lag : float
         Time constant (s) with which the inputs follow the commands.
     noise : float
-        Standard deviation (m) of each coordinate of the tip that the controller sees.
+        Noise of q and q̇ that the controller sees, given by its effect on the tip: the root mean
+        square (m) of ‖J δq‖ at q = 0. Each joint's standard deviation is the same share of its
+        range (of 1 rad or 1 m without limits). The noise of q̇ is that of q over one control period.
     seed : int
         Seed of the noise.
     views : tuple of Callable[[], View]
-        Factories of functions that alter a state before the controller sees it. Each is called once
-        per run.
+        Makers of functions that alter a state before the controller sees it; each is called once
+        a run.
     late : bool
-        Whether the first input is zero instead of the controller's answer.
+        Whether the first input is zero, whatever the controller would answer.
     """
 
     delay: float = 0.0
@@ -43,99 +48,83 @@ class SignalPath:
     late: bool = False
 
     def around(self, controller: Any, period: float) -> Any:
-        """`controller` with this path in between, or `controller` itself if the path is ideal."""
-        if self == SignalPath(seed=self.seed):
-            return controller
+        """`controller` behind the altered states; itself where the states pass unaltered."""
         views = [view() for view in self.views]
         if self.noise > 0:
-            views.insert(0, Noise(self.noise, self.seed))
-        linked = Linked(controller, views, wait=round(self.delay / period), late=self.late)
-        return Lagging(linked, self.lag) if self.lag > 0 else linked
+            views.insert(0, Noise(self.noise, period, self.seed))
+        return Linked(controller, views, late=self.late) if views or self.late else controller
+
+    def between(self, twin: Callable[..., Twin]) -> Callable[..., Twin]:
+        """A maker of plants whose inputs arrive late and lag; `twin` itself where neither does.
+
+        Both are exact for any time: each plant step gets the mean of the input that acts in it.
+        """
+        if self.delay == self.lag == 0:
+            return twin
+
+        def make(*arguments: Any, **options: Any) -> Twin:
+            plant = twin(*arguments, **options)
+            path, advance = Actuation(self.delay, self.lag), plant.advance
+            path.reset(plant.model.opt.timestep, np.clip(0.0, *plant.model.actuator_ctrlrange.T))
+
+            def later(u: np.ndarray, steps: int = 1) -> None:
+                for _ in range(steps):
+                    advance(path.send(u))
+
+            plant.advance = later  # type: ignore[method-assign]
+            return plant
+
+        return make
 
 
 class Noise:
-    """A view of the state with normal noise of a standard deviation (m) on the tip."""
+    """A view of q and q̇ with normal noise; see `SignalPath`.
 
-    def __init__(self, deviation: float, seed: int) -> None:
-        self._deviation, self._random = deviation, np.random.default_rng(seed)
+    Parameters
+    ----------
+    effect : float
+        Root mean square of the tip's displacement at q = 0 (m).
+    period : float
+        Control period (s).
+    seed : int
+        Seed of the noise.
+    """
+
+    def __init__(self, effect: float, period: float, seed: int) -> None:
+        self._effect, self._period = effect, period
+        self._random = np.random.default_rng(seed)
+        self._deviation: np.ndarray | None = None
 
     def __call__(self, state: State) -> State:
         """The state that the controller sees instead of `state`."""
-        return replace(state, y=state.y + self._deviation * self._random.normal(size=3))
+        model = state.model
+        if self._deviation is None:
+            span = model.upper - model.lower
+            span = np.where(np.isfinite(span), span, 1.0)
+            J = model.state(model.q0, np.zeros(model.nv)).J
+            self._deviation = span * self._effect / float(np.linalg.norm(J * span))
+        dq, dv = self._deviation * self._random.normal(size=(2, model.nv))
+        return model.state(model.integrate(state.q, dq), state.v + dv / self._period)
 
 
 class Linked:
-    """A controller that sees states through views and answers `wait` periods later.
+    """A controller that sees states through views.
 
-    Until the first delayed answer is due, it returns the first answer. A `late` one answers its
-    first state with zero input. All other attributes, such as gains and counts, are the inner
-    controller's.
+    A `late` one answers its first state with zero input. Everything else, its gains and counts, is
+    the inner controller's.
     """
 
-    def __init__(
-        self, controller: Any, views: list[View], *, wait: int = 0, late: bool = False
-    ) -> None:
-        self._controller, self._views = controller, views
-        self._wait, self._late = wait, late
-        self._waiting: list[Any] = []
-
-    def reset(self, period: float) -> None:
-        """Begin a run: clear the waiting answers, and reset the controller if it has `reset`."""
-        self._waiting.clear()
-        if hasattr(self._controller, "reset"):
-            self._controller.reset(period)
+    def __init__(self, controller: Any, views: list[View], *, late: bool = False) -> None:
+        self._controller, self._views, self._late = controller, views, late
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.__dict__["_controller"], name)
 
     def __call__(self, state: State, reference: Reference) -> Any:
-        """The input that reaches the plant when it is in `state`."""
+        """The answer to the state that the controller sees."""
         for view in self._views:
             state = view(state)
         if self._late:
             self._late = False
             return Command(np.clip(np.zeros(state.model.nu), state.model.u_min, state.model.u_max))
-        self._waiting.append(self._controller(state, reference))
-        return self._waiting[0] if len(self._waiting) <= self._wait else self._waiting.pop(0)
-
-
-class Lagging:
-    """A controller behind actuators that follow with a time constant λ and start at zero input.
-
-    Over a period T, a command u moves the acting input from a to u + (a - u) e^(-T/λ). The plant
-    holds its input, so it gets the mean of this curve. All other attributes are the inner
-    controller's.
-    """
-
-    def __init__(self, controller: Any, lag: float) -> None:
-        self._controller, self._lag = controller, lag
-
-    def reset(self, period: float) -> None:
-        """Begin a run: the acting input is zero."""
-        share = period / self._lag
-        self._left, self._mean = np.exp(-share), -np.expm1(-share) / share
-        self._acts: np.ndarray | float = 0.0
-        if hasattr(self._controller, "reset"):
-            self._controller.reset(period)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.__dict__["_controller"], name)
-
-    def __call__(self, state: State, reference: Reference) -> Any:
-        """The mean input that acts over the next period."""
-        command = self._controller(state, reference)
-        asked = np.asarray(getattr(command, "u", command), float)
-        rest = self._acts - asked
-        self._acts = asked + self._left * rest
-        u = np.clip(asked + self._mean * rest, state.model.u_min, state.model.u_max)
-        return Delivered(command, u)
-
-
-class Delivered:
-    """A command whose input was altered on its way."""
-
-    def __init__(self, command: Any, u: np.ndarray) -> None:
-        self._command, self.u = command, u
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.__dict__["_command"], name)
+        return self._controller(state, reference)

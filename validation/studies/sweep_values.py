@@ -95,7 +95,8 @@ GROUPS: dict[str, dict[str, Check]] = {
     "plant": {
         "period": positive, "duration": positive, "timestep": step, "contacts": flag,
         "friction": flag, "mass": positive, "stiffness": not_negative, "damping": not_negative,
-        "dry_friction": not_negative, "cable_friction": not_negative, "soft_stops": flag,
+        "dry_friction": not_negative, "cable_friction": not_negative, "pull_friction": not_negative,
+        "soft_stops": flag,
     },
     "signals": {"delay": not_negative, "lag": not_negative, "noise": not_negative},
 }  # fmt: skip

@@ -28,7 +28,10 @@ class PlantErrors:
     dry_friction : float
         Dry friction of every joint (N m or N). It replaces the file's unless it is 0.
     cable_friction : float
-        Friction along every driven tendon, as a share of its largest force.
+        Friction along every driven tendon, as a share of its largest force: more than a one-sided
+        input can overcome where the arm holds with less.
+    pull_friction : float
+        Friction along every driven tendon, as a share of its present force, whichever way it moves.
     soft_stops : bool
         Whether joint limits and dry friction are as soft as MuJoCo's defaults.
     shapes : Path, optional
@@ -42,6 +45,7 @@ class PlantErrors:
     friction: bool = False
     dry_friction: float = 0.0
     cable_friction: float = 0.0
+    pull_friction: float = 0.0
     soft_stops: bool = False
     shapes: Path | None = None
     mass: float = 1.0
@@ -59,14 +63,8 @@ class PlantErrors:
         model = twin.model
         if self.dry_friction:
             model.dof_frictionloss[:] = self.dry_friction
-        if self.cable_friction:
-            largest = np.abs(model.actuator_gear[:, 0]) * np.abs(model.actuator_ctrlrange).max(
-                axis=1
-            )
-            tendons = model.actuator_trnid[:, 0]
-            model.tendon_frictionloss[tendons] = self.cable_friction * largest
-            model.tendon_solref_fri[tendons] = STIFF_SOLREF
-            model.tendon_solimp_fri[tendons] = STIFF_SOLIMP
+        if self.cable_friction or self.pull_friction:
+            self._rub(twin)
         if self.soft_stops:
             model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
             model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
@@ -83,6 +81,26 @@ class PlantErrors:
 
     def options(self) -> dict[str, Any]:
         """The arguments of `simulate` that concern the plant."""
-        friction = self.friction or self.dry_friction > 0 or self.cable_friction > 0
+        rubbing = self.dry_friction, self.cable_friction, self.pull_friction
+        friction = self.friction or any(share > 0 for share in rubbing)
         contacts = self.contacts or self.shapes is not None
         return {"twin": self.twin, "contacts": contacts, "friction": friction}
+
+    def _rub(self, twin: Twin) -> None:
+        """Friction along the driven tendons, the present pull's share anew before every advance."""
+        model, advance = twin.model, twin.advance
+        gear, tendons = np.abs(model.actuator_gear[:, 0]), model.actuator_trnid[:, 0]
+        largest = self.cable_friction * gear * np.abs(model.actuator_ctrlrange).max(axis=1)
+        # a row that is 0 when the steps begin has no constraint that a later pull could use
+        model.tendon_frictionloss[tendons] = np.maximum(largest, 1e-9)
+        model.tendon_solref_fri[tendons] = STIFF_SOLREF
+        model.tendon_solimp_fri[tendons] = STIFF_SOLIMP
+        if not self.pull_friction:
+            return
+
+        def rubbing(u: np.ndarray, steps: int = 1) -> None:
+            pull = self.pull_friction * gear * np.abs(np.clip(u, *model.actuator_ctrlrange.T))
+            model.tendon_frictionloss[tendons] = largest + np.maximum(pull, 1e-9)
+            advance(u, steps)
+
+        twin.advance = rubbing  # type: ignore[method-assign]

@@ -130,7 +130,8 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     """
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
-    step = case.timestep
+    step, options = case.timestep, case.plant.options()
+    options["twin"] = case.signals.between(options["twin"])
     with one_line_errors(case.controller, "a command"):
         return simulate(
             model,
@@ -140,7 +141,7 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
             timestep=None if step is None else min(step, experiment.period),
             v0=case.start(model.nv),
             name=case.controller,
-            **case.plant.options(),
+            **options,
         )
 
 
