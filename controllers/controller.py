@@ -40,12 +40,16 @@ class Command:
         Slack δ of its decrease condition.
     status : Status
         If it is not `Status.OK`, `u` is a fallback.
+    distance : float
+        From the reference to the tip of the equilibrium that the controller goes to (m), if the
+        controller has one. It is large for a set point out of reach.
     """
 
     u: np.ndarray
     V: float = float("nan")
     delta: float = float("nan")
     status: Status = Status.OK
+    distance: float = float("nan")
 
 
 class Controller(Protocol):

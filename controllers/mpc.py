@@ -1,16 +1,18 @@
 """Model predictive control on the analytic linearisation at the present state.
 
-Each call predicts the tip over a short horizon with `qps.prediction`, chooses the inputs
-at a few knots by a bounded QP, and moves the input along the first ramp. `docs/beyond.md` derives
-the objective and reports what it reaches. No number in it belongs to a robot: lengths, masses and
-stiffnesses enter through the model, by the rules below.
+Each call predicts the state at which its command will begin to act, and the tip over a short
+horizon from there (`predictive.prediction`). A bounded QP chooses the inputs at a few knots. The
+command moves the input along the first ramp. `docs/beyond.md` derives the objective and reports
+the results. No number in it belongs to a robot: lengths, masses and stiffnesses enter through the
+model, by the rules below.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from concurrent.futures import Future
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,10 @@ from softdyn.controllers.controller import (
     warm_up,
 )
 from softdyn.controllers.gains import check_fields, no_actuator
-from softdyn.controllers.qps.prediction import condensed_qp, one_period, ramps
+from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.prediction import ahead, condensed_qp, ramps
+from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
+from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
@@ -35,6 +40,11 @@ KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last
 DEFAULT_PERIOD = 0.002  # s
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
 NEAR_STOP = 2e-3  # of a joint's range: so near to its limit it is held by the stop
+HOLD = 1e-3  # κ, weight of u - u* beside the tip's error, input by input
+FORM = 1e-2  # σ, weight of q - q*
+STUCK = 1.0  # s without arriving after which a target is searched for
+ARRIVES = 0.5  # s later it acts, however long the search took
+MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
 STOP = 1e4  # stiffness of a stop, in M_jj / Δt²
 
 
@@ -55,8 +65,8 @@ class MpcParameters:
     """
 
     horizon: float = 0.3
-    speed: float = 0.05
-    rate: float = 1e-3
+    speed: float = 0.1
+    rate: float = 1e-4
     memory: float = 0.1
 
     def __post_init__(self) -> None:
@@ -83,15 +93,16 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
 
 
 class Mpc(GuardedController):
-    """min Σ ‖e_k‖² + speed² ‖q̇_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ u ≤ u_max.
+    """min Σ ‖e_k‖² + speed² ‖q̇_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ c ≤ u_max.
 
     W and R are one metric, the robot's dynamic stiffness over the horizon H at rest,
     S = M/H² + D/H + diag(k), in units of what it costs to move the tip: W = H² S / λ and
     R = Bᵀ S⁻¹ B / λ with 1/λ = ‖J S⁻¹ Jᵀ‖, so that both compare with m² of the tip's error.
 
-    A joint at its limit is held by a stiff spring in the prediction; what else the model does not
-    explain is estimated as a constant joint force d from the last period's prediction error, so
-    that the tip settles without offset.
+    The inputs are those that act. The command c leads them by the actuators' lag, and is bounded
+    at every knot. A joint at its limit is held by a stiff spring in the prediction; what else the
+    model does not explain is estimated as a constant joint force d from the last period's
+    prediction error, so that the tip settles without offset.
 
     Parameters
     ----------
@@ -101,29 +112,50 @@ class Mpc(GuardedController):
         Or a mapping of its fields.
     period : float
         Control period T (s); `reset` sets another.
+    lag : float
+        Time constant (s) with which the inputs follow the commands.
+    delay : float
+        Time (s) from a state to the begin of the command that answers it.
+    targets : RestTargets, optional
+        Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
+        farther than 5 mm away it is searched for, and 0.5 s later it acts if its tip is nearer.
+        The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
+        `distance` of a command is that of its tip.
 
     Raises
     ------
     InputError
-        A robot without actuators, or parameters of another kind.
+        A robot without actuators, parameters of another kind, a negative lag or delay.
     """
 
     name = "mpc"
 
     def __init__(
-        self, model: SoftModel, parameters: Any = None, period: float = DEFAULT_PERIOD
+        self,
+        model: SoftModel,
+        parameters: Any = None,
+        period: float = DEFAULT_PERIOD,
+        *,
+        lag: float = 0.0,
+        delay: float = 0.0,
+        targets: RestTargets | None = None,
     ) -> None:
         if check_model(model).nu == 0:
             raise no_actuator(model)
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
+        self.actuation = Actuation(delay, lag)
+        self._filter = StateFilter(model, self.parameters.memory)
+        self.targets = targets
         self._model = model
         self._step = self.parameters.horizon / KNOTS[-1]
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
         self._shape = ramps(KNOTS)
+        self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
-        self._qp, self._identity = DenseQp(size, size), np.eye(size)
+        self._qp = DenseQp(size, size)
         self.solvers = (self._qp,)
+        self._rows = np.kron(_command_rows(lag, self._step), np.eye(model.nu))
         with np.errstate(all="ignore"):
             self._weigh(model)
         span = model.upper - model.lower
@@ -133,48 +165,108 @@ class Mpc(GuardedController):
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the input applied, the estimated forces."""
-        model = self._model
         self.period = number("period", period, above=0.0)
         self.guard.reset()
-        self._u = self.guard.held
-        self._unmodelled = np.zeros(model.nv)
-        self._expected: tuple[np.ndarray, np.ndarray] | None = None
-        self._held = np.zeros(model.nv, bool)
+        self.actuation.reset(self.period, self.guard.held)
+        self._filter.reset(self.period)
+        self._goal = np.full(3, np.nan)
+        self._away = 0.0  # s
+        self._asked: Future[RestTarget | None] | None = None
+        self._acts: RestTarget | None = None
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         """V of the command is the cost that the horizon predicts."""
-        model, u, v = self._model, self._u, state.v
+        model, link, v = self._model, self.actuation, state.v
         small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
-            self._expected = None
-            return self.guard.fall_back(Status.NON_FINITE, np.nan, np.nan)
-        K, D = tangent_dynamics(model, state.q, v, u)
+            return self._fall_back(Status.NON_FINITE)
+        acting = link.acting
+        K, D = tangent_dynamics(model, state.q, v, acting)
         held = self._at_stops(state)
-        unmodelled = self._estimate(v, held)
-        force = state.B @ u - state.h + unmodelled
-        stopped = K + np.diag(np.where(held, STOP / self._step**2 * np.diag(state.M), 0.0))
-        t = self._ahead
+        p, speed, unmodelled = self._filter(state, held)
+        stops = np.where(held, STOP / self._step**2 * np.diag(state.M), 0.0)
+        linear = state.M, K + np.diag(stops), D, state.B
+        force = state.B @ acting - state.h + unmodelled + D @ v
+        first = p, speed
+        u, start = acting, force
+        if link.delay > 0:
+            means, u = link.over_delay(self._step)
+            p, speed, _ = ahead(*linear, force, p, speed, means - acting, link.delay / len(means))
+            start = force + state.B @ (u - acting)
+        t = self._ahead + link.delay
         goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
+        rows, error, inputs, offset = state.J, state.y - goal, self._inputs, self._offset @ u
+        target = self._target_of(state, reference)
+        if target is not None:
+            inputs, offset = inputs + self._hold, offset + self._hold_offset @ (u - target.u)
+            if not target.stable:
+                rows = np.vstack((rows, self._form))
+                bent = self._form @ (model.coordinates(state.q) - model.coordinates(target.q))
+                error = np.hstack((error, np.tile(bent, (len(error), 1))))
         H, g, c = condensed_qp(
-            state.M, stopped, D, state.B, state.J, force, v, state.y - goal, self._shape,
-            self._step, self._metric, self._inputs, self._offset @ u,
+            *linear, rows, start, p, speed, error,
+            self._pace(state.J, reference.ydot + t * reference.yddot), self._shape, self._step,
+            self._metric, inputs, offset,
         )  # fmt: skip
         knots = len(KNOTS)
         lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
-        solution = self._qp.solve(QpProblem(H, g, self._identity, lower, upper))
+        solution = self._qp.solve(QpProblem(H, g, self._rows, lower, upper))
         if solution is None or not solution.solved:
-            self._expected = None
-            status = Status.NON_FINITE if solution is None else Status.NOT_SOLVED
-            return self.guard.fall_back(status, np.nan, np.nan)
+            return self._fall_back(Status.NON_FINITE if solution is None else Status.NOT_SOLVED)
         x = solution.x
         V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
         share = min(1.0, self.period / (KNOTS[0] * self._step))
-        command = self.guard.accept(u + share * x[: model.nu], V, np.nan)
+        asked = link.command_for(u + share * x[: model.nu], u)
+        command = self.guard.accept(asked, V, np.nan)
+        mean = link.send(command.u)
+        if target is not None:
+            command = replace(command, distance=target.distance)
         if command.status is Status.OK:
-            push = force + state.B @ (command.u - u)
-            self._expected = one_period(state.M, stopped, D, push, v, self.period)
-            self._unmodelled, self._held, self._u = unmodelled, held, command.u
+            change = (mean - acting)[None]
+            p, speed, matrix = ahead(*linear, force, *first, change, self.period)
+            self._filter.expect(model.integrate(state.q, p), speed, matrix)
+        return command
+
+    def _target_of(self, state: State, reference: Reference | SetPoint) -> RestTarget | None:
+        """The target that acts: `Mpc` alone did not arrive, and the target is nearer."""
+        y = reference.y
+        if self.targets is None or reference.ydot.any() or reference.yddot.any():
+            return None
+        if not np.array_equal(self._goal, y):
+            self._goal, self._away, self._asked, self._acts = y.copy(), 0.0, None, None
+        if self._acts is not None:
+            return self._acts
+        far = float(np.linalg.norm(state.y - y))
+        self._away = self._away + self.period if far > WITHIN or self._asked else 0.0
+        if self._asked is None and self._away > STUCK and np.isfinite(far):
+            self._asked = self.targets.ask(y)
+        if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
+            found, self._away = self._asked.result(), -np.inf
+            if found is not None and found.distance < far - WITHIN:
+                self._acts = found
+        return self._acts
+
+    def _pace(self, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
+        """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, 3).
+
+        With the rows G = J (metric)⁻¹ these are G⁺ ẏ; directions that hardly move the tip are left
+        out.
+        """
+        if not ydot.any():
+            return self._still
+        G = np.linalg.solve(self._metric.T, J.T).T
+        left, values, right = np.linalg.svd(G, full_matrices=False)
+        inverse = np.where(values > MOVES * values[0], 1.0 / np.maximum(values, 1e-300), 0.0)
+        pace: np.ndarray = ((ydot @ left) * inverse) @ right
+        return pace
+
+    def _fall_back(self, status: Status) -> Command:
+        self._filter.forget()
+        if not np.isfinite(self._filter.force).all():
+            self._filter.reset(self.period)
+        command = self.guard.fall_back(status, np.nan, np.nan)
+        self.actuation.send(command.u)
         return command
 
     def _weigh(self, model: SoftModel) -> None:
@@ -190,6 +282,10 @@ class Mpc(GuardedController):
         rates = differences.T @ np.diag(1 / lengths) @ differences
         self._inputs = np.kron(rates, R) + np.kron(np.diag(lengths), SIZE * R)
         self._offset = np.kron(lengths[:, None], SIZE * R)
+        own = np.diag(np.diag(R)) * (HOLD / self.parameters.rate)
+        self._hold = np.kron(np.diag(lengths), own)
+        self._hold_offset = np.kron(lengths[:, None], own)
+        self._form = math.sqrt(FORM * compliance) * factor.T.copy()
 
     def _at_stops(self, state: State) -> np.ndarray:
         """Whether each joint (nv,) is held by a stop."""
@@ -197,12 +293,12 @@ class Mpc(GuardedController):
         held: np.ndarray = (q >= model.upper - self._margin) | (q <= model.lower + self._margin)
         return held
 
-    def _estimate(self, v: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Unmodelled joint forces (nv,), from what the last period did not do as predicted."""
-        estimate = self._unmodelled
-        if self._expected is not None:
-            expected, matrix = self._expected
-            residual = matrix @ (v - expected) / self.period
-            share = min(1.0, self.period / self.parameters.memory)
-            estimate = estimate + share * np.where(held | self._held, 0.0, residual)
-        return np.where(held, 0.0, estimate)
+
+def _command_rows(lag: float, step: float) -> np.ndarray:
+    """Rows (knots, knots) of the commands at the knots: w_k + λ (w_k - w_(k-1)) / L_k.
+
+    Along a ramp the command is largest in size of its change at the end, so its bounds there serve
+    the whole ramp.
+    """
+    lead = lag / (step * np.diff((0, *KNOTS)))
+    return np.diag(1.0 + lead) - np.diag(lead[1:], k=-1)

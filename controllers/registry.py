@@ -29,6 +29,7 @@ CONTROLLERS: dict[str, Any] = {
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
 # not in the paper; neither needs gains
+LINK = ("lag", "delay")  # of their actuators (s)
 BEYOND: dict[str, Callable[..., Any]] = {Staged.name: best, Mpc.name: Mpc}
 
 
@@ -73,7 +74,8 @@ def make_controller(
     model : SoftModel
     parameters : Any
         Second argument of the class, if not None. For a controller of the paper it is a table with
-        its `options` and with fields of `Gains`, which replace the published ones.
+        its `options` and with fields of `Gains`, which replace the published ones. A table for
+        ``best`` or ``mpc`` may also have ``lag`` and ``delay``.
     cls : Callable, optional
         The class of the name, if it is known already.
 
@@ -87,7 +89,13 @@ def make_controller(
     with one_line_errors(name, "a controller"):
         if parameters is None:
             return make(model)
-        if name not in CONTROLLERS or not isinstance(parameters, Mapping):
+        if not isinstance(parameters, Mapping):
+            return make(model, parameters)
+        if name in BEYOND:
+            link = {key: value for key, value in parameters.items() if key in LINK}
+            rest = {key: value for key, value in parameters.items() if key not in LINK}
+            return make(model, rest or None, **link)
+        if name not in CONTROLLERS:
             return make(model, parameters)
         own = CONTROLLERS[name].options
         gains = {key: value for key, value in parameters.items() if key not in own}

@@ -10,6 +10,7 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
+from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 
@@ -85,16 +86,31 @@ class Staged(GuardedController):
         return self.stages[self._staying]._command(state, reference)
 
 
-def best(model: SoftModel, gains: Any = None) -> Staged | Mpc:
-    """The controller to hand to a user: `Staged` where there is a schedule, else `Mpc`.
+def best(
+    model: SoftModel, gains: Any = None, *, lag: float = 0.0, delay: float = 0.0
+) -> Staged | Mpc:
+    """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
+
+    A schedule is for actuators that act at once: with a lag or a delay it is not used.
 
     Parameters
     ----------
     model : SoftModel
         The robot.
     gains : Schedule or mapping, optional
-        A schedule or its tables; a robot that has a tuned one needs none, and for any other
-        predictive control needs no gains at all.
+        A schedule or its tables. The tuned one is used if there is one and no other is given.
+    lag, delay : float
+        Lag and delay of the actuators (s), see `Mpc`.
+
+    Raises
+    ------
+    InputError
+        A schedule together with a lag or a delay, and whatever the controller raises.
     """
-    schedule = tuned(model) if gains is None else gains
-    return Mpc(model) if schedule is None else Staged(model, schedule)
+    late = lag != 0 or delay != 0
+    if late and gains is not None:
+        raise InputError("gains", "none, for actuators with a lag or a delay", repr(gains))
+    schedule = tuned(model) if gains is None and not late else gains
+    if schedule is None:
+        return Mpc(model, lag=lag, delay=delay, targets=RestTargets(model))
+    return Staged(model, schedule)

@@ -125,8 +125,8 @@ def test_a_schedule_of_annotations_lies_beside_them() -> None:
     assert schedule_path(model) == overlay.with_name("soft_ur5.schedule.toml")
 
 
-@pytest.mark.parametrize("name", ["finger", "helix", "spirob"])
-def test_tuned_schedules(name: str) -> None:
+def test_the_tuned_schedule() -> None:
+    name = "spirob"
     schedule = tuned(robot(name))
     assert schedule is not None
     assert make_schedule(schedule_tables(schedule)) == schedule
@@ -177,7 +177,22 @@ def test_tables() -> None:
 @pytest.mark.parametrize("period", [0.001, 0.005])
 def test_the_finger_gets_there_at_any_period(period: float) -> None:
     goal = paper.set_point("finger", 0.75)
-    log = simulate(robot("finger"), Staged(robot("finger")), goal, period=period, duration=2)
+    law = best(robot("finger"))
+    log = simulate(robot("finger"), law, goal, period=period, duration=2)
     assert not log.failed
     assert np.linalg.norm(log.error[-1]) < 1e-3
     assert log.fallbacks == 0
+
+
+def test_best_knows_its_actuators() -> None:
+    """A tuned schedule is for actuators that act at once; lag and delay need prediction."""
+    model = robot("spirob")
+    assert isinstance(best(model), Staged)
+    law = best(model, lag=0.02, delay=0.005)
+    assert isinstance(law, Mpc)
+    assert (law.actuation.lag, law.actuation.delay) == (0.02, 0.005)
+    for wrong in (-1.0, math.nan, "x"):
+        with pytest.raises(InputError, match="lag"):
+            best(model, lag=wrong)
+    with pytest.raises(InputError, match="gains: expected none"):
+        best(model, SCHEDULE, lag=0.01)

@@ -63,7 +63,8 @@ def cost(
             t = (before + k + 1) * dt
             wanted = goal.y + goal.ydot * t + goal.yddot * t**2 / 2
             error = state.y + state.J @ z[:n] - wanted
-            total += error @ error + p.speed**2 * z[n:] @ W @ z[n:]
+            rush = z[n:] - pace(W, state.J, goal.ydot + goal.yddot * t)
+            total += error @ error + p.speed**2 * rush @ W @ rush
         rate = stop - start
         total += p.rate * (rate @ R @ rate) / span + p.rate * SIZE * span * (stop @ R @ stop)
         before = end
@@ -81,3 +82,11 @@ def metric(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
 def size(model: SoftModel, u: np.ndarray) -> float:
     """The cost of the inputs' size for a constant u, which V does not contain."""
     return float(MpcParameters().rate * SIZE * KNOTS[-1] * (u @ metric(model)[1] @ u))
+
+
+def pace(W: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
+    """Joint speeds (n,) of least metric W that move the tip at ẏ: of the minimum's conditions."""
+    n, r = len(W), len(J)
+    conditions = np.block([[W, J.T], [J, np.zeros((r, r))]])
+    right = np.concatenate((np.zeros(n), ydot))
+    return np.linalg.lstsq(conditions / np.abs(W).max(), right / np.abs(W).max(), rcond=1e-9)[0][:n]

@@ -1,12 +1,13 @@
 """The linear prediction model of the predictive controller, and its condensed QP.
 
-About the present (q₀, q̇₀, u₀), with p = q ⊖ q₀ and w = u - u₀ (`docs/beyond.md`),
+About the present (q₀, q̇₀) and the input a₀ that acts, with p = q ⊖ q₀ (`docs/beyond.md`),
 
-    M q̈ = f - D_t (q̇ - q̇₀) - K_t p + B w,      f = B u₀ - h + d,
+    M q̈ = f - D_t q̇ - K_t p + B (a - a₀),      f = B a₀ - h + D_t q̇₀ + d,
 
 is integrated by the two-stage, second-order, L-stable SDIRK method (Alexander 1977), whose two
 stages share one matrix S = M + g D_t + g² K_t, g = (1 - 1/√2) Δt. The model does not change over
-the horizon, so one unit of input in the first step tells the response to it in every later one.
+the horizon: the response to one unit of input in the first step, shifted, is the response to it in
+every later one.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def ramps(knots: tuple[int, ...]) -> np.ndarray:
     Parameters
     ----------
     knots : the steps at whose ends the input is an unknown, the last one N; before the first it
-        starts from w = 0, the input that is applied now.
+        starts from w = 0, the input that acts then.
     """
     times = np.array((0, *knots), float)
     middle = np.arange(knots[-1]) + 0.5
@@ -33,10 +34,11 @@ def ramps(knots: tuple[int, ...]) -> np.ndarray:
 
 
 @compiled
-def respond(M, K, D, B, force, v, step, count):
+def respond(M, K, D, B, force, p, v, step, count):
     """Responses p, q̇ (count, n, 1 + m): the free one, then those to a unit of each first input.
 
-    Parameters: M, K_t, D_t (n, n), B (n, m), f (n,), q̇₀ (n,), Δt (s), number of steps.
+    Parameters: M, K_t, D_t (n, n), B (n, m), the force f (n,) at the point of linearisation, first
+    p and q̇ (n,), Δt (s), number of steps.
     """
     n, m = B.shape
     g = STAGE * step
@@ -44,10 +46,10 @@ def respond(M, K, D, B, force, v, step, count):
     inverse = np.linalg.inv(M + g * D + g * g * K)
     by_v, by_p = -inverse @ (D + g * K), -inverse @ K
     F = np.zeros((n, 1 + m))
-    F[:, 0], F[:, 1:] = force + D @ v, B
+    F[:, 0], F[:, 1:] = force, B
     F = inverse @ F
     P, V = np.zeros((n, 1 + m)), np.zeros((n, 1 + m))
-    V[:, 0] = v
+    P[:, 0], V[:, 0] = p, v
     positions, speeds = np.empty((count, n, 1 + m)), np.empty((count, n, 1 + m))
     for k in range(count):
         if k == 1:
@@ -91,15 +93,17 @@ def stacked(rows, responses, shape):
 
 
 @compiled
-def condensed_qp(M, K, D, B, J, force, v, error, shape, step, metric, inputs, offset):
-    """Objective ½ xᵀHx + gᵀx + c over the inputs at the knots, x (knots m,) relative to u₀.
+def condensed_qp(M, K, D, B, rows, force, p, v, error, pace, shape, step, metric, inputs, offset):
+    """Objective ½ xᵀHx + gᵀx + c over the inputs at the knots, x (knots m,) relative to a₀.
 
-    Σ_k ‖e_k‖² + ‖metric q̇_k‖² + xᵀ inputs x + 2 offsetᵀ x, with e_k = error_k + J p_k (N, 3).
+    Σ_k ‖error_k + rows p_k‖² + ‖metric q̇_k - pace_k‖² + xᵀ inputs x + 2 offsetᵀ x; error (N, r),
+    pace (N, n).
     """
-    positions, speeds = respond(M, K, D, B, force, v, step, len(error))
-    free, tip = stacked(J, positions, shape)
+    positions, speeds = respond(M, K, D, B, force, p, v, step, len(error))
+    free, tip = stacked(rows, positions, shape)
     free = free + error.copy().reshape(-1)
     idle, rush = stacked(metric, speeds, shape)
+    idle = idle - pace.copy().reshape(-1)
     H = tip.T @ tip + rush.T @ rush + inputs
     for i in range(len(H)):
         H[i, i] += 1e-10 * np.trace(H) / len(H)
@@ -108,7 +112,17 @@ def condensed_qp(M, K, D, B, J, force, v, error, shape, step, metric, inputs, of
 
 
 @compiled
-def one_period(M, K, D, push, v, period):
-    """q̇ after one control period, by backward Euler, and the matrix M + T D_t + T² K_t of it."""
-    matrix = M + period * D + period * period * K
-    return v + period * np.linalg.solve(matrix, push - period * (K @ v)), matrix
+def ahead(M, K, D, B, force, p, v, changes, step):
+    """p and q̇ (n,) after steps of backward Euler, and the matrix M + T D_t + T² K_t of one.
+
+    Parameters: as `respond` has them; the mean change of the input a - a₀ over each step
+    (steps, m); a step's length T (s).
+    """
+    matrix = M + step * D + step * step * K
+    inverse = np.linalg.inv(matrix)
+    p, speed = p.copy(), v.copy()
+    for k in range(len(changes)):
+        push = force + B @ changes[k] - K @ p
+        speed = inverse @ (M @ speed + step * push)
+        p = p + step * speed
+    return p, speed, matrix

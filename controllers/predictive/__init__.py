@@ -1,0 +1,7 @@
+"""The parts of predictive control: `softdyn.controllers.mpc` joins them.
+
+- `prediction`: the linear model over the horizon and its condensed QP
+- `actuation`: delay and lag of the actuators
+- `state_filter`: measured states and unmodelled forces
+- `rest_target`: equilibria as targets of shape and input
+"""

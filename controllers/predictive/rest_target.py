@@ -1,0 +1,88 @@
+"""Targets of shape and input for the predictive controller: equilibria that hold the tip."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn import SoftModel, statics
+from softdyn.statics import Equilibrium, StaticsError
+
+WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
+SHAPES = 6  # random shapes from which the search starts
+
+
+@dataclass(frozen=True, eq=False)
+class RestTarget:
+    """An equilibrium (q*, u*) for a reference of the tip.
+
+    Attributes
+    ----------
+    q : ndarray, (nq,)
+        Configuration.
+    u : ndarray, (nu,)
+        Input.
+    stable : bool
+        Whether it is stable without control.
+    distance : float
+        From its tip to the reference (m).
+    """
+
+    q: np.ndarray
+    u: np.ndarray
+    stable: bool
+    distance: float
+
+
+class RestTargets:
+    """The target of each set point, found once and kept.
+
+    The target is the equilibrium with the leftmost rightmost pole, of those that
+    `statics.inputs_for_tip` finds within 5 mm of the set point, or of the nearest. The search takes
+    seconds, and its result depends on the robot and the set point alone.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    background : bool
+        Whether to search in a thread, for a loop in real time.
+    """
+
+    def __init__(self, model: SoftModel, background: bool = False) -> None:
+        self._model, self.background = model, background
+        self._asked: dict[bytes, Future[RestTarget | None]] = {}
+
+    def ask(self, y: np.ndarray) -> Future[RestTarget | None]:
+        """The target for the tip at y (3,); None if the robot has no equilibrium to start from."""
+        key = np.asarray(y, float).tobytes()
+        if key not in self._asked:
+            if self.background:
+                pool = ThreadPoolExecutor(1)
+                self._asked[key] = pool.submit(self._search, y)
+                pool.shutdown(wait=False)
+            else:
+                self._asked[key] = Future()
+                self._asked[key].set_result(self._search(y))
+        return self._asked[key]
+
+    def __getstate__(self) -> dict[str, object]:
+        return {"_model": self._model, "background": self.background, "_asked": {}}
+
+    def _search(self, y: np.ndarray) -> RestTarget | None:
+        model = self._model
+        try:
+            plain = statics.approach(statics.rest(model), y, stay_stable=True)
+            found = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES).found
+        except (StaticsError, np.linalg.LinAlgError):
+            return None
+        within = max(WITHIN, min(_distance(one, y) for one in found))
+        near = [one for one in found if _distance(one, y) <= within]
+        best = min(near, key=lambda one: float(one.poles.real[0]))
+        return RestTarget(best.q, best.u, best.stable, _distance(best, y))
+
+
+def _distance(one: Equilibrium, y: np.ndarray) -> float:
+    return float(np.linalg.norm(one.y - y))

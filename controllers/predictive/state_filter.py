@@ -1,0 +1,101 @@
+"""Measured states and unmodelled joint forces, from how the last prediction was missed.
+
+The prediction for this instant is missed by r_q = q ⊖ q⁻ and r_v = q̇ - q̇⁻. A force that the model
+lacks moves both, in the same direction; measurement noise moves each by itself. The correlation of
+the two, joint by joint, therefore says how far to trust the measurement, w in [0, 1]:
+
+- w = 1: the state is the measured one, and the force d grows by S r_v / T over a memory.
+- w = 0: a fading-memory filter of third order (Morrison 1969; Zarchan and Musoff, "Fundamentals of
+  Kalman Filtering", chapter 9) with θ = e^(-T/τ) keeps part of the prediction,
+  q = q⁻ ⊕ (1 - θ³) r_q, q̇ = q̇⁻ + 3/2 (1 - θ)² (1 + θ) r_q / T, and d grows by
+  1/2 (1 - θ)³ S r_q / T²,
+
+with S = M + T D_t + T² K_t, which maps a change of speed over one period to a force.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softdyn import SoftModel, State
+
+FADING = 0.02  # τ (s)
+WINDOW = 0.1  # s, of the correlation
+SPEEDS = 0.1  # least share of r_v that is trusted
+JUMP = 0.5  # rad, m: a state this far from its prediction is a new one
+
+
+class StateFilter:
+    """The filter of the predictive controller.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    memory : float
+        Time constant (s) of d where the measurement is trusted.
+
+    Attributes
+    ----------
+    force : ndarray, (nv,)
+        d, the unmodelled joint forces.
+    """
+
+    def __init__(self, model: SoftModel, memory: float) -> None:
+        self._model, self._memory = model, memory
+
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s)."""
+        n, theta = self._model.nv, math.exp(-period / FADING)
+        self._period = period
+        self.force = np.zeros(n)
+        self._held = np.zeros(n, bool)
+        self._squares = np.zeros((3, n))  # means of r_q², r_v², r_q r_v
+        self._expected: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._kept = theta**3
+        self._speed = 1.5 * (1 - theta) ** 2 * (1 + theta) / period
+        self._push = 0.5 * (1 - theta) ** 3 / period**2
+        self._trusted = min(1.0, period / self._memory) / period
+
+    def forget(self) -> None:
+        """The next state has no prediction."""
+        self._expected = None
+
+    def expect(self, q: np.ndarray, v: np.ndarray, matrix: np.ndarray) -> None:
+        """The state (nq,), (nv,) predicted for the next call, and S (nv, nv)."""
+        self._expected = q, v, matrix
+
+    def __call__(self, state: State, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """p = q ⊖ (measured q) and q̇ (nv,) to go on from, and d (nv,).
+
+        The forces of the stops are not part of d: joints that are at a stop now or were so one
+        period ago keep their measured state and their d, and d is 0 at a stop.
+        """
+        off, speed, force = np.zeros(self._model.nv), state.v, self.force
+        if self._expected is not None:
+            q, v, matrix = self._expected
+            missed = self._model.coordinates(state.q) - self._model.coordinates(q)
+            free = ~(held | self._held)
+            if np.abs(missed[free]).max(initial=0.0) < JUMP:
+                late = state.v - v
+                trust = self._trust(missed, late)
+                off = np.where(free, -(1 - trust) * self._kept * missed, 0.0)
+                kept = (1 - trust) * ((1 - SPEEDS) * late - self._speed * missed)
+                speed = np.where(free, state.v - kept, state.v)
+                pushed = trust * self._trusted * (matrix @ late)
+                pushed += (1 - trust) * self._push * (matrix @ missed)
+                force = force + np.where(free, pushed, 0.0)
+        self._held = held
+        self.force = np.where(held, 0.0, force)
+        return off, speed, self.force
+
+    def _trust(self, missed: np.ndarray, late: np.ndarray) -> np.ndarray:
+        """w (nv,), the squared correlation where it is positive."""
+        share = min(1.0, self._period / WINDOW)
+        products = np.stack((missed * missed, late * late, missed * late))
+        self._squares += share * (products - self._squares)
+        q, v, both = self._squares
+        trust: np.ndarray = np.clip(both, 0.0, None) ** 2 / np.maximum(q * v, 1e-300)
+        return np.minimum(trust, 1.0)

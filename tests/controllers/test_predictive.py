@@ -1,0 +1,157 @@
+"""The parts of predictive control: the filter, and targets of shape and input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softdyn import Reference, SetPoint
+from softdyn.controllers import Mpc
+from softdyn.controllers.predictive.rest_target import RestTarget, RestTargets
+from softdyn.controllers.predictive.state_filter import StateFilter
+from softdyn.validation import paper, simulate
+from softdyn.validation.loop.signal_path import SignalPath
+from softdyn.validation.twin.twin import Twin
+from tests.support import predictive
+from tests.support.control_cases import robot
+from tests.support.predictive import KNOTS
+
+
+def run_filter(noise: float, push: float, steps: int = 600) -> tuple[np.ndarray, np.ndarray]:
+    """The filter on a joint that the model has at rest, and that a force moves: errors, forces.
+
+    The first joint of the finger is a unit mass in truth. The prediction lacks the force `push`.
+    """
+    model, T, rng = robot("finger"), 0.005, np.random.default_rng(0)
+    n = model.nv
+    filtering = StateFilter(model, memory=0.1)
+    filtering.reset(T)
+    q, v, errors, forces = np.zeros(n), np.zeros(n), [], []
+    for _ in range(steps):
+        dq, dv = noise * rng.normal(size=(2, n))
+        seen = model.state(q + dq, v + dv / T)
+        p, speed, force = filtering(seen, np.zeros(n, bool))
+        errors.append(np.concatenate((seen.q + p - q, (speed - v) * T)))
+        forces.append(force.copy())
+        ahead = speed + T * force  # a unit mass in each joint
+        filtering.expect(seen.q + p + T * ahead, ahead, np.eye(n))
+        v = v + T * push * np.cos(0.5 * T * len(forces))
+        q = q + T * v
+    return np.array(errors), np.array(forces)
+
+
+def test_the_filter_lets_an_exact_measurement_pass_and_finds_the_force() -> None:
+    errors, forces = run_filter(0.0, 0.05)
+    assert np.abs(errors).max() < 1e-9
+    np.testing.assert_allclose(forces[100:300, 0], 0.05 * np.cos(0.0025 * np.arange(100, 300)),
+                               atol=0.01)  # fmt: skip
+
+
+def test_the_filter_halves_noise_of_the_position_and_a_tenth_of_the_velocity_is_left() -> None:
+    errors, forces = run_filter(1e-3, 0.0)
+    q, v = np.split(errors[100:], 2, axis=1)
+    assert q.std() < 0.75e-3
+    assert v.std() < 0.3e-3
+    # the force that noise of q̇ alone would give: share of the memory, M σ / T² = 40 each time
+    assert forces[100:].std() < 0.15 * 1e-3 / 0.005**2 * np.sqrt(0.05 / 2)
+
+
+@pytest.mark.parametrize(("lag", "delay"), [(0.05, 0.0), (0.0, 0.005), (0.02, 0.012)])
+def test_known_lag_and_delay_cost_nothing_at_the_end(lag: float, delay: float) -> None:
+    model = robot("finger")
+    path = SignalPath(lag=lag, delay=delay)
+    log = simulate(
+        model, Mpc(model, lag=lag, delay=delay), paper.set_point("finger", 1.25), duration=3,
+        twin=path.between(Twin),
+    )  # fmt: skip
+    assert np.linalg.norm(log.error[-1]) < 5e-4
+    assert log.fallbacks == log.not_solved == 0
+    assert ((log.u >= model.u_min) & (log.u <= model.u_max)).all()
+
+
+class Found:
+    """Targets that a test chooses."""
+
+    def __init__(self, target: RestTarget | None) -> None:
+        self.target, self.asked = target, list[np.ndarray]()
+        self.background = False
+
+    def ask(self, y: np.ndarray) -> object:
+        self.asked.append(y)
+        targets = RestTargets(robot("finger"))
+        targets._search = lambda y: self.target  # type: ignore[method-assign]
+        return targets.ask(y)
+
+
+def test_a_target_acts_where_the_tip_does_not_arrive_and_after_a_stated_time() -> None:
+    model, T = robot("finger"), 0.01
+    state = model.state(model.q0, np.zeros(model.nv))
+    u = np.array([-0.2, -0.1])
+    found = Found(RestTarget(model.q0, u, True, 0.01))
+    law = Mpc(model, period=T, targets=found)  # type: ignore[arg-type]
+    law.reset(T)
+    far = SetPoint(state.y + np.array([0.0, 0.0, 0.05]))
+    commands = [law(state, far) for _ in range(160)]
+    acts = np.isfinite([command.distance for command in commands])
+    assert len(found.asked) == 1
+    assert not acts[:148].any()
+    assert acts[152:].all()
+    assert commands[-1].distance == 0.01
+    # a new set point, a set point that the tip is at, and a moving reference have none
+    assert np.isnan(law(state, SetPoint(far.y + 0.01)).distance)
+    for reference in (SetPoint(state.y), Reference(far.y, ydot=[0.0, 0.0, 0.1])):
+        law.reset(T)
+        assert not np.isfinite([law(state, reference).distance for _ in range(160)]).any()
+    assert len(found.asked) == 1
+    # one that is no nearer than the tip does not act
+    law = Mpc(model, period=T, targets=Found(RestTarget(model.q0, u, True, 0.05)))  # type: ignore[arg-type]
+    assert not np.isfinite([law(state, far).distance for _ in range(160)]).any()
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_a_target_adds_its_terms_to_the_objective(stable: bool) -> None:
+    """κ Σ‖u - u*‖²_diag(R) over the knots; σ Σ‖q - q*‖²_S as well where it is unstable."""
+    model, T = robot("finger"), 0.01
+    state = model.state(model.q0, np.zeros(model.nv))
+    far = SetPoint(state.y + np.array([0.0, 0.0, 0.05]))
+    target = RestTarget(np.full(model.nq, 0.1), np.array([-0.3, 0.2]), stable, 0.01)
+    problems = []
+    for targets in (Found(target), Found(None)):
+        law = Mpc(model, period=T, targets=targets)  # type: ignore[arg-type]
+        law.reset(T)
+        seen: list = []
+        solve = law._qp.solve
+        law._qp.solve = lambda p, s=solve, seen=seen: seen.append(p) or s(p)  # type: ignore
+        for _ in range(155):
+            law(state, far)
+        problems.append(seen)
+    first = next(k for k, (a, b) in enumerate(zip(*problems, strict=True)) if np.any(a.H != b.H))
+    one, other = (seen[first] for seen in problems)
+    lengths, (_, R) = np.diag(np.diff((0, *KNOTS))), predictive.metric(model)
+    inputs = 2e-3 * np.kron(lengths, np.diag(np.diag(R)))
+    if stable:
+        np.testing.assert_allclose(one.H - other.H, inputs, atol=1e-9 * np.abs(one.H).max())
+        u = -one.upper[: model.nu] + model.u_max
+        pulled = (
+            np.kron(np.diag(lengths), u - target.u)
+            * np.diag(inputs)
+            / np.diag(np.kron(lengths, np.eye(model.nu)))
+        )
+        np.testing.assert_allclose(one.g - other.g, pulled, atol=1e-9 * np.abs(one.g).max())
+    else:
+        bent = one.H - other.H - inputs
+        assert np.linalg.eigvalsh(bent)[0] > -1e-9 * np.abs(bent).max()
+        assert np.abs(bent).max() > np.abs(inputs).max()
+
+
+def test_targets_are_found_once_the_same_in_a_thread() -> None:
+    model = robot("finger")
+    y = paper.set_point("finger", 1.5).reference(0.0).y
+    here, there = RestTargets(model), RestTargets(model, background=True)
+    first = here.ask(y)
+    assert first is here.ask(y.copy())
+    one, other = first.result(), there.ask(y).result(timeout=60)
+    assert one is not None
+    assert other is not None
+    np.testing.assert_array_equal(one.u, other.u)
+    assert one.distance == pytest.approx(0.0023, abs=2e-4)  # out of reach
