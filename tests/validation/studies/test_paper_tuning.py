@@ -108,9 +108,9 @@ def test_the_command_keeps_what_it_found(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(schedule_search, "run_all", wants_soft)
     monkeypatch.chdir(tmp_path)
     arguments = ["--approach", "2", "--stay", "2", "--population", "6", "--finalists", "3"]
-    assert tune.main(["finger", *arguments, "--trace", "trace.json"]) == 0
+    assert tune.main(["spirob", *arguments, "--trace", "trace.json"]) == 0
     table = tomllib.loads(Path("schedule.toml").read_text())
-    found, start = make_schedule(table), tuned(softdyn.load("finger"))
+    found, start = make_schedule(table), tuned(softdyn.load("spirob"))
     assert start is not None
     for stage in ("approach", "stay"):
         before, after = getattr(start, stage).gains, getattr(found, stage).gains

@@ -61,7 +61,8 @@ PLANTS = {
     "stiffness x 1.1": PlantErrors(stiffness=1.1), "stiffness x 1.2": PlantErrors(stiffness=1.2),
     "damping x 0.8": PlantErrors(damping=0.8), "damping x 0.9": PlantErrors(damping=0.9),
     "damping x 1.1": PlantErrors(damping=1.1), "damping x 1.2": PlantErrors(damping=1.2),
-    "cable friction 5 %": PlantErrors(cable_friction=0.05),
+    "cable friction 5 % of the bound": PlantErrors(cable_friction=0.05),
+    "cable friction 5 % of the pull": PlantErrors(pull_friction=0.05),
     "dry friction": PlantErrors(dry_friction=0.001),
     "contacts": PlantErrors(contacts=True),
     "soft stops": PlantErrors(soft_stops=True),
@@ -72,7 +73,15 @@ SIGNALS = {
     "1 mm noise": SignalPath(noise=0.001),
     "actuators lag 10 ms": SignalPath(lag=0.01),
     "actuators lag 50 ms": SignalPath(lag=0.05),
+    "lag 50 ms, assumed 25 ms": SignalPath(lag=0.05),
+    "lag 50 ms, assumed 100 ms": SignalPath(lag=0.05),
 }
+# what `best` is told of its actuators
+ASSUMED = {
+    "5 ms delay": {"delay": 0.005}, "actuators lag 10 ms": {"lag": 0.01},
+    "actuators lag 50 ms": {"lag": 0.05}, "lag 50 ms, assumed 25 ms": {"lag": 0.025},
+    "lag 50 ms, assumed 100 ms": {"lag": 0.1},
+}  # fmt: skip
 ORDER = [
     "none", "ellipse x 0.7", *[*PLANTS][:12], *SIGNALS, *[*PLANTS][12:], "one plant step a period"
 ]  # fmt: skip
@@ -85,7 +94,7 @@ def test_robustness_is_one_change_at_a_time() -> None:
             "finger", "best", kind, value, period=0.005, duration=duration,
             timestep=0.005 if change == "one plant step a period" else 0.0005,
             plant=PLANTS.get(change, PlantErrors()), signals=SIGNALS.get(change, SignalPath()),
-            ellipse_scale=0.7 if change == "ellipse x 0.7" else 1.0,
+            parameters=ASSUMED.get(change), ellipse_scale=0.7 if change == "ellipse x 0.7" else 1.0,
         )
         for change in ORDER
         for title, kind, value, duration in (
