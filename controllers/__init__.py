@@ -11,7 +11,8 @@ Modules; numbers in brackets are the paper's equations, in their order of appear
 - `qps`: the QPs and their parts, among them the Lyapunov function (6 to 10);
 - `gains`: the controllers' parameters, with the paper's table;
 - `barriers`: obstacles and limits for `SoftIdClfQp`;
-- `staged`: `SoftIdClfQp` with the tuned gains of a `schedule`, "best"; `mpc`: predictive control;
+- `mpc`: predictive control, whose parts are in `predictive`;
+- `staged`: `SoftIdClfQp` with the tuned gains of a `schedule`; `best`, the recommended controller;
 - `allocation`: joint torques into bounded inputs, for a user's own controller;
 - `registry`: any of them by name, and a user's own class from a file.
 

@@ -6,11 +6,12 @@ from .id_clf_qp import IdClfQp
 from .impedance import Impedance, UnderactuatedImpedance
 from .impedance_qp import ImpedanceQp
 from .mpc import Mpc, MpcParameters
+from .predictive.rest_target import RestTargets
 from .qps.certificate import Certified
 from .registry import BEYOND, CONTROLLERS, find_controller
 from .schedule import Schedule, Stage
 from .soft_id_clf_qp import SoftIdClfQp
-from .staged import Staged
+from .staged import Staged, best
 
 __all__ = [
     "BEYOND",
@@ -26,6 +27,7 @@ __all__ = [
     "InputGuard",
     "Mpc",
     "MpcParameters",
+    "RestTargets",
     "Schedule",
     "SoftIdClfQp",
     "Stage",
@@ -33,5 +35,6 @@ __all__ = [
     "Status",
     "UnderactuatedImpedance",
     "allocate",
+    "best",
     "find_controller",
 ]
