@@ -147,7 +147,8 @@ class Mismatch:
     """Differences of the plant from the model, and of its signals from ideal ones.
 
     It has factors on mass, stiffness and damping; whether links touch; the delay (s) from a state
-    to its input; and the noise of q and q̇ that the controller gets, by its rms effect on the tip (m).
+    to its input; and the noise of q and q̇ that the controller gets, by its rms effect on the tip
+    (m).
     """
 
     mass: float = field(default=1.0, metadata=_by(_between(*FACTORS)))
