@@ -93,11 +93,13 @@ def resolve_parameters(given: MpcParameters | Mapping[str, Any] | None) -> MpcPa
 
 
 class Mpc(GuardedController):
-    """min Σ ‖e_k‖² + speed² ‖q̇_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ c ≤ u_max.
+    """min Σ ‖e_k‖² + speed² ‖q̇_k - v_k‖²_W + rate Σ ‖Δu‖²_R / steps  subject to u_min ≤ c ≤ u_max.
 
     W and R are one metric, the robot's dynamic stiffness over the horizon H at rest,
     S = M/H² + D/H + diag(k), in units of what it costs to move the tip: W = H² S / λ and
     R = Bᵀ S⁻¹ B / λ with 1/λ = ‖J S⁻¹ Jᵀ‖, so that both compare with m² of the tip's error.
+
+    v_k are the joint speeds of least ‖·‖_W that move the tip like the reference.
 
     The inputs are those that act. The command c leads them by the actuators' lag, and is bounded
     at every knot. A joint at its limit is held by a stiff spring in the prediction; what else the
