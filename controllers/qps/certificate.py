@@ -74,6 +74,6 @@ class Certified:
         V, row, bound = clf.decrease(eta)
         excess = float(row @ mu) - bound
         return CertifiedCommand(
-            command.u, command.V, command.delta, command.status,
+            command.u, command.V, command.delta, command.status, command.distance,
             excess - V / clf.eps, max(excess, 0.0),
         )  # fmt: skip

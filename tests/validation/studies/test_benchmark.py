@@ -393,7 +393,7 @@ def test_the_json_contract(call, reference):
     assert all("expected finite numbers" in run["reason"] for run in own["failed"])
     assert strict(Path("out/results.json").read_text()) == {"rows": report["rows"]}
     table = Path("out/table.md").read_text()
-    assert "| finger | own.py:Nan | - | - | none | - | - | ω = 20π, ω = 25π, ω = 40π |" in table
+    assert "| finger | own.py:Nan | - | - | - | none | - | - | - | 3 of 3 |" in table
     assert "- finger, own.py:Nan, ω = 20π: the controller failed at t = 0 s" in table
 
 

@@ -147,7 +147,7 @@ def test_the_table_is_marked() -> None:
         "max_bound_violation": 0.0, **found,
     }  # fmt: skip
     text = benchmark_document([row])
-    assert "| 0.50 ± 0.00 | - | ~4.00 ± 0.00 [3.00, 5.00] | - |" in text
+    assert "| 0.50 ± 0.00 | - | - | ~4.00 ± 0.00 [3.00, 5.00] | - | - |" in text
     assert "| 0.50 | ~4.00 [3.00, 5.00] | 0 |" in text
     assert "- finger, IC: θ = 0.5π, ω = 0.5π" in text
     assert benchmark.distributions(runs, {}) == {"ensemble": {}, "outside": []}

@@ -753,7 +753,7 @@ def test_a_cluster_that_loses_all_it_has_loses_no_case(folder, call, cluster, mo
     with respawning(address, folder):
         next(running)
         scheduler.kill()
-        with pytest.raises(dask.ClusterError, match="call again"):
+        with pytest.raises(dask.ClusterError, match="repeat the command"):
             list(running)
     assert 0 < len(store.missing(jobs)) < len(jobs)
 
