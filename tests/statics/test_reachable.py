@@ -59,5 +59,5 @@ def test_a_robot_that_cannot_be_moved_is_told(tmp_path):
     weak = text.replace('lower="-1" upper="1"', 'lower="-1e-6" upper="1e-6"')
     assert weak != text
     (tmp_path / "weak.urdf").write_text(weak)
-    with pytest.raises(InputError, match="two stable equilibria of .* with different tips"):
+    with pytest.raises(InputError, match=r"two stable equilibria of .* with different tips"):
         statics.spread_rests(softdyn.load(tmp_path / "weak.urdf"), 4)
