@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
+from threading import Thread
 
 import numpy as np
 
@@ -59,14 +60,18 @@ class RestTargets:
         """The target for the tip at y (3,); None if the robot has no equilibrium to start from."""
         key = np.asarray(y, float).tobytes()
         if key not in self._asked:
-            if self.background:
-                pool = ThreadPoolExecutor(1)
-                self._asked[key] = pool.submit(self._search, y)
-                pool.shutdown(wait=False)
+            answer = self._asked[key] = Future()
+            if self.background:  # a daemon, so that the program's end does not wait for it
+                Thread(target=self._answer, args=(answer, y), daemon=True).start()
             else:
-                self._asked[key] = Future()
-                self._asked[key].set_result(self._search(y))
+                answer.set_result(self._search(y))
         return self._asked[key]
+
+    def _answer(self, answer: Future[RestTarget | None], y: np.ndarray) -> None:
+        try:
+            answer.set_result(self._search(y))
+        except BaseException as error:  # the controller's thread has to see it
+            answer.set_exception(error)
 
     def __getstate__(self) -> dict[str, object]:
         return {"_model": self._model, "background": self.background, "_asked": {}}
