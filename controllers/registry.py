@@ -89,18 +89,14 @@ def make_controller(
     with one_line_errors(name, "a controller"):
         if parameters is None:
             return make(model)
-        if not isinstance(parameters, Mapping):
+        paper = name in CONTROLLERS
+        if not isinstance(parameters, Mapping) or not (paper or name in BEYOND):
             return make(model, parameters)
-        if name in BEYOND:
-            link = {key: value for key, value in parameters.items() if key in LINK}
-            rest = {key: value for key, value in parameters.items() if key not in LINK}
-            return make(model, rest or None, **link)
-        if name not in CONTROLLERS:
-            return make(model, parameters)
-        own = CONTROLLERS[name].options
-        gains = {key: value for key, value in parameters.items() if key not in own}
+        own = CONTROLLERS[name].options if paper else LINK
+        rest = {key: value for key, value in parameters.items() if key not in own}
         options = {key: value for key, value in parameters.items() if key in own}
-        return make(model, from_table(model, name, gains, own), **options)
+        gains = from_table(model, name, rest, own) if paper else rest or None
+        return make(model, gains, **options)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from threading import Thread
 import numpy as np
 
 from softdyn import SoftModel, statics
-from softdyn.statics import Equilibrium, StaticsError
+from softdyn.statics import StaticsError
 
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
 SHAPES = 6  # random shapes from which the search starts
@@ -80,14 +80,10 @@ class RestTargets:
         model = self._model
         try:
             plain = statics.approach(statics.rest(model), y, stay_stable=True)
-            found = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES).found
+            search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES)
         except (StaticsError, np.linalg.LinAlgError):
             return None
-        within = max(WITHIN, min(_distance(one, y) for one in found))
-        near = [one for one in found if _distance(one, y) <= within]
+        within = max(WITHIN, search.distance(search.nearest))
+        near = [one for one in search.found if search.distance(one) <= within]
         best = min(near, key=lambda one: float(one.poles.real[0]))
-        return RestTarget(best.q, best.u, best.stable, _distance(best, y))
-
-
-def _distance(one: Equilibrium, y: np.ndarray) -> float:
-    return float(np.linalg.norm(one.y - y))
+        return RestTarget(best.q, best.u, best.stable, search.distance(best))
