@@ -84,7 +84,8 @@ class TargetReport:
 
     Attributes
     ----------
-    name : str Name of the target.
+    name : str
+        Name of the target.
     search : TipSearch
         All equilibria found.
     closest, closest_stable, most_stable : HeldRest, or None where no stable one was found

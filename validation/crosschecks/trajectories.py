@@ -33,10 +33,12 @@ class Scheme:
 
     Attributes
     ----------
-    name : str The name shown to a reader.
+    name : str
+        The name shown to a reader.
     step, free_step : callable
         Our step, and our step for a floating base.
-    integrator : str The twin's name of the scheme.
+    integrator : str
+        The twin's name of the scheme.
     order : int
         Expected order of convergence.
     most_steps : int
@@ -90,7 +92,8 @@ def compare_trajectories(
 
     Parameters
     ----------
-    model : SoftModel The analytic model.
+    model : SoftModel
+        The analytic model.
     judge : MujocoTerms
         The twin's terms.
     rng : Generator

@@ -125,9 +125,8 @@ def _listen(session: Session, channel: Channel) -> bool:
     for message in channel.messages():
         heard = True
         try:
-            if isinstance(
-                message, SetController
-            ):  # it may compile, so the robot stands still and the page says why
+            if isinstance(message, SetController):
+                # it may compile, so the robot stands still and the page says why
                 busy = f"starting {message.name}: the robot stands still meanwhile"
                 channel.state({**asdict(session.shown), "busy": busy})
                 session.changed = True

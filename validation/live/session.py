@@ -85,7 +85,9 @@ class Session:
         The state on the pages; `changed` is True when it has changed, until the caller resets it.
     limits : Limits
         Limits of the messages.
-    period : float Control period (s). pull : float
+    period : float
+        Control period (s).
+    pull : float
         Largest force of a pull by the mouse (N).
 
     Raises

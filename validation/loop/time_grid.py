@@ -52,7 +52,8 @@ class TimeGrid:
             Length of the run and control period (s).
         timestep : float, optional
             Plant step (s), which must divide the period; by default the largest ≤ `most`.
-        most : float Largest default plant step (s).
+        most : float
+            Largest default plant step (s).
 
         Raises
         ------

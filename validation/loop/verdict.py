@@ -71,7 +71,8 @@ class Verdict:
     reached : bool
         The run did not fail, and both its steady error and, at a set point, its final one are
         within the tolerance.
-    tolerance : float Tolerance (m).
+    tolerance : float
+        Tolerance (m).
     steady_error : float
         Root mean square of ‖e‖ (m) over the last tenth of the run, or over the last cycle of a
         trajectory. NaN for a run that ended early.

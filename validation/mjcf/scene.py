@@ -35,7 +35,8 @@ class Scene:
 
     Parameters
     ----------
-    model : SoftModel The controller's model.
+    model : SoftModel
+        The controller's model.
     source : str, Path or Side
         An MJCF. It is read strictly: includes and meshes from its own folder only.
     timestep : float, optional

@@ -16,7 +16,8 @@ class Ladder:
 
     Attributes
     ----------
-    name : str Name of the figure.
+    name : str
+        Name of the figure.
     counts : tuple of int
         Joints, ascending.
     values : ndarray, (counts, any)

@@ -34,7 +34,8 @@ class Setup:
 
     Attributes
     ----------
-    robot : str Name of the robot.
+    robot : str
+        Name of the robot.
     length : float
         Length L (m); the ellipse's semi-axes are L/3 and L/8. With 0, only `target` can be used.
     period : float

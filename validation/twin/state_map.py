@@ -97,7 +97,8 @@ class StateMap:
 
     Parameters
     ----------
-    model : SoftModel The analytic model.
+    model : SoftModel
+        The analytic model.
     twin : Plant
         A `Twin`, or another `Plant`.
     called : dict[str, int], optional

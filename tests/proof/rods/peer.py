@@ -85,7 +85,8 @@ def compare(counts: Sequence[int], arm: design.Arm = ARM, seed: int = 0) -> dict
         Joints in each section.
     arm : Arm
         A horizontal arm of uniform sections.
-    seed : int Seed of the state.
+    seed : int
+        Seed of the state.
     """
     import jax
 

@@ -18,7 +18,7 @@ from tests.proof.rods import closed_forms
 from tests.proof.rods.closed_forms import Rod
 
 ROD = Rod(1.0, 0.01, 1e10, 0.3, 1e-2)
-"""Of negligible weight, for statics."""
+"""A rod of negligible weight, for statics."""
 SLENDER = Rod(1.0, 0.001, 1e9, 0.3, 1e3)
 STOCKY = Rod(1.0, 0.01, 1e7, 0.3, 1e3)
 THICK = Rod(1.0, 0.1, 1e10, 0.3, 1e-2)
