@@ -21,7 +21,7 @@ import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State
 from softdyn.commands import step_time
 from softdyn.controllers import CONTROLLERS, Command, Gains, Status
-from softdyn.description.robot import Actuator
+from softdyn.description.rig import Actuator
 from softdyn.dynamics.integrators import step_implicit, step_rk4
 from softdyn.validation import simulate
 from softdyn.validation.timing import hostile

@@ -8,6 +8,8 @@
   with armatures, tendons, actuators and the task frame, overlays;
 - `unknown_names`: misspelt and misplaced elements;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
-- `inertia`: moves and adds inertias, checks that one is physical, finds the nearest physical one;
+- `rig`: motors, winches and sensors;
+- `inertia`: poses; moves and adds inertias, checks that one is physical, finds the nearest
+  physical one;
 - `visuals`, `meshes`: the shapes that a robot shows, and its mesh files.
 """

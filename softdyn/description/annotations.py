@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from softdyn.checks import did_you_mean
-from softdyn.description.robot import Actuator, Joint, JointTerm, Link, Robot, Site, Tendon, poses
+from softdyn.description.rig import Actuator
+from softdyn.description.robot import Joint, JointTerm, Link, Robot, Site, Tendon, poses
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"

@@ -1,11 +1,17 @@
-"""Spatial inertias of rigid bodies: change of frame, sum, and test whether one is physical."""
+"""Poses, and spatial inertias of rigid bodies: change of frame, sum, whether one is physical."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+
+from softdyn.checks import read_only
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 # Files hold rounded decimals. A flat plate (a + b = c) or a point mass must still pass, so the
 # test has a slack relative to the largest moment, plus the moment of the mass at a micrometre.
@@ -13,6 +19,27 @@ SLACK = 1e-6
 MICROMETRE = 1e-6
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """A tensor's upper triangle, row by row, as URDF names it."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The pose of a frame in another one: `xyz` (m), and `rpy`, its roll, pitch and yaw (rad)."""
+
+    xyz: Vector = ZERO
+    rpy: Vector = ZERO
+
+    @cached_property
+    def translation(self) -> np.ndarray:
+        """(3,)."""
+        return read_only(self.xyz)
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """(3, 3)."""
+        return read_only(rotation_rpy(self.rpy))
+
+
+IDENTITY = Origin()
 
 
 @dataclass(frozen=True)

@@ -16,29 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from softdyn.checks import read_only
-from softdyn.description.inertia import Inertia, rotation_rpy, symmetric
+from softdyn.description.inertia import IDENTITY, ZERO, Inertia, Origin, Vector, symmetric
+from softdyn.description.rig import Actuator, Sensor
 
 MOVING = ("revolute", "continuous", "prismatic")
-Vector = tuple[float, float, float]
-ZERO: Vector = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Origin:
-    """The pose of a frame in another one: `xyz` (m), and `rpy`, its roll, pitch and yaw (rad)."""
-
-    xyz: Vector = ZERO
-    rpy: Vector = ZERO
-
-    @cached_property
-    def translation(self) -> np.ndarray:
-        """(3,)."""
-        return read_only(self.xyz)
-
-    @cached_property
-    def rotation(self) -> np.ndarray:
-        """(3, 3)."""
-        return read_only(rotation_rpy(self.rpy))
 
 
 @dataclass(frozen=True)
@@ -53,7 +34,7 @@ class Link:
     name: str
     mass: float = 0.0
     moments: tuple[float, ...] = (0.0,) * 6
-    origin: Origin = Origin()
+    origin: Origin = IDENTITY
     looks: tuple[str, ...] = ()
 
     @property
@@ -91,7 +72,7 @@ class Joint:
     kind: str
     parent: str = ""
     child: str = ""
-    origin: Origin = Origin()
+    origin: Origin = IDENTITY
     direction: Vector = ZERO
     lower: float = -math.inf
     upper: float = math.inf
@@ -136,7 +117,8 @@ class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
 
     The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
-    length at q = 0 is used.
+    length at q = 0 is used. With `slack` the force is zero if ℓ ≤ rest: the spring and the
+    damper act only while the spring is in tension, on the whole length.
     """
 
     name: str
@@ -145,17 +127,7 @@ class Tendon:
     stiffness: float = 0.0
     damping: float = 0.0
     rest: float | None = None
-
-
-@dataclass(frozen=True)
-class Actuator:
-    """An input u in [lower, upper] that acts with force ``gear · u`` along a tendon."""
-
-    name: str
-    tendon: str
-    gear: float
-    lower: float
-    upper: float
+    slack: bool = False
 
 
 @dataclass(frozen=True)
@@ -170,7 +142,7 @@ class Robot:
     ----------
     name : str
         The robot's name in the file.
-    links, joints, tendons, actuators : tuple
+    links, joints, tendons, actuators, sensors : tuple
         In the file's order.
     task : str
         The link whose origin is the tip.
@@ -206,6 +178,7 @@ class Robot:
     task: str = ""
     others: tuple[str, ...] = ()
     floating: bool = False
+    sensors: tuple[Sensor, ...] = ()
     comment: str = field(default="", compare=False)
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
@@ -242,12 +215,19 @@ class Robot:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all numbers and names that the dynamics depend on; copies share it."""
+        """SHA-256 of all numbers and names that dynamics and rig depend on; copies share it.
+
+        A robot without sensors and slack tendons has the digest of releases that knew neither.
+        """
         joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
                    j.friction, j.mimic) for j in self.joints]  # fmt: skip
         paths = [(t.name, t.terms, [(s.link, list(s.xyz)) for s in t.sites], t.stiffness,
                   t.damping, t.rest) for t in self.tendons]  # fmt: skip
-        parts = (self.xml, self.floating, self.task, joints, paths, self.actuators)
+        parts: tuple[object, ...] = (self.xml, self.floating, self.task, joints, paths)
+        parts += (self.actuators,)
+        slack = [tendon.name for tendon in self.tendons if tendon.slack]
+        if slack or self.sensors:
+            parts += (slack, self.sensors)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property

@@ -1,0 +1,183 @@
+"""A robot's rig as its file states it: motors and winches, and sensors.
+
+The defaults are those of an ideal robot: an input is a force that acts at once. Nothing here uses
+an engine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import Enum
+from functools import cached_property
+
+from softdyn.description.inertia import ZERO, Origin, Vector
+
+
+class CommandKind(Enum):
+    """The quantity that a motor's driver regulates."""
+
+    FORCE = "force"
+    """The input u itself. The force ``gear · u`` acts along the tendon."""
+    LENGTH = "length"
+    """A winch's free length of cable."""
+    VELOCITY = "velocity"
+    """The rate of change of a winch's free length."""
+
+
+@dataclass(frozen=True, repr=False)
+class Actuator:
+    """An input u in [lower, upper] that acts with force ``gear · u`` along a tendon.
+
+    With a ``LENGTH`` or ``VELOCITY`` command the actuator is a winch with the free length ℓ_cmd of
+    cable, and ℓ the tendon's length. Its tension is T = max(0, stiffness · (ℓ - ℓ_cmd) +
+    damping · ℓ̇), and u = -T / gear, clipped to [lower, upper]. A winch only pulls: gear · u ≤ 0 for
+    all u within the bounds. The cable's own stiffness acts in series with the motor; a tendon's
+    stiffness acts beside it.
+
+    A command passes first through the `delay`, then through the bound on its `rate`, then through
+    the `lag`.
+
+    Attributes
+    ----------
+    name, tendon : str
+        The input, and the tendon that it pulls.
+    gear : float
+        Force along the tendon per unit of u.
+    lower, upper : float
+        Bounds of u, for every kind of command.
+    command : CommandKind
+        The quantity that the motor's driver regulates.
+    stiffness : float
+        The winch cable's stiffness (N/m), positive for a winch, 0 for a force.
+    damping : float
+        The winch cable's damping (N s/m), 0 for a force.
+    length_lower, length_upper : float
+        Bounds of a winch's free length ℓ_cmd (m).
+    lag : float
+        Time constant (s) of a first-order lag of the command.
+    rate : float
+        The largest rate of change of the command, in its unit per second.
+    delay : float
+        Time (s) from a command to its effect.
+    """
+
+    name: str
+    tendon: str
+    gear: float
+    lower: float
+    upper: float
+    command: CommandKind = CommandKind.FORCE
+    stiffness: float = 0.0
+    damping: float = 0.0
+    length_lower: float = -math.inf
+    length_upper: float = math.inf
+    lag: float = 0.0
+    rate: float = math.inf
+    delay: float = 0.0
+
+    @property
+    def is_winch(self) -> bool:
+        """Whether the command is a free length or its rate."""
+        return self.command is not CommandKind.FORCE
+
+    @property
+    def pushes(self) -> bool:
+        """Whether some input within the bounds lengthens the tendon."""
+        return max(self.gear * self.lower, self.gear * self.upper) > 0
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether the input is a force that acts at once."""
+        return self == Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+
+    def __repr__(self) -> str:
+        """Name the five required fields, and the others if they differ from an ideal actuator.
+
+        `Robot.digest` uses this text. Ideal robots therefore keep their digest when a field is
+        added.
+        """
+        ideal = Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+        words = (
+            f"{part.name}={getattr(self, part.name)!r}"
+            for i, part in enumerate(fields(self))
+            if i < 5 or getattr(self, part.name) != getattr(ideal, part.name)
+        )
+        return f"Actuator({', '.join(words)})"
+
+
+class SensorKind(Enum):
+    """The quantity that a sensor measures."""
+
+    LENGTH = "length"
+    """A tendon's length ℓ (m)."""
+    TENSION = "tension"
+    """The tension in a tendon (N): its actuators' pull, its spring and its damper."""
+    POSITION = "position"
+    """A link's point in the root link's frame (m), three components."""
+    POSE = "pose"
+    """A frame on a link in the root link's frame. The errors have six components: position (m),
+    then rotation vector in the sensor's frame (rad)."""
+    GYRO = "gyro"
+    """Angular velocity in the sensor's frame (rad/s), three components."""
+    ACCELEROMETER = "accelerometer"
+    """A point's acceleration minus gravity, in the sensor's frame (m/s²), three components."""
+    JOINT = "joint"
+    """A joint's position (rad or m)."""
+
+    @property
+    def size(self) -> int:
+        """The number of components of `Sensor.noise`, `Sensor.bias` and `Sensor.resolution`."""
+        if self in (SensorKind.LENGTH, SensorKind.TENSION, SensorKind.JOINT):
+            return 1
+        return 6 if self is SensorKind.POSE else 3
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor of a tendon, of a frame on a link, or of a joint.
+
+    A reading is the true value `latency` seconds ago, plus `bias`, plus white Gaussian noise,
+    rounded to a multiple of `resolution`. `noise`, `bias` and `resolution` are one number for all
+    components, or one number per component, in the unit of the kind.
+
+    Attributes
+    ----------
+    name : str
+        The sensor's name.
+    kind : SensorKind
+        The measured quantity.
+    tendon, link, joint : str
+        The member that is measured; the other two are empty.
+    xyz, rpy : tuple of float
+        The sensor's frame in the link's: position (m), and roll, pitch and yaw (rad).
+    noise : tuple of float
+        Standard deviation of a reading.
+    bias : tuple of float
+        Constant error.
+    rate : float
+        Readings per second (Hz). The last reading holds in between. 0 is a new reading in every
+        control period.
+    latency : float
+        Age of a reading (s) when it becomes available.
+    resolution : tuple of float
+        Step of the readings; 0 does not round.
+    """
+
+    name: str
+    kind: SensorKind
+    tendon: str = ""
+    link: str = ""
+    joint: str = ""
+    xyz: Vector = ZERO
+    rpy: Vector = ZERO
+    noise: tuple[float, ...] = (0.0,)
+    bias: tuple[float, ...] = (0.0,)
+    rate: float = 0.0
+    latency: float = 0.0
+    resolution: tuple[float, ...] = (0.0,)
+
+    @cached_property
+    def origin(self) -> Origin:
+        """The sensor's frame in the link's."""
+        return Origin(self.xyz, self.rpy)
