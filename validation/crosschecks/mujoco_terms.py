@@ -43,7 +43,9 @@ class MujocoTerms:
         self._model = copy.copy(twin.model)
         self._body, self._point = twin.task
         self._inputs, self._tendons = twin.inputs, twin.tendons
+        self._slack = np.asarray(getattr(twin, "slack", ()), int)  # a scene has none
         idle = ~twin.inputs.any(axis=1)
+        idle[self._slack] = False
         self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0
         self._data = mujoco.MjData(self._model)
         off = disabled(limits=False, contacts=False, friction=False)
@@ -115,11 +117,34 @@ class MujocoTerms:
 
     def K(self) -> np.ndarray:
         """Spring forces (nv,) of joints and tendons, on the left-hand side."""
-        return -self._map.T @ self._data.qfrc_spring
+        springs = -self._map.T @ self._data.qfrc_spring
+        if len(self._slack):
+            arms, tension, rate, damping = self._taut()
+            springs += self._map.T @ (arms.T @ (tension - damping * rate))
+        return springs
+
+    def _taut(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Moment arms, tension, ℓ̇ and damping of the slack tendons that are taut now."""
+        model, data = self._model, self._data
+        data.ctrl[:] = 0.0
+        mujoco.mj_fwdActuation(model, data)
+        taut = self._slack[data.actuator_force[self._slack] > 0]
+        tendons = model.actuator_trnid[taut, 0]
+        arms = np.zeros((model.nactuator, model.nv))
+        mujoco.mju_sparse2dense(
+            arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        damping = -model.actuator_biasprm[taut, 2]
+        return -arms[taut], data.actuator_force[taut], data.ten_velocity[tendons], damping
 
     def D(self) -> np.ndarray:
         """Damping matrix (nv, nv): minus the damper forces of unit velocities."""
-        return self._damping_along(self._map)
+        damping = self._damping_along(self._map)
+        if len(self._slack):
+            arms, _, _, each = self._taut()
+            arms = arms @ self._map
+            damping += arms.T @ (each[:, None] * arms)
+        return damping
 
     def _damping_along(self, columns: np.ndarray) -> np.ndarray:
         """Pᵀ D P (nv, nv) of velocities qvel = P v at the present position; P (MuJoCo's nv, nv)."""
@@ -133,10 +158,13 @@ class MujocoTerms:
     def B(self) -> np.ndarray:
         """Input matrix (nv, nu): the generalized forces of unit inputs."""
         matrix = np.zeros((self.nv, self.nu))
+        self._data.ctrl[:] = 0.0
+        mujoco.mj_fwdActuation(self._model, self._data)
+        slack = self._data.qfrc_actuator.copy()
         for k in range(self.nu):
             self._data.ctrl[:] = self._inputs[:, k]
             mujoco.mj_fwdActuation(self._model, self._data)
-            matrix[:, k] = self._map.T @ self._data.qfrc_actuator
+            matrix[:, k] = self._map.T @ (self._data.qfrc_actuator - slack)
         self._data.ctrl[:] = 0.0
         return matrix
 
@@ -165,7 +193,11 @@ class MujocoTerms:
         """Kinetic and potential energy with that of all springs (J)."""
         mujoco.mj_energyPos(self._model, self._data)
         mujoco.mj_energyVel(self._model, self._data)
-        return float(self._data.energy.sum())
+        constant, slope = self._model.actuator_biasprm[self._slack, :2].T
+        lengths = self._data.ten_length[self._model.actuator_trnid[self._slack, 0]]
+        pulls = np.maximum(constant - slope * lengths, 0.0)
+        slack = float(np.sum(pulls**2 / np.where(slope < 0, -slope, 1.0))) / 2
+        return float(self._data.energy.sum()) + slack
 
     # -- along time ----------------------------------------------------------------------------
 

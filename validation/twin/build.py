@@ -12,8 +12,10 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from softdyn.description.robot import ZERO, Joint, Robot, Vector
+from softdyn.description.inertia import IDENTITY, Origin
+from softdyn.description.robot import Joint, Robot
 from softdyn.exceptions import UrdfError
+from softdyn.validation.twin import drives
 from softdyn.validation.twin.bodies import STATIC, Body, Shape, Tree, TwinJoint
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
 
@@ -21,7 +23,12 @@ TASK_SITE = "task"
 
 
 def build(
-    robot: Robot, tree: Tree, settings: Settings, amend: Callable[[mujoco.MjSpec], None]
+    robot: Robot,
+    tree: Tree,
+    settings: Settings,
+    amend: Callable[[mujoco.MjSpec], None],
+    *,
+    rig: bool = False,
 ) -> tuple[mujoco.MjModel, np.ndarray]:
     """Compile a robot for MuJoCo.
 
@@ -35,6 +42,8 @@ def build(
         MuJoCo's options.
     amend : Callable[[mujoco.MjSpec], None]
         Changes what is compiled, after everything else.
+    rig : bool
+        Whether the inputs are those of the file's rig, and its sensors are there.
 
     Returns
     -------
@@ -46,18 +55,21 @@ def build(
     UrdfError
         When MuJoCo refuses the robot.
     """
-    spec = _specify(robot, tree)
+    spec = _specify(robot, tree, settings.timestep if rig else None)
     settings.apply(spec)
     amend(spec)
     try:
         model = spec.compile()
     except ValueError as error:
         raise UrdfError(robot.path, "<robot>", "a robot that MuJoCo compiles", error) from error
-    return model, _finish(model, robot, tree)
+    return model, _finish(model, robot, tree, rig)
 
 
-def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
-    """Specify the robot, except the numbers that MuJoCo's compiler would refuse or change."""
+def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
+    """Specify the robot, except the numbers that MuJoCo's compiler would refuse or change.
+
+    A `timestep` (s) adds the rig of the robot's file.
+    """
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
 
@@ -78,8 +90,16 @@ def _specify(robot: Robot, tree: Tree) -> mujoco.MjSpec:
     for a, b in neighbours(tree.bodies):
         exclude = spec.add_exclude()
         exclude.bodyname1, exclude.bodyname2 = bodies[a].name, bodies[b].name
-    _add_tendons(spec, robot, tree, bodies)
-    _add_site(bodies, tree, robot.task, ZERO, TASK_SITE)
+    for tendon in robot.tendons:
+        drives.add_tendon(spec, tendon)
+        for k, site in enumerate(tendon.sites):
+            _add_site(bodies, tree, site.link, Origin(site.xyz), drives.site_name(tendon, k))
+    _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
+    drives.add_inputs(spec, robot, timestep)
+    for sensor in robot.sensors if timestep is not None else ():
+        if sensor.link:
+            _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))
+        drives.add_sensor(spec, robot, sensor, timestep)
     return spec
 
 
@@ -161,43 +181,17 @@ def neighbours(bodies: Sequence[Body]) -> list[tuple[int, int]]:
     return pairs
 
 
-def _add_tendons(
-    spec: mujoco.MjSpec, robot: Robot, tree: Tree, bodies: list[mujoco.MjsBody]
-) -> None:
-    for tendon in robot.tendons:
-        added = spec.add_tendon()
-        added.name = tendon.name
-        added.stiffness = [tendon.stiffness, 0.0, 0.0]
-        added.damping = [tendon.damping, 0.0, 0.0]
-        # explicit, because MuJoCo's default is the length at springref
-        added.springlength = (0.0, 0.0)
-        added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
-        for term in tendon.terms:
-            added.wrap_joint(term.joint, term.coef)
-        for k, site in enumerate(tendon.sites):
-            name = f"{tendon.name}:{k}"
-            _add_site(bodies, tree, site.link, site.xyz, name)
-            added.wrap_site(name)
-    for actuator in robot.actuators:
-        motor = spec.add_actuator()
-        motor.name, motor.target = actuator.name, actuator.tendon
-        motor.trntype = mujoco.mjtTrn.mjTRN_TENDON
-        motor.set_to_motor()
-        motor.gear = (actuator.gear, 0.0, 0.0, 0.0, 0.0, 0.0)
-        motor.ctrllimited, motor.forcelimited = 1, 0
-        motor.ctrlrange = (-1.0, 1.0)  # see _finish
-
-
 def _add_site(
-    bodies: list[mujoco.MjsBody], tree: Tree, link: str, point: Vector, name: str
+    bodies: list[mujoco.MjsBody], tree: Tree, link: str, origin: Origin, name: str
 ) -> None:
-    """A point of a link as a site of the body that carries the link."""
+    """A frame of a link as a site of the body that carries the link."""
     index, pose = tree.place[link]
     site = bodies[index].add_site()
-    site.name, site.pos = name, pose[:3, :3] @ point + pose[:3, 3]
+    site.name, site.pos = name, pose[:3, :3] @ origin.xyz + pose[:3, 3]
+    site.quat = _quaternion(pose[:3, :3] @ origin.rotation)
 
 
-def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree) -> np.ndarray:
+def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree, rig: bool) -> np.ndarray:
     """Write the numbers that the compiler would have refused, and recompute MuJoCo's constants.
 
     Returns qpos (nq,) at q = 0, where followers are at their offset.
@@ -211,9 +205,6 @@ def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree) -> np.ndarray:
     for joint in robot.moving_joints:
         if np.isfinite(joint.lower) and joint.mimic is None:
             model.jnt_range[model.joint(joint.name).id] = joint.lower, joint.upper
-    for actuator in robot.actuators:
-        index = model.actuator(actuator.name).id
-        model.actuator_ctrlrange[index] = actuator.lower, actuator.upper
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
     start = model.qpos0.copy()
@@ -222,10 +213,7 @@ def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree) -> np.ndarray:
             start[model.joint(body.joint.name).qposadr[0]] = body.joint.offset
     data.qpos[:] = start
     mujoco.mj_fwdPosition(model, data)
-    for tendon in robot.tendons:
-        index = model.tendon(tendon.name).id
-        rest = data.ten_length[index] if tendon.rest is None else tendon.rest
-        model.tendon_lengthspring[index] = rest
+    drives.finish(model, robot, data.ten_length, rig)
     return start
 
 

@@ -68,6 +68,9 @@ class Twin:
         Whether the links' collision primitives can touch; neighbours never touch.
     friction : bool
         Whether the joints' dry friction acts.
+    rig : bool
+        Whether the file's rig is there: commands of lengths, lag and delay of the inputs, sensors.
+        Without it every input is a force that acts at once.
 
     Attributes
     ----------
@@ -86,8 +89,10 @@ class Twin:
         Order of qpos and qvel: depth first, siblings in the file's order.
     task : tuple[int, np.ndarray]
         Body that carries the task frame, and its origin there (3,).
-    inputs : np.ndarray, (nu, nu)
+    inputs : np.ndarray, (MuJoCo's nu, nu)
         MuJoCo's inputs for unit inputs of the robot.
+    slack : np.ndarray
+        MuJoCo's actuators that are the springs and dampers of slack tendons.
     tendons : np.ndarray, (tendons,)
         Index of each tendon of the robot among MuJoCo's tendons.
     skipped : tuple[str, ...]
@@ -110,6 +115,7 @@ class Twin:
         limits: bool = True,
         contacts: bool = False,
         friction: bool = False,
+        rig: bool = False,
     ) -> None:
         settings = Settings(timestep, integrator, limits, contacts, friction)
         silence()
@@ -120,13 +126,15 @@ class Twin:
         self.skipped = tree.skipped
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
-        self.model, self.rest = build(self.robot, tree, settings, self.amend)
+        self.model, self.rest = build(self.robot, tree, settings, self.amend, rig=rig)
         self.data = mujoco.MjData(self.model)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         site = self.model.site(TASK_SITE)
         self.task_site = site.id
         self.task: tuple[int, np.ndarray] = int(self.model.site_bodyid[site.id]), site.pos.copy()
-        self.inputs = np.eye(self.model.nu)
+        self.nu = len(self.robot.actuators)
+        self.inputs = np.eye(self.model.nu, self.nu)
+        self.slack = np.arange(self.nu, self.model.nu)
         self.tendons = np.arange(self.model.ntendon)
         self.reset()
 
@@ -204,7 +212,7 @@ class Twin:
             MuJoCo warned that the state diverged or that contacts did not fit. `data` is left as it
             is.
         """
-        self.data.ctrl[:] = array("u", u, (self.model.nu,))
+        self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
         mujoco.mj_step(self.model, self.data, steps)
         check_warnings(self.data)
 

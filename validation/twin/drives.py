@@ -1,0 +1,200 @@
+"""Tendons, inputs and sensors of a robot in MuJoCo's terms.
+
+A slack tendon, and a winch that commands a free length c, have the tension
+
+    T = max(0, k (ℓ - c) + d ℓ̇),
+
+with c the tendon's rest length if it is slack. Both are MuJoCo actuators with an affine bias along
+the tendon, whose clamped force is T. MuJoCo's own tendon springs and dampers cannot do this: a
+damper there acts on a slack tendon too.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.robot import Robot, Tendon
+
+LARGEST_FORCE = 1e15  # stands for no bound
+SPARE = 2  # entries of a history beyond those that its delay spans
+
+_SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
+_OF_FRAME = {
+    SensorKind.POSITION: (_SENSOR.mjSENS_FRAMEPOS,),
+    SensorKind.POSE: (_SENSOR.mjSENS_FRAMEPOS, _SENSOR.mjSENS_FRAMEQUAT),
+    SensorKind.GYRO: (_SENSOR.mjSENS_GYRO,),
+    SensorKind.ACCELEROMETER: (_SENSOR.mjSENS_ACCELEROMETER,),
+}
+Part = tuple[
+    mujoco.mjtSensor, mujoco.mjtObj, str
+]  # type of MuJoCo's sensor, its object's type, name
+
+
+def parts(robot: Robot, sensor: Sensor) -> list[Part]:
+    """MuJoCo's sensors from which a reading is composed.
+
+    A tension is composed of the tendon's length and rate and of the force of each actuator on it.
+    """
+    if sensor.joint:
+        return [(_SENSOR.mjSENS_JOINTPOS, _OBJECT.mjOBJ_JOINT, sensor.joint)]
+    if sensor.link:
+        name = frame_name(sensor)
+        return [(kind, _OBJECT.mjOBJ_SITE, name) for kind in _OF_FRAME[sensor.kind]]
+    length = (_SENSOR.mjSENS_TENDONPOS, _OBJECT.mjOBJ_TENDON, sensor.tendon)
+    if sensor.kind is SensorKind.LENGTH:
+        return [length]
+    rate = (_SENSOR.mjSENS_TENDONVEL, _OBJECT.mjOBJ_TENDON, sensor.tendon)
+    forces = (
+        (_SENSOR.mjSENS_ACTUATORFRC, _OBJECT.mjOBJ_ACTUATOR, name)
+        for name in pulling(robot, sensor.tendon)
+    )
+    return [length, rate, *forces]
+
+
+def pulling(robot: Robot, tendon: str) -> list[str]:
+    """Names of the actuators along a tendon."""
+    slack = [slack_name(t) for t in robot.tendons if t.slack and t.name == tendon]
+    return [a.name for a in robot.actuators if a.tendon == tendon] + slack
+
+
+def site_name(tendon: Tendon, k: int) -> str:
+    """Name of the site at a tendon's k-th point."""
+    return f"{tendon.name}:{k}"
+
+
+def frame_name(sensor: Sensor) -> str:
+    """Name of the site at a sensor's frame."""
+    return f"sensor:{sensor.name}"
+
+
+def part_name(sensor: Sensor, k: int) -> str:
+    """Name of MuJoCo's sensor for the k-th part of a reading."""
+    return f"{sensor.name}:{k}"
+
+
+def add_tendon(spec: mujoco.MjSpec, tendon: Tendon) -> None:
+    """A tendon with its path, and with its spring and damper unless it can be slack."""
+    added = spec.add_tendon()
+    added.name = tendon.name
+    acts = 0.0 if tendon.slack else 1.0
+    added.stiffness = [acts * tendon.stiffness, 0.0, 0.0]
+    added.damping = [acts * tendon.damping, 0.0, 0.0]
+    # explicit, because MuJoCo's default is the length at springref
+    added.springlength = (0.0, 0.0)
+    added.limited, added.frictionloss, added.armature = 0, 0.0, 0.0
+    for term in tendon.terms:
+        added.wrap_joint(term.joint, term.coef)
+    for k in range(len(tendon.sites)):
+        added.wrap_site(site_name(tendon, k))
+
+
+def add_inputs(spec: mujoco.MjSpec, robot: Robot, timestep: float | None) -> None:
+    """The robot's inputs in their order, then one actuator for each slack tendon.
+
+    Parameters
+    ----------
+    spec : mujoco.MjSpec
+        The specification, with the tendons.
+    robot : Robot
+        The description.
+    timestep : float or None
+        Integration step (s) of a plant with the file's rig. None makes every input a force that
+        acts at once.
+    """
+    for actuator in robot.actuators:
+        motor = _add_actuator(spec, actuator.name, actuator.tendon, actuator.gear)
+        if timestep is not None:
+            _rig(motor, actuator, timestep)
+    for tendon in robot.tendons:
+        if tendon.slack:
+            _add_actuator(spec, slack_name(tendon), tendon.name, -1.0)
+
+
+def slack_name(tendon: Tendon) -> str:
+    """Name of the actuator that is a slack tendon's spring and damper."""
+    return f"slack:{tendon.name}"
+
+
+def _add_actuator(spec: mujoco.MjSpec, name: str, tendon: str, gear: float) -> mujoco.MjsActuator:
+    motor = spec.add_actuator()
+    motor.name, motor.target = name, tendon
+    motor.trntype = mujoco.mjtTrn.mjTRN_TENDON
+    motor.set_to_motor()
+    motor.gear = (gear, 0.0, 0.0, 0.0, 0.0, 0.0)
+    motor.ctrllimited, motor.forcelimited = 1, 0
+    motor.ctrlrange = (-1.0, 1.0)  # the exact numbers follow in `finish`
+    return motor
+
+
+def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None:
+    """The kind of command, lag and delay; MuJoCo rounds a delay up to whole steps."""
+    if actuator.delay > 0:
+        # half a step less, because a delay of whole steps may round up to one more
+        steps = math.ceil(actuator.delay / timestep - 1e-9)
+        motor.delay, motor.nsample = (steps - 0.5) * timestep, steps + SPARE
+    if actuator.command is CommandKind.VELOCITY:
+        motor.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
+        bounded = np.isfinite((actuator.length_lower, actuator.length_upper)).all()
+        motor.actlimited, motor.actrange = int(bounded), (-1.0, 1.0)
+    elif actuator.lag > 0:
+        motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+        motor.dynprm[0] = actuator.lag
+    if actuator.is_winch:
+        motor.ctrllimited, motor.forcelimited = 0, 1
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        motor.forcerange = (-1.0, 1.0)
+
+
+def add_sensor(spec: mujoco.MjSpec, robot: Robot, sensor: Sensor, timestep: float) -> None:
+    """The parts of a sensor, with its rate and latency; a latency is rounded up to whole steps."""
+    steps = math.ceil(sensor.latency / timestep - 1e-9)
+    for k, (kind, objtype, name) in enumerate(parts(robot, sensor)):
+        part = spec.add_sensor()
+        part.name, part.type = part_name(sensor, k), kind
+        part.objtype, part.objname = objtype, name
+        if sensor.latency > 0 or sensor.rate > 0:
+            part.delay = max(steps - 0.5, 0.0) * timestep
+            part.interval = (1.0 / sensor.rate if sensor.rate > 0 else 0.0, 0.0)
+            part.nsample = steps + SPARE
+
+
+def finish(model: mujoco.MjModel, robot: Robot, lengths: np.ndarray, rigged: bool) -> None:
+    """Write the numbers of tendons and inputs.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The compiled model.
+    robot : Robot
+        The description.
+    lengths : np.ndarray, (tendons,)
+        Lengths at q = 0, which are the rest lengths that the file omits.
+    rigged : bool
+        Whether the inputs are those of the file's rig.
+    """
+    for actuator in robot.actuators:
+        index = model.actuator(actuator.name).id
+        if not (rigged and actuator.is_winch):
+            model.actuator_ctrlrange[index] = actuator.lower, actuator.upper
+            continue
+        k, d, gear = actuator.stiffness, actuator.damping, actuator.gear
+        model.actuator_gainprm[index, 0] = k / gear
+        model.actuator_biasprm[index, 1:3] = -k / gear**2, -d / gear**2
+        model.actuator_forcerange[index] = actuator.lower, actuator.upper
+        model.actuator_actrange[index] = actuator.length_lower, actuator.length_upper
+    for tendon in robot.tendons:
+        index = model.tendon(tendon.name).id
+        rest = lengths[index] if tendon.rest is None else tendon.rest
+        model.tendon_lengthspring[index] = rest
+        if tendon.slack:
+            index = model.actuator(slack_name(tendon)).id
+            k, d = tendon.stiffness, tendon.damping
+            model.actuator_gainprm[index, 0] = 0.0
+            model.actuator_biastype[index] = mujoco.mjtBias.mjBIAS_AFFINE
+            model.actuator_biasprm[index, :3] = -k * rest, -k, -d
+            model.actuator_forcelimited[index] = 1
+            model.actuator_forcerange[index] = 0.0, LARGEST_FORCE

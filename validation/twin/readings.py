@@ -1,0 +1,99 @@
+"""The readings of a twin's sensors: MuJoCo's numbers, composed, then noisy and rounded."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from softdyn.description.rig import Sensor, SensorKind
+from softdyn.validation.twin.drives import part_name, parts, pulling
+from softdyn.validation.twin.twin import Twin
+
+AXES = ("x", "y", "z")
+COMPONENTS = {
+    1: ("",),
+    3: tuple(f".{axis}" for axis in AXES),
+    6: (*(f".{axis}" for axis in AXES), *(f".r{axis}" for axis in AXES)),
+}
+
+
+def component_names(sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """The name of every number that the sensors read, such as ``camera.x``."""
+    return tuple(
+        sensor.name + component for sensor in sensors for component in COMPONENTS[sensor.kind.size]
+    )
+
+
+class Readings:
+    """What the sensors of a twin with a rig read.
+
+    MuJoCo evaluates a sensor at its rate and delays it. A reading is then composed: the tension is
+    that of the inputs, and of the tendon's own spring and damper; a pose is a position and a
+    rotation vector. Bias and noise are added to each new reading, which is then rounded.
+
+    Parameters
+    ----------
+    twin : Twin
+        A twin made with ``rig=True``.
+    seed : int
+        Seed of the noise.
+    """
+
+    def __init__(self, twin: Twin, seed: int) -> None:
+        self._twin, self.sensors = twin, twin.robot.sensors
+        self.names = component_names(self.sensors)
+        self._random = np.random.default_rng(seed)
+        model, sizes = twin.model, [sensor.kind.size for sensor in self.sensors]
+        self._parts = [
+            [
+                int(model.sensor(part_name(sensor, k)).adr[0])
+                for k in range(len(parts(twin.robot, sensor)))
+            ]
+            for sensor in self.sensors
+        ]
+        self._noise, self._bias, self._step = (
+            np.concatenate([
+                np.broadcast_to(getattr(sensor, field), size)
+                for sensor, size in zip(self.sensors, sizes, strict=True)
+            ] or [np.zeros(0)])
+            for field in ("noise", "bias", "resolution")
+        )  # fmt: skip
+        self._sampled = np.repeat([sensor.rate > 0 for sensor in self.sensors], sizes)
+        self._before = self._true = np.full(len(self.names), np.nan)
+
+    def __call__(self) -> tuple[np.ndarray, np.ndarray]:
+        """The readings (k,) at the present instant, and the values (k,) without errors."""
+        true = self.ideal()
+        fresh = ~self._sampled | (true != self._true)
+        errors = self._random.normal(size=len(true)) * self._noise + self._bias
+        measured = true + errors
+        rounded = np.round(measured / np.where(self._step > 0, self._step, 1.0)) * self._step
+        measured = np.where(self._step > 0, rounded, measured)
+        self._before = np.where(fresh, measured, self._before)
+        self._true = true
+        return self._before.copy(), true
+
+    def ideal(self) -> np.ndarray:
+        """The readings (k,) without noise, bias and rounding, after `mj_forward`."""
+        parts = [
+            self._compose(sensor, adr)
+            for sensor, adr in zip(self.sensors, self._parts, strict=True)
+        ]
+        return np.concatenate(parts or [np.zeros(0)])
+
+    def _compose(self, sensor: Sensor, adr: list[int]) -> np.ndarray:
+        data, model = self._twin.data.sensordata, self._twin.model
+        if sensor.kind is SensorKind.TENSION:
+            length, rate, *forces = data[adr]
+            gears = [
+                model.actuator(name).gear[0] for name in pulling(self._twin.robot, sensor.tendon)
+            ]
+            t = model.tendon(sensor.tendon).id
+            stretch = length - model.tendon_lengthspring[t, 0]
+            spring = model.tendon_stiffness[t] * stretch + model.tendon_damping[t] * rate
+            return np.array([spring - np.dot(gears, forces)])
+        if sensor.kind is SensorKind.POSE:
+            turned = np.zeros(3)
+            mujoco.mju_quat2Vel(turned, data[adr[1] : adr[1] + 4], 1.0)
+            return np.concatenate((data[adr[0] : adr[0] + 3], turned))
+        return np.array(data[adr[0] : adr[0] + sensor.kind.size])
