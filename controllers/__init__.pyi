@@ -6,6 +6,7 @@ from .id_clf_qp import IdClfQp
 from .impedance import Impedance, UnderactuatedImpedance
 from .impedance_qp import ImpedanceQp
 from .mpc import Mpc, MpcParameters
+from .predictive.compensated import Compensated
 from .predictive.rest_target import RestTargets
 from .qps.certificate import Certified
 from .registry import BEYOND, CONTROLLERS, find_controller
@@ -19,6 +20,7 @@ __all__ = [
     "Certified",
     "ClfQp",
     "Command",
+    "Compensated",
     "Controller",
     "Gains",
     "IdClfQp",

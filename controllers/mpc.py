@@ -32,6 +32,7 @@ from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.prediction import ahead, condensed_qp, ramps
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
+from softdyn.controllers.predictive.stops import JointStops
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
@@ -39,13 +40,11 @@ from softdyn.dynamics.model import check_model
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
-NEAR_STOP = 2e-3  # of a joint's range: so near to its limit it is held by the stop
 HOLD = 1e-3  # κ, weight of u - u* beside the tip's error, input by input
 FORM = 1e-2  # σ, weight of q - q*
 STUCK = 1.0  # s without arriving after which a target is searched for
 ARRIVES = 0.5  # s later it acts, however long the search took
 MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
-STOP = 1e4  # stiffness of a stop, in M_jj / Δt²
 
 
 @dataclass(frozen=True)
@@ -114,10 +113,9 @@ class Mpc(GuardedController):
         Or a mapping of its fields.
     period : float
         Control period T (s); `reset` sets another.
-    lag : float
-        Time constant (s) with which the inputs follow the commands.
-    delay : float
-        Time (s) from a state to the begin of the command that answers it.
+    lag, delay : float, optional
+        Time constant (s) with which the inputs follow the commands, and time (s) from a state to
+        the begin of the command that answers it; by default the longest of the robot's file.
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later it acts if its tip is nearer.
@@ -138,15 +136,15 @@ class Mpc(GuardedController):
         parameters: Any = None,
         period: float = DEFAULT_PERIOD,
         *,
-        lag: float = 0.0,
-        delay: float = 0.0,
+        lag: float | None = None,
+        delay: float | None = None,
         targets: RestTargets | None = None,
     ) -> None:
         if check_model(model).nu == 0:
             raise no_actuator(model)
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
-        self.actuation = Actuation(delay, lag)
+        self.actuation = Actuation.of(model, delay, lag)
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
         self._model = model
@@ -157,11 +155,10 @@ class Mpc(GuardedController):
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size)
         self.solvers = (self._qp,)
-        self._rows = np.kron(_command_rows(lag, self._step), np.eye(model.nu))
+        self._rows = np.kron(_command_rows(self.actuation.lag, self._step), np.eye(model.nu))
         with np.errstate(all="ignore"):
             self._weigh(model)
-        span = model.upper - model.lower
-        self._margin = np.where(np.isfinite(span), NEAR_STOP * span, 0.0)
+        self._stops = JointStops(model)
         self.reset(period)
         warm_up(self, model, period)
 
@@ -185,9 +182,9 @@ class Mpc(GuardedController):
             return self._fall_back(Status.NON_FINITE)
         acting = link.acting
         K, D = tangent_dynamics(model, state.q, v, acting)
-        held = self._at_stops(state)
+        held = self._stops.held(state)
         p, speed, unmodelled = self._filter(state, held)
-        stops = np.where(held, STOP / self._step**2 * np.diag(state.M), 0.0)
+        stops = self._stops.stiffness(state, held, self._step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v
         first = p, speed
@@ -288,12 +285,6 @@ class Mpc(GuardedController):
         self._hold = np.kron(np.diag(lengths), own)
         self._hold_offset = np.kron(lengths[:, None], own)
         self._form = math.sqrt(FORM * compliance) * factor.T.copy()
-
-    def _at_stops(self, state: State) -> np.ndarray:
-        """Whether each joint (nv,) is held by a stop."""
-        q, model = self._model.coordinates(state.q), self._model
-        held: np.ndarray = (q >= model.upper - self._margin) | (q <= model.lower + self._margin)
-        return held
 
 
 def _command_rows(lag: float, step: float) -> np.ndarray:

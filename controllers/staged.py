@@ -10,9 +10,11 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
+from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
+from softdyn.dynamics.model import check_model
 
 
 class Staged(GuardedController):
@@ -87,7 +89,11 @@ class Staged(GuardedController):
 
 
 def best(
-    model: SoftModel, gains: Any = None, *, lag: float = 0.0, delay: float = 0.0
+    model: SoftModel,
+    gains: Any = None,
+    *,
+    lag: float | None = None,
+    delay: float | None = None,
 ) -> Staged | Mpc:
     """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
 
@@ -99,15 +105,16 @@ def best(
         The robot.
     gains : Schedule or mapping, optional
         A schedule or its tables. The tuned one is used if there is one and no other is given.
-    lag, delay : float
-        Lag and delay of the actuators (s), see `Mpc`.
+    lag, delay : float, optional
+        Lag and delay of the actuators (s); by default those of the robot's file, see `Mpc`.
 
     Raises
     ------
     InputError
         A schedule together with a lag or a delay, and whatever the controller raises.
     """
-    late = lag != 0 or delay != 0
+    link = Actuation.of(check_model(model), delay, lag)
+    late = link.lag > 0 or link.delay > 0
     if late and gains is not None:
         raise InputError("gains", "none, for actuators with a lag or a delay", repr(gains))
     schedule = tuned(model) if gains is None and not late else gains

@@ -3,5 +3,7 @@
 - `prediction`: the linear model over the horizon and its condensed QP
 - `actuation`: delay and lag of the actuators
 - `state_filter`: measured states and unmodelled forces
+- `stops`: joint stops as stiff springs
+- `compensated`: any controller behind delay and lag
 - `rest_target`: equilibria as targets of shape and input
 """

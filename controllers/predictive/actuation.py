@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from softdyn import SoftModel
 from softdyn.checks import number
 from softdyn.compiled import compiled
 
@@ -39,6 +40,18 @@ class Actuation:
     def __init__(self, delay: float = 0.0, lag: float = 0.0) -> None:
         self.delay = number("delay", delay, lower=0.0)
         self.lag = number("lag", lag, lower=0.0)
+
+    @classmethod
+    def of(
+        cls, model: SoftModel, delay: float | None = None, lag: float | None = None
+    ) -> Actuation:
+        """The actuation of a robot: the longest delay and lag of its file where none is given."""
+        actuators = model.robot.actuators
+        if delay is None:
+            delay = max((actuator.delay for actuator in actuators), default=0.0)
+        if lag is None:
+            lag = max((actuator.lag for actuator in actuators), default=0.0)
+        return cls(delay, lag)
 
     def reset(self, period: float, u: np.ndarray) -> None:
         """Begin a run with a control period (s): `u` (nu,) has acted long enough to act whole."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter_ns
@@ -35,6 +34,7 @@ from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder, package_versions
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
+from softdyn.validation.twin.rig import Rig, RiggedPlant, check_rig, rig_of
 from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
@@ -108,6 +108,9 @@ class ClosedLoop:
         A user's MJCF file, or its `Scene`, which replaces the twin. Its own contacts and friction
         hold, and its step if that divides the period. A warning is given if the file differs from
         the model's.
+    rig : Rig or str, optional
+        The rig between controller and plant: None for an ideal one, ``"file"`` for that of the
+        robot's file, or a `Rig`.
     name : str, optional
         Name of the controller in the log; its `name` or its class by default.
 
@@ -151,6 +154,7 @@ class ClosedLoop:
         friction: bool = False,
         twin: Callable[..., Twin] = Twin,
         plant: str | Path | MappedPlant | None = None,
+        rig: Rig | str | None = None,
         name: str | None = None,
     ) -> None:
         self.model, self.controller = check_model(model), controller
@@ -181,10 +185,15 @@ class ClosedLoop:
         check_pose(model, q)
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
         self.plant: Plant
-        if own is None:
-            self.plant = twin(
-                model.robot, timestep=self.grid.timestep, contacts=contacts, friction=friction
-            )
+        self._rig: RiggedPlant | None = None
+        options = {"timestep": self.grid.timestep, "contacts": contacts, "friction": friction}
+        if (wanted := rig_of(rig)) is not None:
+            check_rig(own, twin)
+            self._rig = RiggedPlant(wanted, model, self.grid.period, **options)
+            self.plant = self._rig.twin
+            self._states, self.plant_file = StateMap(model, self.plant), None
+        elif own is None:
+            self.plant = twin(model.robot, **options)
             self._states, self.plant_file = StateMap(model, self.plant), None
         else:
             own.timestep, contacts = self.grid.timestep, own.contacts
@@ -198,6 +207,9 @@ class ClosedLoop:
         self._record = Recorder(model, self.grid.times(), self._guard)
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
+        if self._rig is not None:
+            self._record.rig(len(self._rig.readings.names))
+            self._rig.start(model.state(q, v))
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
@@ -227,25 +239,30 @@ class ClosedLoop:
         if diverged is not None:
             self._end(diverged)
             return None
+        seen = state if self._rig is None else self._see(k, state)
         if k == self.grid.steps:
             initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, k))
             self._end(verdict.not_converged(initial, final), complete=True)
             return None
         began = perf_counter_ns()
-        output = controller(state, target)
+        output = controller(seen, target)
         spent += perf_counter_ns() - began
         fault = record.output(k, output, spent)
         if fault is not None:
             self._end(verdict.no_input(t, fault))
             return None
-        return ControlStep(t, state, output, record.u[k])
+        return ControlStep(t, seen, output, record.u[k])
 
     def advance(self) -> None:
         """Integrate the plant over a control period under the input of the last `control`."""
         k = self.steps
         self.steps += 1
         try:
-            self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
+            if self._rig is None:
+                self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
+            else:
+                command = self._rig.advance(self._record.u[k], self.grid.plant_steps(k))
+                self._record.rigged(k, command=command)
         except SimulationError as error:
             with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
                 self._read_plant()
@@ -314,7 +331,18 @@ class ClosedLoop:
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
             plant=self.plant_file,
+            sensor_names=() if self._rig is None else self._rig.readings.names,
         )
+
+    def _see(self, k: int, state: State) -> State:
+        """The state that the controller sees; record it, the acting inputs and the readings."""
+        assert self._rig is not None
+        seen = self._rig.see(state)
+        acting, measured = self._rig.sample()
+        self._record.rigged(k, acting=acting, measured=measured)
+        if k < self.grid.steps:
+            self._record.rigged(k, q_seen=seen.q, v_seen=seen.v)
+        return seen
 
     def _end(self, reason: str | None, complete: bool = False) -> None:
         self.done, self.reason, self._complete = True, reason, complete
@@ -324,68 +352,3 @@ class ClosedLoop:
         q, v = self._states.from_twin(self.plant.data.qpos, self.plant.data.qvel)
         self._record.q[self.steps], self._record.v[self.steps] = q, v
         return q, v
-
-
-def simulate(
-    model: SoftModel,
-    controller: Controller,
-    reference: ReferenceLike,
-    *,
-    duration: float | None = None,
-    period: float | None = None,
-    timestep: float | None = None,
-    q0: np.ndarray | None = None,
-    v0: np.ndarray | None = None,
-    contacts: bool = False,
-    friction: bool = False,
-    twin: Callable[..., Twin] = Twin,
-    plant: str | Path | MappedPlant | None = None,
-    name: str | None = None,
-    progress: bool = False,
-    on_step: OnStep | None = None,
-) -> Log:
-    """Run a controller against the twin and record what happens: a `ClosedLoop` in one call.
-
-    Parameters
-    ----------
-    model : SoftModel
-        The robot; the twin is built from its file, by its own path.
-    controller : Callable[[State, Reference], ControllerOutput]
-        Returns an object with `u` (nu,); `ClosedLoop` lists its optional attributes.
-    reference : Experiment or Callable[[float], Reference]
-        The second is of t (s), e.g. a `SetPoint`.
-    duration, period, timestep : float, optional
-        Length of the run, control period and plant step (s).
-    q0, v0 : np.ndarray, (nq,), (nv,), optional
-        Initial state; rest by default.
-    contacts, friction : bool
-        Whether the plant's links can touch, and whether it has the file's dry friction.
-    twin : Callable[..., Twin]
-        Makes the plant, called as `Twin` with the robot, timestep, contacts and friction.
-    plant : str, Path or MappedPlant, optional
-        A user's MJCF file, or its `Scene`, which replaces the twin.
-    name : str, optional
-        Name of the controller in the log; its `name` or its class by default.
-    progress : bool
-        Show a bar on stderr if that is a terminal.
-    on_step : Callable[[float, State, ControllerOutput], None], optional
-        Called with t (s), the State and the answer at every control step.
-
-    Returns
-    -------
-    Log
-        The run, failed or not.
-
-    Raises
-    ------
-    InputError
-        For arguments that cannot be run, and for a reference that is not finite.
-    """
-    # a run resets its controller, so that threads that share one take turns
-    with getattr(getattr(controller, "guard", None), "lock", nullcontext()):
-        loop = ClosedLoop(
-            model, controller, reference, duration=duration, period=period, timestep=timestep,
-            q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, plant=plant,
-            name=name,
-        )  # fmt: skip
-        return loop.run(progress=progress, on_step=on_step)

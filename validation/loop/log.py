@@ -82,6 +82,16 @@ class Log:
         For a `Certified` controller: V̇ and the relaxation computed with the model's acceleration.
     plant : str or None
         Name of the user's file that was the plant, None where it was the twin.
+    command : np.ndarray, (N, nu), or None
+        With a rig: the commands that were sent, in the file's units.
+    acting : np.ndarray, (N + 1, nu), or None
+        With a rig: the inputs that acted at each sample, as forces.
+    q_seen, v_seen : np.ndarray, (N, nq), (N, nv), or None
+        With a rig: the state that the controller saw.
+    measured : np.ndarray, (N + 1, sensors), or None
+        With a rig: the readings of its sensors.
+    sensor_names : tuple[str, ...]
+        The columns of `measured`, e.g. ``camera.x``.
     """
 
     t: np.ndarray
@@ -121,6 +131,12 @@ class Log:
     Vdot: np.ndarray | None = None
     delta_true: np.ndarray | None = None
     plant: str | None = None
+    command: np.ndarray | None = None
+    acting: np.ndarray | None = None
+    q_seen: np.ndarray | None = None
+    v_seen: np.ndarray | None = None
+    measured: np.ndarray | None = None
+    sensor_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -369,9 +385,10 @@ class Log:
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
         if isinstance(about, dict) and about.get("format") == FORMAT:
-            about.setdefault("plant", None)  # older logs lack this key
+            about = {"plant": None, "sensor_names": []} | about  # older logs lack these keys
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
-        about["joint_names"] = tuple(about["joint_names"])
+        for name in ("joint_names", "sensor_names"):
+            about[name] = tuple(about[name])
         about["source"] = LoggedRobot(**about["source"])
         return cls(**content, **about)

@@ -30,7 +30,16 @@ SHAPES = {
     "u_max": ("nu",),
 }
 # only from a `Certified` controller
-EXTRA = {"Vdot": ("steps",), "delta_true": ("steps",)}
+CERTIFIED = {"Vdot": ("steps",), "delta_true": ("steps",)}
+# only from a run with a rig
+RIGGED = {
+    "command": ("steps", "nu"),
+    "acting": ("samples", "nu"),
+    "q_seen": ("steps", "nq"),
+    "v_seen": ("steps", "nv"),
+    "measured": ("samples", "sensors"),
+}
+EXTRA = CERTIFIED | RIGGED
 
 
 def _format(about: Any) -> Any:
@@ -60,19 +69,24 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    if set(arrays) not in ({*SHAPES}, {*SHAPES, *EXTRA}):
+    more = set(arrays) - {*SHAPES}
+    if (
+        not {*SHAPES} <= set(arrays)
+        or more - {*CERTIFIED} not in (set(), {*RIGGED})
+        or (more - {*RIGGED} not in (set(), {*CERTIFIED}))
+    ):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
     for name, fits in ENTRIES.items():
         if not fits(about[name]):
             raise InputError(where, f"{name} as a log has it", repr(about[name]))
     if about["failed"] != (about["reason"] is not None):
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
-    _check_shapes(where, arrays, len(about["joint_names"]))
+    _check_shapes(where, arrays, len(about["joint_names"]), len(about["sensor_names"]))
     _check_values(where, arrays, about)
 
 
-def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int) -> None:
-    size = {"space": 3, "nv": nv, "samples": arrays["t"].size}
+def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int, sensors: int) -> None:
+    size = {"space": 3, "nv": nv, "sensors": sensors, "samples": arrays["t"].size}
     size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
     for name, axes in (SHAPES | EXTRA).items():
         if name not in arrays:
@@ -164,6 +178,7 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "timestep": _is_positive,
     "length": _or_none(_is_positive),
     "joint_names": _is_names,
+    "sensor_names": _is_names,
     "contacts": _is_flag,
     "complete": _is_flag,
     "failed": _is_flag,

@@ -14,7 +14,7 @@ import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.controller import InputGuard
-from softdyn.validation.loop.log_checks import EXTRA, SHAPES
+from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, RIGGED, SHAPES
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -85,8 +85,21 @@ class Recorder:
         self.step_us[k] = nanoseconds / 1e3
         return None
 
+    def rig(self, sensors: int) -> None:
+        """Prepare for a run with a rig with a number of readings."""
+        size = {"samples": len(self.t), "steps": len(self.t) - 1, "sensors": sensors}
+        size |= {"nq": self.q.shape[1], "nv": self.v.shape[1], "nu": self.u.shape[1]}
+        self._extra |= {
+            name: np.full([size[axis] for axis in axes], np.nan) for name, axes in RIGGED.items()
+        }
+
+    def rigged(self, k: int, **values: np.ndarray) -> None:
+        """Record values of a rig at sample or step `k`, by the names of `RIGGED`."""
+        for name, value in values.items():
+            self._extra[name][k] = value
+
     def _certify(self, k: int, answer: Any) -> None:
-        for name in EXTRA:
+        for name in CERTIFIED:
             if name not in self._extra:
                 self._extra[name] = np.full(len(self.V), np.nan)
             self._extra[name][k] = _scalar(getattr(answer, name, None))
@@ -94,7 +107,9 @@ class Recorder:
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a log of a run that did `steps` control steps."""
         ends = {"samples": steps + 1, "steps": steps}
-        extra = {name: values[:steps].copy() for name, values in self._extra.items()}
+        extra = {
+            name: values[: ends[EXTRA[name][0]]].copy() for name, values in self._extra.items()
+        }
         return extra | {
             name: np.array(self._statuses[:steps], str)
             if name == "status"

@@ -11,6 +11,7 @@ import numpy as np
 from softdyn import Reference, State
 from softdyn.controllers import Command
 from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.validation.twin.rig import Noise
 from softdyn.validation.twin.twin import Twin
 
 View = Callable[[State], State]
@@ -75,36 +76,6 @@ class SignalPath:
             return plant
 
         return make
-
-
-class Noise:
-    """A view of q and q̇ with normal noise; see `SignalPath`.
-
-    Parameters
-    ----------
-    effect : float
-        Root mean square of the tip's displacement at q = 0 (m).
-    period : float
-        Control period (s).
-    seed : int
-        Seed of the noise.
-    """
-
-    def __init__(self, effect: float, period: float, seed: int) -> None:
-        self._effect, self._period = effect, period
-        self._random = np.random.default_rng(seed)
-        self._deviation: np.ndarray | None = None
-
-    def __call__(self, state: State) -> State:
-        """The state that the controller sees instead of `state`."""
-        model = state.model
-        if self._deviation is None:
-            span = model.upper - model.lower
-            span = np.where(np.isfinite(span), span, 1.0)
-            J = model.state(model.q0, np.zeros(model.nv)).J
-            self._deviation = span * self._effect / float(np.linalg.norm(J * span))
-        dq, dv = self._deviation * self._random.normal(size=(2, model.nv))
-        return model.state(model.integrate(state.q, dq), state.v + dv / self._period)
 
 
 class Linked:

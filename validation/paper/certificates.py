@@ -12,8 +12,8 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.controllers import CONTROLLERS, Certified
 from softdyn.statics.zero_dynamics import examine, zero_spectrum
-from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.report.plot_style import (
     BLUE,
     GREY,

@@ -12,8 +12,8 @@ from tqdm.auto import tqdm
 from softdyn import SetPoint, SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, KeepOutSphere
-from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import points
 

@@ -14,8 +14,8 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe_filename
-from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 

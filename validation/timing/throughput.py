@@ -10,7 +10,8 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.controllers import find_controller
-from softdyn.validation.loop.closed_loop import ClosedLoop, simulate
+from softdyn.validation.loop.closed_loop import ClosedLoop
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.study_targets import study_experiments
 from softdyn.validation.timing.step_time import quiet

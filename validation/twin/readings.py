@@ -58,7 +58,7 @@ class Readings:
             ] or [np.zeros(0)])
             for field in ("noise", "bias", "resolution")
         )  # fmt: skip
-        self._sampled = np.repeat([sensor.rate > 0 for sensor in self.sensors], sizes)
+        self._sampled = np.repeat(np.array([s.rate > 0 for s in self.sensors], bool), sizes)
         self._before = self._true = np.full(len(self.names), np.nan)
 
     def __call__(self) -> tuple[np.ndarray, np.ndarray]:

@@ -191,6 +191,37 @@ class Twin:
         mujoco.mj_forward(self.model, self.data)
         check_warnings(self.data)
 
+    def hold(self, commands: np.ndarray, lengths: np.ndarray) -> None:
+        """Begin with commands that have been held for long.
+
+        Parameters
+        ----------
+        commands : np.ndarray, (nu,)
+            The commands that are on their way and in the lags, in the file's units.
+        lengths : np.ndarray, (nu,)
+            Free length (m) of each winch that a velocity commands.
+        """
+        model, data = self.model, self.data
+        data.ctrl[: self.nu] = commands
+        for k in range(self.nu):
+            samples = model.actuator_history[k, 0]
+            if samples:
+                values = np.full((samples, 1), commands[k])
+                mujoco.mj_initCtrlHistory(model, data, k, None, values)
+            if model.actuator_actadr[k] >= 0:
+                integrates = model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_INTEGRATOR
+                data.act[model.actuator_actadr[k]] = (lengths if integrates else commands)[k]
+        mujoco.mj_forward(model, data)
+
+    @property
+    def free_lengths(self) -> np.ndarray:
+        """Free length (m) of each winch that a velocity commands, (nu,); NaN of other inputs."""
+        model, found = self.model, np.full(self.nu, np.nan)
+        for k in range(self.nu):
+            if model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
+                found[k] = self.data.act[model.actuator_actadr[k]]
+        return found
+
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
         """Integrate under a held input.
 

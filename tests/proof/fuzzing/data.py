@@ -29,10 +29,10 @@ from softdyn.controllers import SoftIdClfQp
 from softdyn.controllers.schedule import make_schedule
 from softdyn.files import read_toml
 from softdyn.validation.files import to_json
-from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import paper_tuning, schedule_search, sweep_file
 from softdyn.validation.studies.engine import worker
 from softdyn.validation.studies.engine.case import Case

@@ -14,10 +14,10 @@ import numpy as np
 from softdyn import InputError, Reference, SoftModel
 from softdyn.controllers.registry import one_line_errors
 from softdyn.validation.files import safe_filename
-from softdyn.validation.loop.closed_loop import simulate
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.signal_path import SignalPath
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
 from softdyn.validation.twin.plant_errors import PlantErrors

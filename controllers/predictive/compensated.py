@@ -1,0 +1,116 @@
+"""Any controller behind actuators with a known lag and delay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.controllers.controller import SILENT, Command, GuardedController, InputGuard, guard_of
+from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.prediction import ahead
+from softdyn.controllers.predictive.stops import JointStops
+from softdyn.dynamics.derivatives import tangent_dynamics
+from softdyn.dynamics.model import check_model
+
+STEP = 2e-3  # s; the longest step of the prediction
+
+
+class Compensated(GuardedController):
+    """A controller that gets the state at which its command will begin to act.
+
+    The state is predicted over the delay by backward Euler, with the dynamics linearised at the
+    present state and the inputs that are on their way. The reference is moved by the delay along
+    y + t ẏ + ½ t² ÿ. The command is the one under which the input that acts reaches the
+    controller's answer in one period: c = a + (u - a) / (1 - e^(-T/λ)), within the bounds.
+
+    Two things limit it. One-sided inputs cannot fall faster than e^(-t/λ), so a long lag cannot be
+    inverted. The prediction is as good as the delay that it is given.
+
+    Parameters
+    ----------
+    controller : Callable[[State, Reference], Command]
+        Any controller, also a user's own.
+    model : SoftModel
+        The robot.
+    lag, delay : float, optional
+        Lag and delay of the actuators (s); by default the longest of the robot's file.
+
+    Attributes
+    ----------
+    inner : Callable[[State, Reference], Command]
+        The controller.
+
+    Raises
+    ------
+    InputError
+        A controller that cannot be called, or a time that is negative.
+    """
+
+    def __init__(
+        self,
+        controller: Callable[[State, Reference], Any],
+        model: SoftModel,
+        *,
+        lag: float | None = None,
+        delay: float | None = None,
+    ) -> None:
+        if not callable(controller) or isinstance(controller, type):
+            raise InputError("controller", "a callable (state, reference) -> command", controller)
+        self.actuation = Actuation.of(check_model(model), delay, lag)
+        self.inner, self._model, self._stops = controller, model, JointStops(model)
+        self.guard = InputGuard(model.u_min, model.u_max, model.robot)
+        self._admit = guard_of(controller, model).admit
+        self.name = f"compensated {getattr(controller, 'name', type(controller).__name__)}"
+        self.reset(STEP)
+
+    @property
+    def gains(self) -> Any:
+        """The controller's own gains or parameters."""
+        return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
+
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s)."""
+        self.guard.reset()
+        self.actuation.reset(period, self.guard.held)
+        if hasattr(self.inner, "reset"):
+            self.inner.reset(period)
+
+    @SILENT
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
+        link = self.actuation
+        acting = link.acting
+        if link.delay > 0:
+            state, acting = self._predicted(state)
+            t = link.delay
+            reference = Reference(
+                reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot,
+                reference.ydot + t * reference.yddot,
+                reference.yddot,
+            )
+        answer = self.inner(state, reference)
+        u = self._admit(getattr(answer, "u", answer))
+        command = self.guard.accept(
+            link.command_for(u, acting), getattr(answer, "V", np.nan),
+            getattr(answer, "delta", np.nan), clamped=True,
+        )  # fmt: skip
+        link.send(command.u)
+        return command
+
+    def _predicted(self, state: State) -> tuple[State, np.ndarray]:
+        """The state and the acting input (nu,) after the delay."""
+        model, link = self._model, self.actuation
+        acting, v = link.acting, state.v
+        K, D = tangent_dynamics(model, state.q, v, acting)
+        means, u = link.over_delay(STEP)
+        step = link.delay / len(means)
+        stops = self._stops.stiffness(state, self._stops.held(state), step)
+        p, speed, _ = ahead(
+            state.M, K + np.diag(stops), D, state.B, state.B @ acting - state.h + D @ v,
+            np.zeros(model.nv), v, means - acting, step,
+        )  # fmt: skip
+        if not np.isfinite(p @ p + speed @ speed):
+            return state, u
+        return model.state(model.integrate(state.q, p), speed), u

@@ -1,0 +1,233 @@
+"""The rig between a controller and its plant: drives, sensors and measured states."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from softdyn.actuation import Winches
+
+from softdyn import InputError, SoftModel, State
+from softdyn.checks import number, whole
+from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.robot import Robot
+from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.readings import Readings
+from softdyn.validation.twin.twin import Twin
+
+FROM_FILE = "file"
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The rig of a run: that of the robot's file, and what is different from it.
+
+    Attributes
+    ----------
+    lag, delay : float, optional
+        Time constant (s) and delay (s) of all inputs; the file's by default. The twin rounds a
+        delay up to whole plant steps.
+    command : str or CommandKind, optional
+        ``force``, ``length`` or ``velocity``, the command of all inputs; the file's by default.
+    sensors : tuple of Sensor, optional
+        The sensors; the file's by default.
+    plant : PlantErrors
+        Differences between the plant and the model that the controller has.
+    noise : float
+        Noise of the q and q̇ that the controller sees, given by its effect on the tip: the root
+        mean square (m) of ‖J δq‖ at q = 0. Each joint's standard deviation is the same share of its
+        range (of 1 rad or 1 m without limits). The noise of q̇ is that of q over one period.
+    latency : float
+        Age (s) of the q and q̇ that the controller sees, rounded to whole control periods.
+    seed : int
+        Seed of all noise.
+
+    Raises
+    ------
+    InputError
+        A time or a noise that is negative, an unknown command.
+    """
+
+    lag: float | None = None
+    delay: float | None = None
+    command: CommandKind | str | None = None
+    sensors: tuple[Sensor, ...] | None = None
+    plant: PlantErrors = field(default_factory=PlantErrors)
+    noise: float = 0.0
+    latency: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("lag", "delay", "noise", "latency"):
+            if getattr(self, name) is not None:
+                number(name, getattr(self, name), lower=0.0)
+        whole("seed", self.seed, lower=0)
+        if self.command is not None:
+            words = [kind.value for kind in CommandKind]
+            if not isinstance(self.command, CommandKind) and self.command not in words:
+                raise InputError("command", " or ".join(words), repr(self.command))
+            object.__setattr__(self, "command", CommandKind(self.command))
+
+    def robot(self, robot: Robot) -> Robot:
+        """The robot with this rig.
+
+        Raises
+        ------
+        InputError
+            A length command for an input whose cable has no stiffness, or that can push.
+        """
+        changes: dict[str, Any] = {
+            name: getattr(self, name)
+            for name in ("lag", "delay", "command")
+            if getattr(self, name) is not None
+        }
+        actuators = tuple(replace(actuator, **changes) for actuator in robot.actuators)
+        for actuator in actuators:
+            if actuator.is_winch and (actuator.stiffness <= 0 or actuator.pushes):
+                expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
+                raise InputError("command", expected, repr(self.command))
+        sensors = robot.sensors if self.sensors is None else tuple(self.sensors)
+        return replace(robot, actuators=actuators, sensors=sensors)
+
+
+class Noise:
+    """A view of q and q̇ with normal noise; see `Rig`.
+
+    Parameters
+    ----------
+    effect : float
+        Root mean square of the tip's displacement at q = 0 (m).
+    period : float
+        Control period (s).
+    seed : int
+        Seed of the noise.
+    """
+
+    def __init__(self, effect: float, period: float, seed: int) -> None:
+        self._effect, self._period = effect, period
+        self._random = np.random.default_rng(seed)
+        self._deviation: np.ndarray | None = None
+
+    def __call__(self, state: State) -> State:
+        """The state that the controller sees instead of `state`."""
+        model = state.model
+        if self._deviation is None:
+            span = model.upper - model.lower
+            span = np.where(np.isfinite(span), span, 1.0)
+            J = model.state(model.q0, np.zeros(model.nv)).J
+            self._deviation = span * self._effect / float(np.linalg.norm(J * span))
+        dq, dv = self._deviation * self._random.normal(size=(2, model.nv))
+        return model.state(model.integrate(state.q, dq), state.v + dv / self._period)
+
+
+def check_rig(own: object, twin: object) -> None:
+    """Refuse a rig together with another plant."""
+    if own is not None or twin is not Twin:
+        raise InputError("rig", "none with a plant of your own: its file states its drives", "both")
+
+
+def rig_of(value: Any) -> Rig | None:
+    """The rig that an argument means: None, ``"file"`` or a `Rig`.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if value is None or isinstance(value, Rig):
+        return value
+    if value == FROM_FILE:
+        return Rig()
+    raise InputError("rig", 'None, "file" or a Rig(…)', repr(value))
+
+
+class RiggedPlant:
+    """A twin behind its rig.
+
+    The controller's forces u become commands. A winch gets the free length at which its tension is
+    the force that was asked for, at the state that the controller saw; a velocity leads there in
+    one control period. A bound on a command's rate acts in every plant step, before the delay.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig.
+    model : SoftModel
+        The model that the controller has.
+    period : float
+        Control period (s).
+    options : Any
+        Options of the twin.
+
+    Attributes
+    ----------
+    twin : Twin
+        The plant.
+    readings : Readings
+        Its sensors.
+    command : np.ndarray, (nu,)
+        The last command, in the file's units.
+    """
+
+    def __init__(self, rig: Rig, model: SoftModel, period: float, **options: Any) -> None:
+        robot = rig.robot(model.robot)
+        for name, value in rig.plant.options().items():
+            if name != "twin":
+                options[name] = options.get(name, False) or value
+        self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
+        self.readings = Readings(self.twin, rig.seed)
+        self._winches, self._period = Winches(model, robot.actuators), period
+        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
+        step = self.twin.model.opt.timestep
+        self._most = np.array([a.rate for a in robot.actuators]) * step
+        # MuJoCo lags forces and lengths itself; its integrator has no room for a lag before it
+        self._kept = np.array([
+            math.exp(-step / a.lag) if speed and a.lag > 0 else 0.0
+            for a, speed in zip(robot.actuators, self._speeds, strict=True)
+        ])  # fmt: skip
+        self._plain = bool(np.isinf(self._most).all() and not self._kept.any())
+        self._noise = Noise(rig.noise, period, rig.seed + 1) if rig.noise > 0 else None
+        self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
+        self._zero = np.clip(0.0, model.u_min, model.u_max)
+
+    def start(self, state: State) -> None:
+        """Begin at the twin's present state with zero input, or the one nearest to it."""
+        lengths = self._winches.commands(state, self._zero)
+        self.command = np.where(self._speeds, 0.0, lengths)
+        self._limited = self.command.copy()
+        self.twin.hold(self.command, lengths)
+        self._past.clear()
+        self._seen = state
+
+    def see(self, state: State) -> State:
+        """The state that the controller sees instead of `state`."""
+        self._past.append(state)
+        late = self._past[0]
+        self._seen = late if self._noise is None else self._noise(late)
+        return self._seen
+
+    def sample(self) -> tuple[np.ndarray, np.ndarray]:
+        """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
+        mujoco.mj_forward(self.twin.model, self.twin.data)
+        acting = self.twin.data.actuator_force[: self.twin.nu].copy()
+        return acting, self.readings()[0]
+
+    def advance(self, u: np.ndarray, steps: int) -> np.ndarray:
+        """Integrate under the command for the force u (nu,); returns the last command (nu,)."""
+        asked = self._winches.commands(self._seen, u)
+        if self._speeds.any():
+            change = (asked - self.twin.free_lengths) / self._period
+            asked = np.where(self._speeds, change, asked)
+        if self._plain:
+            self.command = asked
+            self.twin.advance(asked, steps)
+            return asked
+        for _ in range(steps):
+            self._limited += np.clip(asked - self._limited, -self._most, self._most)
+            self.command = self._kept * self.command + (1.0 - self._kept) * self._limited
+            self.twin.advance(self.command)
+        return self.command
