@@ -9,7 +9,15 @@ from itertools import pairwise
 import numpy as np
 
 from softdyn.checks import did_you_mean
-from softdyn.description.rig import Actuator
+from softdyn.description.rig import Actuator, Sensor
+from softdyn.description.rig_block import (
+    A_LINK,
+    SPRING,
+    check_position,
+    moving_joint,
+    read_actuator,
+    read_sensor,
+)
 from softdyn.description.robot import Joint, JointTerm, Link, Robot, Site, Tendon, poses
 from softdyn.description.strict_xml import Element
 
@@ -23,6 +31,7 @@ class AnnotationBlock:
 
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
     task: str | None = None
 
 
@@ -36,12 +45,21 @@ def read_block(
     """
     if block.text("version") != VERSION:
         raise block.error(f'version="{VERSION}"', repr(block.text("version")))
-    block.allow("version", children=("joint", "tendon", "actuator", "task"))
+    block.allow("version", children=("joint", "tendon", "actuator", "sensor", "task"))
     compliance = _compliance if overlay else _armature
     joints.update(block.unique("joint", lambda element: compliance(element, joints)))
     tendons = block.unique("tendon", lambda element: _tendon(element, links, joints))
-    actuators = block.unique("actuator", lambda element: _actuator(element, tendons))
-    return AnnotationBlock(tuple(tendons.values()), tuple(actuators.values()), _task(block, links))
+    actuators = block.unique("actuator", lambda element: read_actuator(element, tendons, joints))
+    driven = {actuator.tendon for actuator in actuators.values()}
+    sensors = block.unique(
+        "sensor", lambda element: read_sensor(element, links, joints, tendons, driven)
+    )
+    return AnnotationBlock(
+        tuple(tendons.values()),
+        tuple(actuators.values()),
+        tuple(sensors.values()),
+        _task(block, links),
+    )
 
 
 def read_springs(root: Element, joints: dict[str, Joint]) -> None:
@@ -52,7 +70,7 @@ def read_springs(root: Element, joints: dict[str, Joint]) -> None:
             got = f"{found[name, field]} and {value}"
             raise element.error(f"one {field} of joint {name!r}", got)
         if field == "stiffness" and value > 0:
-            _check_springy(element, joints[name])
+            check_position(element, joints[name], SPRING)
     for name, joint in joints.items():
         stiffness, rest = (found.get((name, field), 0.0) for field in ("stiffness", "rest"))
         joints[name] = replace(joint, stiffness=stiffness, rest=rest)
@@ -79,39 +97,15 @@ def _spring_statements(
                 yield child, name, field, value
 
 
-def _check_springy(element: Element, joint: Joint) -> None:
-    """Refuse a spring on a continuous or fixed joint: its position has no unique value."""
-    if joint.kind not in ("revolute", "prismatic"):
-        raise element.error(
-            "a spring on a revolute or prismatic joint", f"{joint.kind} joint {joint.name!r}"
-        )
-
-
-def _moving_joint(element: Element, joints: dict[str, Joint]) -> Joint:
-    name = element.text("name")
-    if name not in joints:
-        raise element.error("the name of a joint", did_you_mean(name, joints))
-    if not joints[name].moves:
-        raise element.error("a joint that moves", f"fixed joint {name!r}")
-    return joints[name]
-
-
-def _link_name(element: Element, attribute: str, links: dict[str, Link]) -> str:
-    name = element.text(attribute)
-    if name not in links:
-        raise element.error("the name of a link", did_you_mean(name, links))
-    return name
-
-
 def _armature(element: Element, joints: dict[str, Joint]) -> Joint:
     element.allow("name", "armature")
-    return replace(_moving_joint(element, joints), armature=element.non_negative("armature"))
+    return replace(moving_joint(element, joints), armature=element.non_negative("armature"))
 
 
 def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
     """A joint of an overlay: an attribute that is not given keeps the URDF's value."""
     element.allow("name", "armature", "stiffness", "damping", "rest")
-    joint = _moving_joint(element, joints)
+    joint = moving_joint(element, joints)
     joint = replace(
         joint,
         armature=element.non_negative("armature", joint.armature),
@@ -120,12 +114,12 @@ def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
         rest=element.number("rest", joint.rest),
     )
     if joint.stiffness > 0:
-        _check_springy(element, joint)
+        check_position(element, joint, SPRING)
     return joint
 
 
 def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Tendon:
-    element.allow("name", "stiffness", "damping", "rest", children=("joint", "site"))
+    element.allow("name", "stiffness", "damping", "rest", "slack", children=("joint", "site"))
     terms = element.unique("joint", lambda part: _term(part, joints))
     sites = tuple(_site(part, links) for part in element.children("site"))
     if terms and sites:
@@ -141,10 +135,13 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         element.non_negative("stiffness"),
         element.non_negative("damping"),
         None if element.node.get("rest") is None else element.number("rest"),
+        element.flag("slack"),
     )
+    if tendon.slack and tendon.stiffness == 0:
+        raise element.error("stiffness > 0 of a slack tendon", "none")
     if tendon.stiffness > 0:
         for term in tendon.terms:
-            _check_springy(element, joints[term.joint])
+            check_position(element, joints[term.joint], SPRING)
     if tendon.sites and tendon.rest is not None and tendon.rest < 0:
         raise element.error("rest >= 0, the length of a path", tendon.rest)
     return tendon
@@ -152,27 +149,12 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
 
 def _term(element: Element, joints: dict[str, Joint]) -> JointTerm:
     element.allow("name", "coef")
-    return JointTerm(_moving_joint(element, joints).name, element.number("coef"))
+    return JointTerm(moving_joint(element, joints).name, element.number("coef"))
 
 
 def _site(element: Element, links: dict[str, Link]) -> Site:
     element.allow("link", "xyz")
-    return Site(_link_name(element, "link", links), element.vector("xyz"))
-
-
-def _actuator(element: Element, tendons: dict[str, Tendon]) -> Actuator:
-    element.allow("name", "tendon", "gear", "lower", "upper")
-    tendon = element.text("tendon")
-    if tendon not in tendons:
-        raise element.error("the name of a tendon", did_you_mean(tendon, tendons))
-    gear, lower, upper = (
-        element.number("gear", 1.0),
-        element.number("lower"),
-        element.number("upper"),
-    )
-    if lower > upper:
-        raise element.error("lower <= upper", f"lower={lower} upper={upper}")
-    return Actuator(element.text("name"), tendon, gear, lower, upper)
+    return Site(element.one_of("link", links, A_LINK), element.vector("xyz"))
 
 
 def _task(block: Element, links: dict[str, Link]) -> str | None:
@@ -180,7 +162,7 @@ def _task(block: Element, links: dict[str, Link]) -> str | None:
     if task is None:
         return None
     task.allow("frame")
-    return _link_name(task, "frame", links)
+    return task.one_of("frame", links, A_LINK)
 
 
 def check_paths(block: Element, robot: Robot) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
 
 from lxml import etree
 
+from softdyn.checks import did_you_mean
 from softdyn.exceptions import UrdfError, one_line
 
 T = TypeVar("T")
@@ -71,6 +72,27 @@ class Element:
             raise self.error(f'attribute {attribute}="…"', "none" if value is None else "nothing")
         return str(value)
 
+    def one_of(self, attribute: str, names: Collection[str], expected: str) -> str:
+        """A required attribute that is one of `names`; `expected` is for the message."""
+        name = self.text(attribute)
+        if name not in names:
+            raise self.error(expected, did_you_mean(name, names))
+        return name
+
+    def choice(self, attribute: str, words: Sequence[str], default: str | None = None) -> str:
+        """An attribute that is one of a few words; required if there is no default."""
+        if self.node.get(attribute) is None and default is not None:
+            return default
+        *most, last = words
+        return self.one_of(attribute, words, f"{attribute} {', '.join(most)} or {last}")
+
+    def flag(self, attribute: str) -> bool:
+        """An attribute that is ``true`` or ``false``; false by default."""
+        value = self.node.get(attribute, "false")
+        if value not in ("true", "false"):
+            raise self.error(f'{attribute}="true" or "false"', repr(value))
+        return bool(value == "true")
+
     def number(self, attribute: str, default: float | None = None) -> float:
         """A finite number in an attribute; required if there is no default."""
         value = self.node.get(attribute)
@@ -84,11 +106,24 @@ class Element:
         """Three finite numbers in an attribute."""
         if self.node.get(attribute) is None and default is not None:
             return default
-        words = [word for word in self.text(attribute).split(" ") if word]
+        words = self._words(attribute)
         if len(words) != 3:
             raise self.error(f"three numbers as {attribute}", repr(self.node.get(attribute)))
         x, y, z = (self.to_number(word, attribute) for word in words)
         return x, y, z
+
+    def components(self, attribute: str, size: int) -> tuple[float, ...]:
+        """One finite number, or `size` of them; 0 by default."""
+        if self.node.get(attribute) is None:
+            return (0.0,)
+        words = self._words(attribute)
+        if len(words) not in (1, size):
+            expected = "one number" if size == 1 else f"one number or {size}"
+            raise self.error(f"{expected} as {attribute}", repr(self.node.get(attribute)))
+        return tuple(self.to_number(word, attribute) for word in words)
+
+    def _words(self, attribute: str) -> list[str]:
+        return [word for word in self.text(attribute).split(" ") if word]
 
     def to_number(self, text: str, what: str) -> float:
         """`text` as a finite float; refuses spellings that engines read differently.

@@ -160,6 +160,7 @@ def _robot(
         joints=tuple(joints.values()),
         tendons=block.tendons,
         actuators=block.actuators,
+        sensors=block.sensors,
         task=block.task or deepest_leaf(robot),
         xml=etree.tostring(_judged(root.node), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),

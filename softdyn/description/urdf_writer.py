@@ -6,12 +6,15 @@ import math
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import fields
+from enum import Enum
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
+from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import Joint, Link, Origin, Robot
 
 
@@ -108,16 +111,27 @@ def _joint(joint: Joint) -> list[str]:
 
 
 def _block(robot: Robot) -> list[str]:
-    """The ``<softdyn>`` block: armatures, tendons, actuators, the task frame."""
+    """The ``<softdyn>`` block: armatures, tendons, the rig, the task frame."""
     lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
     for tendon in robot.tendons:
         path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
         path += [tag("site", link=site.link, xyz=site.xyz) for site in tendon.sites]
         springs = {"stiffness": tendon.stiffness or None, "damping": tendon.damping or None}
-        lines += _nested("tendon", path, name=tendon.name, **springs, rest=tendon.rest)
-    for u in robot.actuators:
-        force = {"gear": u.gear, "lower": u.lower, "upper": u.upper}
-        lines.append(tag("actuator", name=u.name, tendon=u.tendon, **force))
+        slack = "true" if tendon.slack else None
+        lines += _nested("tendon", path, name=tendon.name, **springs, rest=tendon.rest, slack=slack)
+    lines += [tag("actuator", **_stated(actuator)) for actuator in robot.actuators]
+    lines += [tag("sensor", **_stated(sensor)) for sensor in robot.sensors]
     if robot.task:
         lines.append(tag("task", frame=robot.task))
     return _nested(BLOCK, lines, version=VERSION)
+
+
+def _stated(part: Actuator | Sensor) -> dict[str, object]:
+    """The fields of an actuator or a sensor that have no default or another value."""
+    values = {field.name: (getattr(part, field.name), field.default) for field in fields(part)}
+    kind = values.pop("kind", None)
+    found = {} if kind is None else {"type": kind[0].value}
+    for name, (value, default) in values.items():
+        if value != default:
+            found[name] = value.value if isinstance(value, Enum) else value
+    return {"name": found.pop("name"), **found}

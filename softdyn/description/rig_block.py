@@ -1,0 +1,169 @@
+"""The rig in the ``<softdyn>`` block: ``<actuator>`` and ``<sensor>``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.robot import ZERO, Joint, Link, Tendon
+from softdyn.description.strict_xml import Element
+
+A_LINK, A_TENDON, A_JOINT = (f"the name of a {part}" for part in ("link", "tendon", "joint"))
+SPRING = "a spring"
+MOTOR = ("name", "tendon", "gear", "lower", "upper", "command", "lag", "rate", "delay")
+WINCH = ("stiffness", "damping", "length_lower", "length_upper")
+COMMANDS = tuple(kind.value for kind in CommandKind)
+SENSORS = tuple(kind.value for kind in SensorKind)
+PLACES = {
+    SensorKind.LENGTH: ("tendon",),
+    SensorKind.TENSION: ("tendon",),
+    SensorKind.POSITION: ("link", "xyz"),
+    SensorKind.POSE: ("link", "xyz", "rpy"),
+    SensorKind.GYRO: ("link", "xyz", "rpy"),
+    SensorKind.ACCELEROMETER: ("link", "xyz", "rpy"),
+    SensorKind.JOINT: ("joint",),
+}
+"""The attributes that place each kind of sensor."""
+ERRORS = ("noise", "bias", "rate", "latency", "resolution")
+
+
+def moving_joint(element: Element, joints: Mapping[str, Joint], attribute: str = "name") -> Joint:
+    """The joint that an attribute names; refuses a fixed one."""
+    name = element.one_of(attribute, joints, A_JOINT)
+    if not joints[name].moves:
+        raise element.error("a joint that moves", f"fixed joint {name!r}")
+    return joints[name]
+
+
+def check_position(element: Element, joint: Joint, what: str) -> None:
+    """Refuse `what` on a continuous or fixed joint: its position has no unique value."""
+    if joint.kind not in ("revolute", "prismatic"):
+        raise element.error(
+            f"{what} on a revolute or prismatic joint", f"{joint.kind} joint {joint.name!r}"
+        )
+
+
+def read_actuator(
+    element: Element, tendons: Mapping[str, Tendon], joints: Mapping[str, Joint]
+) -> Actuator:
+    """Read a motor or a winch.
+
+    Raises
+    ------
+    UrdfError
+        For every misuse. A winch must only pull, and so must an input on a slack tendon.
+    """
+    element.allow(*MOTOR, *WINCH)
+    tendon = tendons[element.one_of("tendon", tendons, A_TENDON)]
+    gear, lower, upper = (
+        element.number("gear", 1.0),
+        element.number("lower"),
+        element.number("upper"),
+    )
+    if lower > upper:
+        raise element.error("lower <= upper", f"lower={lower} upper={upper}")
+    actuator = Actuator(
+        element.text("name"), tendon.name, gear, lower, upper,
+        CommandKind(element.choice("command", COMMANDS, CommandKind.FORCE.value)),
+        lag=element.non_negative("lag"),
+        rate=element.number("rate", math.inf),
+        delay=element.non_negative("delay"),
+    )  # fmt: skip
+    if actuator.rate <= 0:
+        raise element.error("rate > 0", actuator.rate)
+    if actuator.pushes and (tendon.slack or actuator.is_winch):
+        reason = "a winch" if actuator.is_winch else f"an input on slack tendon {tendon.name!r}"
+        got = f"gear={gear} lower={lower} upper={upper}"
+        raise element.error(f"gear * u <= 0 from lower to upper, as {reason} only pulls", got)
+    if actuator.is_winch:
+        return _winch(element, actuator, tendon, joints)
+    for name in WINCH:
+        if element.node.get(name) is not None:
+            expected = f'command="length" or "velocity" beside {name}'
+            raise element.error(expected, f'command="{actuator.command.value}"')
+    return actuator
+
+
+def _winch(
+    element: Element, actuator: Actuator, tendon: Tendon, joints: Mapping[str, Joint]
+) -> Actuator:
+    """The actuator with its cable's spring and bounds of the free length."""
+    winch = replace(
+        actuator,
+        stiffness=element.number("stiffness"),
+        damping=element.non_negative("damping"),
+        length_lower=element.number("length_lower", -math.inf),
+        length_upper=element.number("length_upper", math.inf),
+    )
+    if winch.stiffness <= 0:
+        raise element.error("stiffness > 0 of a winch's cable", winch.stiffness)
+    if winch.gear == 0:
+        raise element.error("a gear other than 0 of a winch", winch.gear)
+    if winch.length_lower > winch.length_upper:
+        got = f"length_lower={winch.length_lower} length_upper={winch.length_upper}"
+        raise element.error("length_lower <= length_upper", got)
+    for name in ("length_lower", "length_upper"):
+        if tendon.sites and math.isfinite(bound := getattr(winch, name)) and bound < 0:
+            raise element.error(f"{name} >= 0, the length of a path", bound)
+    for term in tendon.terms:
+        check_position(element, joints[term.joint], "a winch")
+    return winch
+
+
+def read_sensor(
+    element: Element,
+    links: Mapping[str, Link],
+    joints: Mapping[str, Joint],
+    tendons: Mapping[str, Tendon],
+    driven: Collection[str],
+) -> Sensor:
+    """Read a sensor; `driven` are the tendons that an actuator pulls.
+
+    Raises
+    ------
+    UrdfError
+        For every misuse.
+    """
+    kind = SensorKind(element.choice("type", SENSORS))
+    place = PLACES[kind]
+    element.allow("name", "type", *place, *ERRORS)
+    tendon = link = joint = ""
+    if "tendon" in place:
+        tendon = element.one_of("tendon", tendons, A_TENDON)
+        _check_tendon(element, kind, tendons[tendon], joints, driven)
+    elif "joint" in place:
+        found = moving_joint(element, joints, "joint")
+        check_position(element, found, "a sensor")
+        joint = found.name
+    else:
+        link = element.one_of("link", links, A_LINK)
+    noise, bias, resolution = (
+        element.components(name, kind.size) for name in ("noise", "bias", "resolution")
+    )
+    for name, values in (("noise", noise), ("resolution", resolution)):
+        if min(values) < 0:
+            raise element.error(f"{name} >= 0", min(values))
+    return Sensor(
+        element.text("name"), kind, tendon, link, joint,
+        element.vector("xyz", ZERO), element.vector("rpy", ZERO),
+        noise=noise, bias=bias, resolution=resolution,
+        rate=element.non_negative("rate"), latency=element.non_negative("latency"),
+    )  # fmt: skip
+
+
+def _check_tendon(
+    element: Element,
+    kind: SensorKind,
+    tendon: Tendon,
+    joints: Mapping[str, Joint],
+    driven: Collection[str],
+) -> None:
+    """Refuse the length of a path over continuous joints, and a tension that is always zero."""
+    if kind is SensorKind.LENGTH:
+        for term in tendon.terms:
+            check_position(element, joints[term.joint], "a length sensor")
+    elif tendon.name not in driven and not (tendon.stiffness or tendon.damping):
+        expected = "a tendon with an actuator, a spring or a damper"
+        raise element.error(expected, f"{tendon.name!r} without")
