@@ -138,7 +138,7 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         element.flag("slack"),
     )
     if tendon.slack and tendon.stiffness == 0:
-        raise element.error("stiffness > 0 of a slack tendon", "none")
+        raise element.error("stiffness > 0 of a slack tendon", tendon.stiffness)
     if tendon.stiffness > 0:
         for term in tendon.terms:
             check_position(element, joints[term.joint], SPRING)

@@ -378,10 +378,10 @@ BLOCK = [
     Misuse("version 1.0", ('<softdyn version="1">', '<softdyn version="1.0">'), "<softdyn>",
            'version="1"', "'1.0'", row=False),
     Misuse("unknown element in the block", inside('<spring name="bend"/>'),
-           '<softdyn><spring name="bend">', "<joint> or <tendon> or <actuator> or <task>",
-           "<spring>"),
+           '<softdyn><spring name="bend">',
+           "<joint> or <tendon> or <actuator> or <sensor> or <task>", "<spring>"),
     Misuse("foreign element in the block", inside('<x:a xmlns:x="u"/>'), "<softdyn><{u}a>",
-           "<joint> or <tendon> or <actuator> or <task>", "<{u}a>", row=False),
+           "<joint> or <tendon> or <actuator> or <sensor> or <task>", "<{u}a>", row=False),
     Misuse("unknown element in a tendon", (COEF, f"{COEF}<pulley/>"),
            f"<softdyn>{FLEXOR}<pulley>", "<joint> or <site>", "<pulley>", row=False),
     Misuse("unknown element in an actuator", (
@@ -485,6 +485,117 @@ INPUTS = [
     Misuse("second task", inside('<task frame="pad"/>'), "<softdyn><task>", "one <task>",
            "2 of them"),
 ]  # fmt: skip
+SLACK = ('<tendon name="flexor" ', '<tendon name="flexor" slack="true" ')
+FREE_LENGTH = 'command="length" stiffness="900"'
+
+
+def u2(words: str, bounds: str = 'gear="-1" lower="0" upper="5"') -> tuple[str, str]:
+    """Give the input of the cable more words, or other bounds."""
+    return 'gear="-1" lower="0" upper="5"', f"{bounds} {words}"
+
+
+def sensor(words: str) -> tuple[str, str]:
+    """Insert a sensor into the block."""
+    return inside(f'<sensor name="s" {words}/>')
+
+
+RIG = [
+    Misuse("slack that is neither true nor false", (SLACK[0], SLACK[1].replace("true", "1")),
+           f"<softdyn>{FLEXOR}", 'slack="true" or "false"', "'1'"),
+    Misuse("slack tendon without a spring", (CABLE, '<tendon name="cable" slack="true">'),
+           f"<softdyn>{CABLE}", "stiffness > 0 of a slack tendon", "0.0"),
+    Misuse("two-sided input on a slack tendon", SLACK, f"<softdyn>{U1}",
+           "gear * u <= 0 from lower to upper, as an input on slack tendon 'flexor' only pulls",
+           "gear=0.1 lower=-1.0 upper=1.0"),
+    Misuse("unknown command", u2('command="lenght"'), f"<softdyn>{U2}",
+           "command force, length or velocity", "'lenght'; did you mean 'length'?"),
+    Misuse("empty command", u2('command=""'), f"<softdyn>{U2}", 'attribute command="…"', "nothing",
+           row=False),
+    Misuse("winch without a stiffness", u2('command="length"'), f"<softdyn>{U2}",
+           'attribute stiffness="…"', "none"),
+    Misuse("winch with a rigid cable's 0", u2('command="velocity" stiffness="0"'),
+           f"<softdyn>{U2}", "stiffness > 0 of a winch's cable", "0.0"),
+    Misuse("negative damping of a winch", u2(f'{FREE_LENGTH} damping="-1"'), f"<softdyn>{U2}",
+           "damping >= 0", "-1.0"),
+    Misuse("two-sided winch", u2(FREE_LENGTH, 'gear="-1" lower="-1" upper="5"'), f"<softdyn>{U2}",
+           "gear * u <= 0 from lower to upper, as a winch only pulls",
+           "gear=-1.0 lower=-1.0 upper=5.0"),
+    Misuse("winch that pushes", u2(FREE_LENGTH, 'lower="0" upper="5"'), f"<softdyn>{U2}",
+           "gear * u <= 0 from lower to upper, as a winch only pulls",
+           "gear=1.0 lower=0.0 upper=5.0"),
+    Misuse("winch without a gear", u2(FREE_LENGTH, 'gear="0" lower="0" upper="5"'),
+           f"<softdyn>{U2}", "a gear other than 0 of a winch", "0.0"),
+    Misuse("winch's cable on a force", u2('stiffness="900"'), f"<softdyn>{U2}",
+           'command="length" or "velocity" beside stiffness', 'command="force"'),
+    Misuse("free length's bound on a force", u2('command="force" length_upper="1"'),
+           f"<softdyn>{U2}", 'command="length" or "velocity" beside length_upper',
+           'command="force"'),
+    Misuse("bounds of the free length, lower > upper", u2(
+           f'{FREE_LENGTH} length_lower="0.2" length_upper="0.1"'), f"<softdyn>{U2}",
+           "length_lower <= length_upper", "length_lower=0.2 length_upper=0.1"),
+    Misuse("negative free length of a path", u2(f'{FREE_LENGTH} length_lower="-0.1"'),
+           f"<softdyn>{U2}", "length_lower >= 0, the length of a path", "-0.1"),
+    Misuse("winch over a continuous joint", inside(
+           f'<actuator name="u3" tendon="drive" {u2(FREE_LENGTH)[1]}/>'),
+           '<softdyn><actuator name="u3">', "a winch on a revolute or prismatic joint",
+           "continuous joint 'spin'"),
+    Misuse("negative lag", u2('lag="-0.02"'), f"<softdyn>{U2}", "lag >= 0", "-0.02"),
+    Misuse("negative delay", u2('delay="-0.02"'), f"<softdyn>{U2}", "delay >= 0", "-0.02"),
+    Misuse("rate of zero", u2('rate="0"'), f"<softdyn>{U2}", "rate > 0", "0.0"),
+    Misuse("rate that is not finite", u2('rate="inf"'), f"<softdyn>{U2}",
+           "a finite number as rate", "'inf'", row=False),
+]  # fmt: skip
+SENSOR = '<softdyn><sensor name="s">'
+SENSORS = [
+    Misuse("sensor without a name", inside('<sensor type="joint" joint="bend"/>'),
+           "<softdyn><sensor>", 'attribute name="…"', "none", row=False),
+    Misuse("duplicate sensor", inside(
+           2 * '<sensor name="s" type="joint" joint="bend"/>\n'), SENSOR,
+           "a unique sensor name", "a second 's'"),
+    Misuse("sensor without a type", sensor('joint="bend"'), SENSOR, 'attribute type="…"', "none"),
+    Misuse("unknown type", sensor('type="angle" joint="bend"'), SENSOR,
+           "type length, tension, position, pose, gyro, accelerometer or joint", "'angle'"),
+    Misuse("sensor without its member", sensor('type="length"'), SENSOR, 'attribute tendon="…"',
+           "none"),
+    Misuse("another type's member", sensor('type="length" tendon="cable" link="pad"'), SENSOR,
+           "no attribute but name, type, tendon, noise, bias, rate, latency, resolution", "link"),
+    Misuse("frame of a point", sensor('type="position" link="pad" rpy="0 0 1"'), SENSOR,
+           "no attribute but name, type, link, xyz, noise, bias, rate, latency, resolution",
+           "rpy"),
+    Misuse("sensor on an unknown tendon", sensor('type="tension" tendon="cabel"'), SENSOR,
+           "the name of a tendon", "'cabel'; did you mean 'cable'?"),
+    Misuse("sensor on an unknown link", sensor('type="gyro" link="tip"'), SENSOR,
+           "the name of a link", "'tip'"),
+    Misuse("sensor on an unknown joint", sensor('type="joint" joint="thumb"'), SENSOR,
+           "the name of a joint", "'thumb'"),
+    Misuse("sensor on a fixed joint", sensor('type="joint" joint="glue"'), SENSOR,
+           "a joint that moves", "fixed joint 'glue'"),
+    Misuse("sensor on a continuous joint", sensor('type="joint" joint="spin"'), SENSOR,
+           "a sensor on a revolute or prismatic joint", "continuous joint 'spin'"),
+    Misuse("length over a continuous joint", sensor('type="length" tendon="drive"'), SENSOR,
+           "a length sensor on a revolute or prismatic joint", "continuous joint 'spin'"),
+    Misuse("tension that is always zero", sensor('type="tension" tendon="drive"'), SENSOR,
+           "a tendon with an actuator, a spring or a damper", "'drive' without"),
+    Misuse("place of a sensor", sensor('type="pose" link="pad" xyz="0 0"'), SENSOR,
+           "three numbers as xyz", "'0 0'"),
+    Misuse("noise of another size", sensor('type="position" link="pad" noise="0.1 0.1"'), SENSOR,
+           "one number or 3 as noise", "'0.1 0.1'"),
+    Misuse("two biases of one number", sensor('type="joint" joint="bend" bias="0.1 0.1"'), SENSOR,
+           "one number as bias", "'0.1 0.1'"),
+    Misuse("negative noise", sensor('type="gyro" link="pad" noise="0 -1 0"'), SENSOR, "noise >= 0",
+           "-1.0"),
+    Misuse("negative resolution", sensor('type="joint" joint="bend" resolution="-1"'), SENSOR,
+           "resolution >= 0", "-1.0"),
+    Misuse("negative readings per second", sensor('type="joint" joint="bend" rate="-1"'), SENSOR,
+           "rate >= 0", "-1.0"),
+    Misuse("negative latency", sensor('type="joint" joint="bend" latency="-1"'), SENSOR,
+           "latency >= 0", "-1.0"),
+    Misuse("noise that is not a number", sensor('type="joint" joint="bend" noise="low"'), SENSOR,
+           "a finite number as noise", "'low'", row=False),
+    Misuse("unknown element in a sensor", inside(
+           '<sensor name="s" type="joint" joint="bend"><noise/></sensor>'), f"{SENSOR}<noise>",
+           "no element inside", "<noise>", row=False),
+]  # fmt: skip
 STRAYS = [
     Misuse("misspelt element", ('<dynamics damping="0.02"', '<dynamic damping="0.02"'),
            '<joint name="bend"><dynamic>', "<dynamics>", "<dynamic> (misspelt?)"),
@@ -517,6 +628,8 @@ GROUPS = {
     "The block": BLOCK,
     "Tendons": TENDONS,
     "Actuators and task": INPUTS,
+    "Slack tendons, motors and winches": RIG,
+    "Sensors": SENSORS,
 }
 START = "<!-- misuses: written by tests/support/misuses.py -->"
 END = "<!-- end of misuses -->"
