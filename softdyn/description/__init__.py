@@ -8,7 +8,7 @@
   with armatures, tendons, actuators and the task frame, overlays;
 - `unknown_names`: misspelt and misplaced elements;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
-- `rig`: motors, winches and sensors;
+- `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;
 - `inertia`: poses; moves and adds inertias, checks that one is physical, finds the nearest
   physical one;
 - `visuals`, `meshes`: the shapes that a robot shows, and its mesh files.

@@ -7,7 +7,8 @@
     text = design.urdf(arm)                      # annotated URDF
     made = design.read(tomllib.load(file))       # the same from a table, as `softdyn new` does
 
-- `rods`: material, sections, cables, plates, mount, as frozen data;
+- `cables`: cables, their motors and sensors, as frozen data;
+- `rods`: material, sections, plates, mount, as frozen data;
 - `quadrature`: places of the joints in a section;
 - `layout`: bodies and springs of the straight arm, its mass matrix and frequencies;
 - `plausible`: refuses numbers that no soft arm has;

@@ -1,14 +1,15 @@
 from .arm_file import urdf
+from .cables import ArmSensor, Cable, CableMotor
 from .finger import Finger, FingerTendon
 from .layout import FREEDOMS, Layout, lay_out
 from .log_spiral import LogSpiral
 from .quadrature import gauss_legendre, midpoint
-from .rods import Arm, Cable, Damping, Material, Mount, Payload, Plate, Section
+from .rods import Arm, Damping, Material, Mount, Payload, Plate, Section
 from .source import Design, arm_of, design, read
 from .strains import strain_basis
 
 __all__ = [
-    "FREEDOMS", "Arm", "Cable", "Damping", "Design", "Finger", "FingerTendon", "Layout",
-    "LogSpiral", "Material", "Mount", "Payload", "Plate", "Section", "arm_of", "design",
-    "gauss_legendre", "lay_out", "midpoint", "read", "strain_basis", "urdf",
+    "FREEDOMS", "Arm", "ArmSensor", "Cable", "CableMotor", "Damping", "Design", "Finger",
+    "FingerTendon", "Layout", "LogSpiral", "Material", "Mount", "Payload", "Plate", "Section",
+    "arm_of", "design", "gauss_legendre", "lay_out", "midpoint", "read", "strain_basis", "urdf",
 ]  # fmt: skip

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from softdyn.description.rig import Sensor
 from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
 from softdyn.description.urdf_writer import write
+from softdyn.design.cables import ArmSensor, Cable, along
 from softdyn.design.chain import (
     GENERATED,
     X_TO_Z,
@@ -24,7 +28,7 @@ from softdyn.design.chain import (
 )  # fmt: skip
 from softdyn.design.layout import Layout, Spring, lay_out
 from softdyn.design.plausible import check
-from softdyn.design.rods import Arm, Cable, Section, along
+from softdyn.design.rods import Arm, Section
 
 SHADES = ((0.16, 0.46, 0.52), (0.80, 0.50, 0.26), (0.50, 0.44, 0.66), (0.42, 0.58, 0.34))
 """Colours of the sections in turn; every second link is a little lighter."""
@@ -61,9 +65,12 @@ def urdf(arm: Arm) -> str:
         chain.add(f"segment_{k}", body, _looks(layout, k), joints, place, angles)
         last = float(x)
     tip = (arm.length - last + arm.tip[0], *map(float, arm.tip[1:]))
+    words = {name: motor.words for motor in arm.motors for name in motor.cables}
     for cable in arm.cables:
-        chain.pull(_tendon(layout, cable), Input(GEAR, (0, cable.max_tension)))
-    return write(chain.finish(tip))
+        bounds = Input(GEAR, (0, cable.max_tension))
+        chain.pull(_tendon(layout, cable), bounds, **words.get(cable.name, {}))
+    sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
+    return write(chain.finish(tip, sensors=sensors))
 
 
 def comment(layout: Layout) -> str:
@@ -96,6 +103,9 @@ def _joint(spring: Spring) -> Joint:
 
 
 def _tendon(layout: Layout, cable: Cable) -> Tendon:
+    spring: dict[str, Any] = {
+        name: getattr(cable, name) for name in ("stiffness", "damping", "rest", "slack")
+    }
     if not cable.straight:
         arms = layout.coefficients(cable)
         least = SMALL * np.abs(arms).max()
@@ -104,7 +114,7 @@ def _tendon(layout: Layout, cable: Cable) -> Tendon:
             for spring, arm in zip(layout.all_springs, arms, strict=True)
             if abs(arm) > least
         ]
-        return Tendon(cable.name, terms=tuple(terms))
+        return Tendon(cable.name, terms=tuple(terms), **spring)
     start, end = layout.arm.way(cable)
     places = [start, *disc_places(layout.arm, cable)]
     sites = []
@@ -113,7 +123,22 @@ def _tendon(layout: Layout, cable: Cable) -> Tendon:
         point = cable.place((x - start) / (end - start))
         point[0] = x - layout.stations[k]
         sites.append(site(f"segment_{k}", point))
-    return Tendon(cable.name, sites=tuple(sites))
+    return Tendon(cable.name, sites=tuple(sites), **spring)
+
+
+def _sensors(layout: Layout, sensor: ArmSensor) -> Iterator[Sensor]:
+    """The sensors of a group, each on its cable, link or joint."""
+    reading = sensor.reading
+    names = iter(sensor.names)
+    for cable in sensor.cables:
+        yield replace(reading, name=next(names), tendon=cable)
+    for point in sensor.points:
+        k = layout.body_at(point)
+        x, y, z = reading.xyz
+        xyz = vector((point - layout.stations[k] + x, y, z))
+        yield replace(reading, name=next(names), link=f"segment_{k}", xyz=xyz)
+    if reading.joint:
+        yield reading
 
 
 def disc_places(arm: Arm, cable: Cable) -> list[float]:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.design.cables import ArmSensor, Cable, CableMotor
 from softdyn.design.layout import FREEDOMS
 from softdyn.design.quadrature import RULES
 from softdyn.design.rods import (
     Arm,
-    Cable,
     Damping,
     Material,
     Mount,
     Payload,
     Plate,
     Section,
+    starts,
 )  # fmt: skip
 from softdyn.design.units import TomlTable
 from softdyn.exceptions import InputError, errors_in
@@ -43,12 +46,20 @@ def read_arm(table: TomlTable) -> Arm:
     names = [section.name for section in sections]
     if len(set(names)) < len(names):
         raise InputError(table.where, "a unique name of each [[section]]", ", ".join(names))
+    groups: dict[str, tuple[str, ...]] = {}
     cables: list[Cable] = []
     for k, item in enumerate(table.tables("cable"), 1):
-        cables += _cables(item, k, names)
+        found = _cables(item, k, names)
+        groups[item.text("name", f"cable_{k}")] = tuple(cable.name for cable in found)
+        cables += found
     labels = [cable.name for cable in cables]
     if len(set(labels)) < len(labels):
         raise InputError(table.where, "a unique name of each cable", ", ".join(labels))
+    groups = {cable: (cable,) for cable in labels} | groups
+    motors = tuple(_motor(item, groups) for item in table.tables("motor"))
+    sensors = tuple(
+        _sensor(item, k, groups, sections) for k, item in enumerate(table.tables("sensor"), 1)
+    )
     with errors_in(table.where):
         return Arm(
             sections=sections,
@@ -60,6 +71,8 @@ def read_arm(table: TomlTable) -> Arm:
             rule=table.choice("joints", RULES, "gauss"),
             unusual=table.flag("unusual"),
             name=read_name(table),
+            motors=motors,
+            sensors=sensors,
         )
 
 
@@ -183,6 +196,10 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
         "start": table.choice("from", places, sections[0]),
         "end": table.choice("to", places, sections[-1]),
         "turns": table.quantity("turns", "none", 0.0),
+        "stiffness": table.quantity("stiffness", "cable stiffness", 0.0),
+        "damping": table.quantity("damping", "cable damping", 0.0),
+        "rest": table.quantity("rest", "length", None),
+        "slack": table.flag("slack"),
     }
     with errors_in(table.where):
         found = [
@@ -195,3 +212,119 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
         ]
     table.finish()
     return found
+
+
+# --- the rig ------------------------------------------------------------------------------------
+
+COMMANDS = {kind.value: kind for kind in CommandKind}
+RATES = {
+    CommandKind.FORCE: "force rate",
+    CommandKind.LENGTH: "speed",
+    CommandKind.VELOCITY: "acceleration",
+}
+SENSORS = {kind.value: kind for kind in SensorKind}
+ERRORS: dict[SensorKind, tuple[str, ...]] = {
+    SensorKind.LENGTH: ("length",),
+    SensorKind.TENSION: ("force",),
+    SensorKind.POSITION: ("length",),
+    SensorKind.POSE: ("length", "angle"),
+    SensorKind.GYRO: ("angular speed",),
+    SensorKind.ACCELEROMETER: ("acceleration",),
+}
+"""Units of a sensor's errors; a joint's depend on its freedom."""
+
+
+def _motor(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> CableMotor:
+    command = table.choice("command", COMMANDS, CommandKind.FORCE.value)
+    with errors_in(table.where):
+        motor = CableMotor(
+            _named_cables(table, groups),
+            command,
+            table.quantity("stiffness", "cable stiffness", 0.0),
+            table.quantity("damping", "cable damping", 0.0),
+            table.quantity("length_lower", "length", -math.inf),
+            table.quantity("length_upper", "length", math.inf),
+            table.quantity("lag", "time", 0.0),
+            table.quantity("rate", RATES[command], math.inf),
+            table.quantity("delay", "time", 0.0),
+        )
+    table.finish()
+    return motor
+
+
+def _named_cables(table: TomlTable, groups: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """The cables of the key ``cables``, by their names or their tables'; all by default."""
+    every = {cable: cable for cables in groups.values() for cable in cables}
+    words = table.words("cables", {name: name for name in groups}, list(every))
+    return tuple(dict.fromkeys(cable for word in words for cable in groups[word]))
+
+
+def _sensor(
+    table: TomlTable,
+    k: int,
+    groups: Mapping[str, tuple[str, ...]],
+    sections: Sequence[Section],
+) -> ArmSensor:
+    kind = table.choice("type", SENSORS)
+    cables: tuple[str, ...] = ()
+    points: tuple[float, ...] = ()
+    joint, units = "", ERRORS.get(kind, ())
+    frame: dict[str, Any] = {}
+    if kind in (SensorKind.LENGTH, SensorKind.TENSION):
+        cables = _named_cables(table, groups)
+    elif kind is SensorKind.JOINT:
+        joint = table.text("joint")
+        freedom = FREEDOMS.get(joint.rpartition("_")[0])
+        if freedom is None:
+            raise table.error("joint", "a freedom and a number, such as bend_y_1", repr(joint))
+        units = ("angle" if freedom.turns else "length",)
+    else:
+        points = _points(table, sections)
+        frame["xyz"] = table.vector("offset", "length", (0.0, 0.0, 0.0))
+        if kind is not SensorKind.POSITION:
+            frame["rpy"] = table.vector("rpy", "angle", (0.0, 0.0, 0.0))
+    errors: dict[str, Any] = {
+        name: _components(table, name, units, kind.size) for name in ("noise", "bias", "resolution")
+    }
+    with errors_in(table.where):
+        reading = Sensor(
+            table.text("name", f"{kind.value}_{k}"), kind, joint=joint, **frame, **errors,
+            rate=table.quantity("rate", "frequency", 0.0),
+            latency=table.quantity("latency", "time", 0.0),
+        )  # fmt: skip
+        sensor = ArmSensor(reading, cables, points)
+    table.finish()
+    return sensor
+
+
+def _points(table: TomlTable, sections: Sequence[Section]) -> tuple[float, ...]:
+    """Places along the arm (m): those of ``s``, or that of disc number ``disc``."""
+    places = [
+        start + section.length * (j + 1) / section.discs
+        for start, section in zip(starts(sections), sections, strict=False)
+        for j in range(section.discs)
+    ]
+    along = table.profile("s", "length", None)
+    disc = table.count("disc", None)
+    if (along is None) == (disc is None):
+        raise InputError(table.where, "s_mm or disc", "none" if disc is None else "both")
+    if disc is None:
+        return along if isinstance(along, tuple) else (along,)
+    if disc > len(places):
+        raise table.error("disc", f"one of the arm's {len(places)} discs", disc)
+    return (float(places[disc - 1]),)
+
+
+def _components(table: TomlTable, name: str, units: Sequence[str], size: int) -> tuple[float, ...]:
+    """An error of a sensor: one number, or one per component; a pose has two units."""
+    parts = []
+    for unit in units:
+        value = table.profile(name, unit, 0.0)
+        part = value if isinstance(value, tuple) else (value,)
+        if len(part) not in (1, share := size // len(units)):
+            expected = "one number" if share == 1 else f"one number or {share}"
+            raise table.error(name, f"{expected} [{unit}]", list(part))
+        parts.append(part)
+    if len(parts) == 1 or not any(map(any, parts)):
+        return parts[0]
+    return tuple(number for part in parts for number in (part if len(part) == 3 else 3 * part))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from softdyn.description.inertia import Inertia
+from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import (
     ZERO,
-    Actuator,
     Joint,
     Link,
     Origin,
@@ -93,18 +94,21 @@ class Chain:
             self._joints.append(replace(joint, origin=place))
             place, self.last = Origin(), target
 
-    def pull(self, tendon: Tendon, given: Input) -> None:
-        """Add a tendon and the input that acts on it."""
+    def pull(self, tendon: Tendon, given: Input, **words: Any) -> None:
+        """Add a tendon and the input that acts on it; `words` are more fields of the actuator."""
         self._tendons.append(tendon)
         name = f"{given.letter}{len(self._tendons)}" if given.letter else tendon.name
-        self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds))
+        self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds, **words))
 
-    def finish(self, xyz: Sequence[float], angles: Sequence[float] = ZERO) -> Robot:
+    def finish(
+        self, xyz: Sequence[float], angles: Sequence[float] = ZERO, sensors: Sequence[Sensor] = ()
+    ) -> Robot:
         """Return the robot; its tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
         return Robot(
             self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),
-            tuple(self._actuators), "tip", self._materials, comment=self.comment,
+            tuple(self._actuators), "tip", self._materials, sensors=tuple(sensors),
+            comment=self.comment,
         )  # fmt: skip
 
 

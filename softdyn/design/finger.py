@@ -9,6 +9,7 @@ from softdyn.checks import flag, instance, instances, number
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon, Vector
 from softdyn.description.urdf_writer import write
+from softdyn.design.cables import Profile, along, check_name, check_profile
 from softdyn.design.chain import (
     GENERATED,
     X_TO_Z,
@@ -19,7 +20,7 @@ from softdyn.design.chain import (
     mesh,
     visual,
 )  # fmt: skip
-from softdyn.design.rods import Mount, Profile, along, check_name, check_profile
+from softdyn.design.rods import Mount
 from softdyn.exceptions import InputError
 
 COLORS = {"dark": (0.18, 0.2, 0.24), "bone": (0.78, 0.75, 0.69)}

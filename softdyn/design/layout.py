@@ -16,7 +16,8 @@ import numpy as np
 
 from softdyn.checks import did_you_mean, instance, number
 from softdyn.description.inertia import Inertia
-from softdyn.design.rods import Arm, Cable, Plate, Section
+from softdyn.design.cables import Cable
+from softdyn.design.rods import Arm, Plate, Section
 from softdyn.exceptions import InputError
 
 SLICE = np.polynomial.legendre.leggauss(12)  # for integrals over the cross-section's profile

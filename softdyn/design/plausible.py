@@ -10,9 +10,10 @@ import math
 
 import numpy as np
 
-from softdyn.checks import number
+from softdyn.checks import did_you_mean, number
+from softdyn.design.cables import Cable, along
 from softdyn.design.layout import Layout
-from softdyn.design.rods import Arm, Cable, Section, along
+from softdyn.design.rods import Arm, Section
 from softdyn.exceptions import InputError
 
 MODULUS = 5e3, 1e12
@@ -34,7 +35,7 @@ HINT = "or set unusual = true if it is meant"
 
 
 def check(layout: Layout) -> None:
-    """Refuse cables outside the body and, unless `arm.unusual`, numbers that no soft arm has.
+    """Refuse misplaced cables and sensors and, unless `arm.unusual`, numbers that no soft arm has.
 
     Raises
     ------
@@ -44,6 +45,12 @@ def check(layout: Layout) -> None:
     arm = layout.arm
     for cable in arm.cables:
         _check_place(arm, cable)
+    joints = {spring.name for spring in layout.all_springs}
+    for sensor in arm.sensors:
+        joint = sensor.reading.joint
+        if joint and joint not in joints:
+            where = f"sensor {sensor.reading.name!r}: joint"
+            raise InputError(where, "the name of a joint", did_you_mean(joint, joints))
     if arm.unusual:
         return
     for section in arm.sections:

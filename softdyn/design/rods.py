@@ -1,4 +1,4 @@
-"""The parts of an arm as frozen data: material, sections, cables, plates, payload, mount.
+"""The parts of an arm as frozen data: material, sections, plates, payload, mount.
 
 Units are SI and radians. The arm's axis is +x, from base to tip. Angles about it are right-handed:
 from +z towards -y.
@@ -7,28 +7,27 @@ from +z towards -y.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, flag, instance, instances, length, number, whole
+from softdyn.checks import array, did_you_mean, flag, instance, instances, length, number, whole
+from softdyn.design.cables import (
+    ArmSensor,
+    Cable,
+    CableMotor,
+    Profile,
+    along,
+    check_name,
+    check_profile,
+    positive,
+)
 from softdyn.design.quadrature import Rule, gauss_legendre
 from softdyn.exceptions import InputError
 
-Profile = float | Sequence[float] | Callable[[float], float]
-"""A constant; values at even places from end to end, linear in between; or f(s / length)."""
 MAX_SEGMENTS = 256  # the limit of a file's degrees of freedom
-
-
-def along(profile: Profile, at: float) -> float:
-    """The value of a profile at s / length = `at`."""
-    if callable(profile):
-        return float(profile(at))
-    values = np.atleast_1d(np.asarray(profile, float))
-    return float(np.interp(at, np.linspace(0, 1, len(values)), values))
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Material:
     density: float = 1070.0
 
     def __post_init__(self) -> None:
-        _positive(self, "youngs_modulus", "density")
+        positive(self, "youngs_modulus", "density")
         if not -1 < number("poissons_ratio", self.poissons_ratio) <= 0.5:
             raise InputError("poissons_ratio", "a number > -1 and <= 0.5", self.poissons_ratio)
 
@@ -90,7 +89,7 @@ class Plate:
     mass: float
 
     def __post_init__(self) -> None:
-        _positive(self, "radius", "thickness", "mass")
+        positive(self, "radius", "thickness", "mass")
 
 
 @dataclass(frozen=True)
@@ -142,9 +141,9 @@ class Section:
     def __post_init__(self) -> None:
         check_name(self.name)
         instance("material", self.material, Material, "a Material")
-        _positive(self, "length")
+        positive(self, "length")
         if self.mass is not None:
-            _positive(self, "mass")
+            positive(self, "mass")
         if not (isinstance(self.segments, int) and 0 < self.segments <= MAX_SEGMENTS):
             expected = f"a whole number from 1 to {MAX_SEGMENTS}"
             raise InputError("segments", expected, self.segments)
@@ -200,53 +199,6 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Cable:
-    """A cable that one input pulls, from the start of a section to the end of a section.
-
-    Attributes
-    ----------
-    angle : float
-        Its angle about the arm's axis (rad).
-    offset : Profile
-        Distance from the axis (m), from the cable's start to its end.
-    straight : bool
-        Whether it runs straight from disc to disc; else it lies in a channel along its whole
-        length. The same tension bends an arm more through straight cables.
-    max_tension : float
-        Largest tension (N).
-    start, end : int
-        Index of the first and the last section.
-    turns : float
-        Number of turns of a helical cable about the axis.
-    name : str
-    """
-
-    angle: float
-    offset: Profile
-    straight: bool
-    max_tension: float
-    start: int = 0
-    end: int = -1
-    turns: float = 0.0
-    name: str = "cable"
-
-    def __post_init__(self) -> None:
-        check_name(self.name)
-        _positive(self, "max_tension")
-        for name in ("angle", "turns"):
-            number(name, getattr(self, name))
-        for name in ("start", "end"):
-            instance(name, getattr(self, name), (int, np.integer), "a whole number")
-        flag("straight", self.straight)
-        check_profile("offset", self.offset, above=0.0)
-
-    def place(self, at: float) -> np.ndarray:
-        """Position (3,) in the cross-section (x = 0) at the share `at` of the cable's length."""
-        angle, r = self.angle + 2 * math.pi * self.turns * at, along(self.offset, at)
-        return np.array([0.0, -r * math.sin(angle), r * math.cos(angle)])
-
-
-@dataclass(frozen=True)
 class Payload:
     """A solid ball welded to the tip's end: mass (kg), radius and its centre beyond the end (m)."""
 
@@ -255,7 +207,7 @@ class Payload:
     ahead: float = 0.0
 
     def __post_init__(self) -> None:
-        _positive(self, "mass", "radius")
+        positive(self, "mass", "radius")
         number("ahead", self.ahead)
 
 
@@ -303,6 +255,9 @@ class Arm:
     unusual : bool
         Whether to accept numbers that no soft arm has.
     name : str
+    motors : tuple of CableMotor
+        No cable has two.
+    sensors : tuple of ArmSensor
     """
 
     sections: tuple[Section, ...]
@@ -314,6 +269,8 @@ class Arm:
     rule: Rule = gauss_legendre
     unusual: bool = False
     name: str = "arm"
+    motors: tuple[CableMotor, ...] = ()
+    sensors: tuple[ArmSensor, ...] = ()
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {
@@ -336,6 +293,28 @@ class Arm:
             if not (cable.end in range(-count, count) and 0 <= cable.start <= cable.end % count):
                 expected = f"a start and an end among the {count} sections, in this order"
                 raise InputError(f"cable {cable.name!r}", expected, (cable.start, cable.end))
+        self._check_rig()
+
+    def _check_rig(self) -> None:
+        """Refuse unknown cables, two motors of a cable, and sensors beyond the arm."""
+        instances("motors", self.motors, CableMotor, "a CableMotor")
+        instances("sensors", self.sensors, ArmSensor, "an ArmSensor")
+        known = {cable.name for cable in self.cables}
+        groups = [part.cables for part in self.motors] + [part.cables for part in self.sensors]
+        for name in (name for group in groups for name in group):
+            if name not in known:
+                raise InputError("cables", "the name of a cable", did_you_mean(name, known))
+        driven = [name for motor in self.motors for name in motor.cables]
+        if twice := sorted({name for name in driven if driven.count(name) > 1}):
+            raise InputError("motors", f"one motor of cable {twice[0]!r}", driven.count(twice[0]))
+        names = [name for sensor in self.sensors for name in sensor.names]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError("sensors", "a unique name of each sensor", ", ".join(twice))
+        for sensor in self.sensors:
+            for point in sensor.points:
+                if point > self.length:
+                    where = f"sensor {sensor.reading.name!r}"
+                    raise InputError(where, f"a place up to {self.length:g} m", f"{point:g} m")
 
     @property
     def length(self) -> float:
@@ -345,8 +324,7 @@ class Arm:
     @property
     def starts(self) -> np.ndarray:
         """The start of each section, and the end of the arm (sections + 1,) (m)."""
-        lengths = [s.length + (s.plate.thickness if s.plate else 0.0) for s in self.sections]
-        return np.concatenate([[0.0], np.cumsum(lengths)])
+        return starts(self.sections)
 
     def way(self, cable: Cable) -> tuple[float, float]:
         """Start and end of a cable along the arm (m)."""
@@ -354,35 +332,7 @@ class Arm:
         return self.starts[cable.start], self.starts[last] + self.sections[last].length
 
 
-def check_name(name: str) -> None:
-    """Refuse a name that a file could not hold.
-
-    Raises
-    ------
-    InputError
-        For anything but letters, digits and ``_ . -``.
-    """
-    if not (isinstance(name, str) and re.fullmatch(r"[\w.-]+", name)):
-        raise InputError("name", "letters, digits, _ . and -", repr(name))
-
-
-def check_profile(name: str, profile: Profile, **bounds: Any) -> np.ndarray:
-    """A profile at 33 even places, all of it within bounds.
-
-    Raises
-    ------
-    InputError
-        For anything that is no profile, and a value out of bounds.
-    """
-    if not callable(profile):
-        values = np.atleast_1d(np.asarray(profile, object))
-        if not values.size:
-            raise InputError(name, "a number, or numbers from end to end", repr(profile))
-        for value in values:
-            number(name, value, **bounds)
-    return np.array([number(name, along(profile, x), **bounds) for x in np.linspace(0, 1, 33)])
-
-
-def _positive(value: object, *names: str) -> None:
-    for name in names:
-        number(name, getattr(value, name), above=0.0)
+def starts(sections: Sequence[Section]) -> np.ndarray:
+    """The start of each section, and the end of the last one (sections + 1,) (m)."""
+    lengths = [s.length + (s.plate.thickness if s.plate else 0.0) for s in sections]
+    return np.concatenate([[0.0], np.cumsum(lengths)])

@@ -24,6 +24,13 @@ UNITS: dict[str, dict[str, float]] = {
     "stiffness": {"Nm_rad": 1.0, "Nmm_rad": 1e-3},
     "damping": {"Nms_rad": 1.0, "Nmms_rad": 1e-3},
     "inertia": {"kgm2": 1.0, "gmm2": 1e-9},
+    "cable stiffness": {"N_m": 1.0, "N_mm": 1e3},
+    "cable damping": {"Ns_m": 1.0, "Ns_mm": 1e3},
+    "speed": {"mm_s": 1e-3, "m_s": 1.0},
+    "acceleration": {"m_s2": 1.0, "mm_s2": 1e-3},
+    "angular speed": {"deg_s": math.pi / 180, "rad_s": 1.0},
+    "force rate": {"N_s": 1.0},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
     "none": {"": 1.0},
 }
 """SI value of each unit, by physical quantity; the commonest unit first."""

@@ -56,6 +56,13 @@ ONE = {  # number of units in one SI unit
     "stiffness": {"Nm_rad": 1, "Nmm_rad": 1000},
     "damping": {"Nms_rad": 1, "Nmms_rad": 1000},
     "inertia": {"kgm2": 1, "gmm2": 1e9},
+    "cable stiffness": {"N_m": 1, "N_mm": 1e-3},
+    "cable damping": {"Ns_m": 1, "Ns_mm": 1e-3},
+    "speed": {"m_s": 1, "mm_s": 1000},
+    "acceleration": {"m_s2": 1, "mm_s2": 1000},
+    "angular speed": {"rad_s": 1, "deg_s": 57.29577951308232},
+    "force rate": {"N_s": 1},
+    "frequency": {"Hz": 1, "kHz": 1e-3},
     "none": {"": 1},
 }
 

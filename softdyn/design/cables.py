@@ -1,0 +1,224 @@
+"""An arm's cables with their motors and sensors, and profiles along a rod, as frozen data."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import flag, instance, instances, number
+from softdyn.description.rig import CommandKind, Sensor
+from softdyn.exceptions import InputError
+
+Profile = float | Sequence[float] | Callable[[float], float]
+"""A constant; values at even places from end to end, linear in between; or f(s / length)."""
+
+
+def along(profile: Profile, at: float) -> float:
+    """The value of a profile at s / length = `at`."""
+    if callable(profile):
+        return float(profile(at))
+    values = np.atleast_1d(np.asarray(profile, float))
+    return float(np.interp(at, np.linspace(0, 1, len(values)), values))
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A cable that one input pulls, from the start of a section to the end of a section.
+
+    Attributes
+    ----------
+    angle : float
+        Its angle about the arm's axis (rad).
+    offset : Profile
+        Distance from the axis (m), from the cable's start to its end.
+    straight : bool
+        Whether it runs straight from disc to disc; else it lies in a channel along its whole
+        length. The same tension bends an arm more through straight cables.
+    max_tension : float
+        Largest tension (N).
+    start, end : int
+        Index of the first and the last section.
+    turns : float
+        Number of turns of a helical cable about the axis.
+    name : str
+    stiffness, damping : float
+        A spring (N/m) and a damper (N s/m) along the whole cable, beside its motor.
+    rest : float, optional
+        Length (m) at which the spring is unloaded; by default the length in the straight arm. The
+        length of a cable in a channel is 0 there.
+    slack : bool
+        Whether the spring and the damper only pull.
+    """
+
+    angle: float
+    offset: Profile
+    straight: bool
+    max_tension: float
+    start: int = 0
+    end: int = -1
+    turns: float = 0.0
+    name: str = "cable"
+    stiffness: float = 0.0
+    damping: float = 0.0
+    rest: float | None = None
+    slack: bool = False
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        positive(self, "max_tension")
+        for name in ("angle", "turns"):
+            number(name, getattr(self, name))
+        for name in ("start", "end"):
+            instance(name, getattr(self, name), (int, np.integer), "a whole number")
+        for name in ("stiffness", "damping"):
+            number(name, getattr(self, name), lower=0.0)
+        if self.rest is not None:
+            number("rest", self.rest, lower=0.0 if self.straight else -math.inf)
+        flag("straight", self.straight)
+        if flag("slack", self.slack) and self.stiffness == 0:
+            raise InputError("stiffness", "a number > 0 of a slack cable", self.stiffness)
+        check_profile("offset", self.offset, above=0.0)
+
+    def place(self, at: float) -> np.ndarray:
+        """Position (3,) in the cross-section (x = 0) at the share `at` of the cable's length."""
+        angle, r = self.angle + 2 * math.pi * self.turns * at, along(self.offset, at)
+        return np.array([0.0, -r * math.sin(angle), r * math.cos(angle)])
+
+
+@dataclass(frozen=True)
+class CableMotor:
+    """The motors or winches of some cables; a cable without one has a force that acts at once.
+
+    The numbers are those of `softdyn.description.rig.Actuator`.
+
+    Attributes
+    ----------
+    cables : tuple of str
+        Names of the cables.
+    command : CommandKind
+    stiffness, damping : float
+        Spring (N/m) and damper (N s/m) of a winch's cable.
+    length_lower, length_upper : float
+        Bounds of a winch's free length (m).
+    lag, delay : float
+        s.
+    rate : float
+        Unit of the command per second.
+    """
+
+    cables: tuple[str, ...]
+    command: CommandKind = CommandKind.FORCE
+    stiffness: float = 0.0
+    damping: float = 0.0
+    length_lower: float = -math.inf
+    length_upper: float = math.inf
+    lag: float = 0.0
+    rate: float = math.inf
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        instances("cables", self.cables, str, "the name of a cable")
+        instance("command", self.command, CommandKind, "a CommandKind")
+        for name in ("lag", "delay", "damping"):
+            number(name, getattr(self, name), lower=0.0)
+        number("rate", self.rate, above=0.0, finite=False)
+        if not self.length_lower <= self.length_upper:
+            bounds = f"{self.length_lower} and {self.length_upper}"
+            raise InputError("length_lower", "at most length_upper", bounds)
+        if self.command is not CommandKind.FORCE:
+            number("stiffness", self.stiffness, above=0.0)
+            return
+        for name in ("stiffness", "damping", "length_lower", "length_upper"):
+            if getattr(self, name) != getattr(CableMotor, name):
+                expected = 'a command "length" or "velocity" beside it'
+                raise InputError(name, expected, f'command "{self.command.value}"')
+
+    @property
+    def words(self) -> dict[str, Any]:
+        """The fields that an `Actuator` has too."""
+        return {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+
+
+@dataclass(frozen=True)
+class ArmSensor:
+    """Sensors of one kind: at points along the arm, on cables, or on a joint.
+
+    Attributes
+    ----------
+    reading : Sensor
+        The kind, the errors and, of a sensor on a joint, the joint. `xyz` and `rpy` place it in the
+        axes of the arm's piece at its point. The name is completed by a cable's name or by a
+        point's number, if there are several.
+    cables : tuple of str
+        Names of the cables.
+    points : tuple of float
+        Places along the straight arm, from the base (m).
+    """
+
+    reading: Sensor
+    cables: tuple[str, ...] = ()
+    points: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_name(instance("reading", self.reading, Sensor, "a Sensor").name)
+        instances("cables", self.cables, str, "the name of a cable")
+        for name, lower in (("noise", 0.0), ("bias", -math.inf), ("resolution", 0.0)):
+            for value in getattr(self.reading, name):
+                number(name, value, lower=lower)
+        for name in ("rate", "latency"):
+            number(name, getattr(self.reading, name), lower=0.0)
+        for point in self.points:
+            number("points", point, lower=0.0)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sensors' names: cables first, then points."""
+        parts = [*self.cables, *map(str, range(1, 1 + len(self.points)))]
+        name = self.reading.name
+        return tuple(f"{name}_{part}" for part in parts) if len(parts) > 1 else (name,)
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that a file could not hold.
+
+    Raises
+    ------
+    InputError
+        For anything but letters, digits and ``_ . -``.
+    """
+    if not (isinstance(name, str) and re.fullmatch(r"[\w.-]+", name)):
+        raise InputError("name", "letters, digits, _ . and -", repr(name))
+
+
+def check_profile(name: str, profile: Profile, **bounds: Any) -> np.ndarray:
+    """A profile at 33 even places, all of it within bounds.
+
+    Raises
+    ------
+    InputError
+        For anything that is no profile, and a value out of bounds.
+    """
+    if not callable(profile):
+        values = np.atleast_1d(np.asarray(profile, object))
+        if not values.size:
+            raise InputError(name, "a number, or numbers from end to end", repr(profile))
+        for value in values:
+            number(name, value, **bounds)
+    return np.array([number(name, along(profile, x), **bounds) for x in np.linspace(0, 1, 33)])
+
+
+def positive(value: object, *names: str) -> None:
+    """Refuse attributes of `value` that are not positive numbers.
+
+    Raises
+    ------
+    InputError
+        For the first one.
+    """
+    for name in names:
+        number(name, getattr(value, name), above=0.0)

@@ -1,0 +1,208 @@
+"""The rig of an arm in its table: motors, winches, slack cables and sensors."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softdyn import InputError, Robot, design
+from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.robot import poses
+from softdyn.description.urdf import parse_text
+from softdyn.description.urdf_writer import write
+
+ARM = """\
+[material]
+youngs_modulus_MPa = 0.25
+density_kg_m3 = 1070
+[[section]]
+name = "lower"
+length_mm = 100
+radius_mm = 14
+segments = 3
+discs = 2
+disc = {radius_mm = 16, thickness_mm = 2, mass_g = 1}
+plate = {radius_mm = 14, thickness_mm = 4, mass_g = 2}
+[[section]]
+name = "upper"
+length_mm = 80
+radius_mm = 12
+segments = 2
+freedoms = ["bend", "extension"]
+discs = 4
+[[cable]]
+name = "base"
+count = 3
+offset_mm = 10
+routing = "channel"
+to = "lower"
+max_tension_N = 20
+[[cable]]
+name = "long"
+offset_mm = 10
+routing = "discs"
+max_tension_N = 5
+stiffness_N_m = 200
+damping_Ns_m = 1
+slack = true
+"""
+RIG = """\
+[[motor]]
+cables = ["base"]
+command = "length"
+stiffness_N_mm = 2
+damping_Ns_m = 3
+length_lower_mm = -50
+length_upper_mm = 40
+lag_ms = 20
+rate_mm_s = 80
+delay_ms = 5
+[[motor]]
+cables = ["long"]
+lag_s = 0.01
+rate_N_s = 30
+[[sensor]]
+name = "encoder"
+type = "length"
+cables = ["base_2", "long"]
+noise_mm = 0.1
+resolution_mm = 0.05
+rate_Hz = 200
+[[sensor]]
+type = "tension"
+cables = ["long"]
+bias_N = 0.2
+[[sensor]]
+name = "imu"
+type = "gyro"
+s_mm = [60, 150]
+offset_mm = [0, 5, 0]
+rpy_deg = [90, 0, 0]
+noise_deg_s = [1, 2, 3]
+[[sensor]]
+name = "marker"
+type = "position"
+disc = 3
+latency_ms = 40
+[[sensor]]
+name = "camera"
+type = "pose"
+s_mm = 184
+noise_mm = 1
+noise_deg = [1, 1, 2]
+[[sensor]]
+name = "stretch"
+type = "joint"
+joint = "extension_5"
+noise_mm = 0.5
+"""
+
+
+def robot(text: str) -> Robot:
+    return parse_text(design.read(tomllib.loads(text)).text, path=Path("arm.urdf"))
+
+
+@pytest.fixture(scope="module")
+def rigged() -> Robot:
+    return robot(ARM + RIG)
+
+
+def test_a_motor_drives_the_cables_of_its_tables(rigged: Robot) -> None:
+    *base, long = rigged.actuators
+    for k, actuator in enumerate(base, 1):
+        assert actuator == Actuator(
+            f"base_{k}", f"base_{k}", -1.0, 0.0, 20.0, CommandKind.LENGTH, 2000.0, 3.0,
+            -0.05, 0.04, 0.02, 0.08, 0.005,
+        )  # fmt: skip
+    assert (long.command, long.lag, long.rate, long.delay) == (CommandKind.FORCE, 0.01, 30.0, 0.0)
+    cable = rigged.tendons[3]
+    assert (cable.stiffness, cable.damping, cable.rest, cable.slack) == (200.0, 1.0, None, True)
+    assert not any(tendon.slack for tendon in rigged.tendons[:3])
+
+
+def test_sensors_stand_where_their_table_places_them(rigged: Robot) -> None:
+    sensors = {sensor.name: sensor for sensor in rigged.sensors}
+    assert list(sensors) == [
+        "encoder_base_2", "encoder_long", "tension_2", "imu_1", "imu_2", "marker", "camera",
+        "stretch",
+    ]  # fmt: skip
+    assert sensors["encoder_long"] == Sensor(
+        "encoder_long", SensorKind.LENGTH, "long",
+        noise=(1e-4,), rate=200.0, resolution=(5e-5,),
+    )  # fmt: skip
+    assert sensors["tension_2"].bias == (0.2,)
+    assert sensors["stretch"] == Sensor(
+        "stretch", SensorKind.JOINT, joint="extension_5", noise=(5e-4,)
+    )
+    placed = poses(rigged)
+
+    def place(name: str) -> np.ndarray:
+        """In the axes of the mount: the arm hangs down, its x is -z of the world."""
+        rotation, translation = placed[sensors[name].link]
+        return placed["base"][0].T @ (rotation @ sensors[name].xyz + translation)
+
+    straight = {"imu_1": 0.06, "imu_2": 0.15, "marker": 0.124, "camera": 0.184}
+    for name, along in straight.items():
+        assert -place(name)[2] == pytest.approx(along, abs=1e-12), name
+    assert sensors["imu_1"].rpy == pytest.approx((math.pi / 2, 0, 0))
+    assert sensors["imu_1"].xyz[1] == 0.005
+    assert sensors["imu_2"].noise == pytest.approx(np.radians([1, 2, 3]))
+    assert sensors["camera"].noise == pytest.approx((1e-3, 1e-3, 1e-3, *np.radians([1, 1, 2])))
+    assert sensors["marker"].latency == 0.04
+
+
+def test_the_writer_writes_the_rig(rigged: Robot) -> None:
+    assert parse_text(write(rigged), path=rigged.path) == rigged
+
+
+def test_an_arm_without_a_rig_is_ideal() -> None:
+    ideal = robot(ARM.replace("slack = true\n", ""))
+    assert all(actuator.is_ideal for actuator in ideal.actuators)
+    assert ideal.sensors == ()
+    assert 'lag="' not in write(ideal)
+
+
+WRONG = {
+    "slack without a spring": ("stiffness_N_m = 200\n", "", "stiffness: .* of a slack cable"),
+    "negative spring": ("N_m = 200", "N_m = -200", "stiffness: expected a finite number >= 0"),
+    "unknown cable": ('["base"]', '["bace"]', r"\[\[motor\]\] 1: cables: expected base_1 or"),
+    "two motors of a cable": ('["long"]\nlag', '["base_1"]\nlag', "one motor of cable 'base_1'"),
+    "unknown command": ('"length"\nst', '"lenght"\nst', "command: expected force or length or"),
+    "winch without a spring": ("stiffness_N_mm = 2\n", "", "stiffness: expected .* > 0, got 0"),
+    "spring of a force": ("lag_s = 0.01", "stiffness_N_m = 1", 'stiffness: .*got command "force"'),
+    "bound of a force": ("lag_s = 0.01", "length_upper_m = 1", "length_upper: expected a command"),
+    "crossed bounds": ("= -50", "= 50", "length_lower: expected at most length_upper, got 0.05"),
+    "negative lag": ("lag_ms = 20", "lag_ms = -20", "lag: expected a finite number >= 0"),
+    "no rate": ("rate_mm_s = 80", "rate_mm_s = 0", "rate: expected a number > 0"),
+    "rate of another command": ("rate_mm_s", "rate_N_s", "rate_N_s: expected"),
+    "unknown type": ('"gyro"', '"imu"', r"\[\[sensor\]\] 3: type: expected length or tension"),
+    "unit of another type": ("bias_N =", "bias_mm =", "bias_mm: expected"),
+    "no place": ("disc = 3\n", "", r"\[\[sensor\]\] 4: expected s_mm or disc, got none"),
+    "two places": ("disc = 3", "disc = 3\ns_mm = 1", "expected s_mm or disc, got both"),
+    "no such disc": ("disc = 3", "disc = 7", "disc: expected one of the arm's 6 discs, got 7"),
+    "beyond the end": ("s_mm = 184", "s_mm = 185", "'camera': expected a place up to 0.184 m"),
+    "before the base": ("s_mm = 184", "s_mm = -1", "points: expected a finite number >= 0"),
+    "no such joint": ("extension_5", "extension_1", "'stretch': joint: expected the name of a"),
+    "no joint": ('"extension_5"', '"elbow"', "joint: expected a freedom and a number"),
+    "two numbers": ("[1, 2, 3]", "[1, 2]", r"noise: expected one number or 3 \[angular speed\]"),
+    "numbers for a scalar": ("noise_mm = 0.1", "noise_mm = [1, 2]", "noise: expected one number"),
+    "negative noise": ("noise_mm = 0.1", "noise_mm = -1", "noise: expected a finite number >= 0"),
+    "negative latency": ("latency_ms = 40", "latency_ms = -40", "latency: expected a finite"),
+    "negative rate": ("rate_Hz = 200", "rate_Hz = -1", "rate: expected a finite number >= 0"),
+    "a name no file holds": ('"encoder"', '"<>"', "name: expected letters, digits"),
+    "same names": ('"marker"', '"camera"', "a unique name of each sensor, got camera"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "message"), WRONG.values(), ids=WRONG)
+def test_misuse_is_one_line(old: str, new: str, message: str) -> None:
+    text = (ARM + RIG).replace(old, new, 1)
+    assert text != ARM + RIG
+    with pytest.raises(InputError, match=message) as caught:
+        design.read(tomllib.loads(text), "arm.toml")
+    assert str(caught.value).startswith("arm.toml: ")
+    assert "\n" not in str(caught.value)
