@@ -29,37 +29,40 @@ class CommandKind(Enum):
 class Actuator:
     """An input u in [lower, upper] that acts with force ``gear · u`` along a tendon.
 
-    With a ``LENGTH`` or ``VELOCITY`` command the actuator is a winch with the free length ℓ_cmd of
-    cable, and ℓ the tendon's length. Its tension is T = max(0, stiffness · (ℓ - ℓ_cmd) +
-    damping · ℓ̇), and u = -T / gear, clipped to [lower, upper]. A winch only pulls: gear · u ≤ 0 for
-    all u within the bounds. The cable's own stiffness acts in series with the motor; a tendon's
-    stiffness acts beside it.
+    The command ``length`` or ``velocity`` makes it a winch. The winch sets the free length ℓ_cmd of
+    its cable, or the rate of ℓ_cmd. With the tendon's length ℓ its tension is
+    T = max(0, stiffness · (ℓ - ℓ_cmd) + damping · ℓ̇), and u = -T / gear, clipped to [lower, upper].
+    A winch, and any input on a slack tendon, must only pull: gear · u ≤ 0 within the bounds. The
+    tendon's own spring acts beside the winch.
 
     A command passes first through the `delay`, then through the bound on its `rate`, then through
     the `lag`.
 
     Attributes
     ----------
-    name, tendon : str
-        The input, and the tendon that it pulls.
+    name : str
+        Unique. The order in the file is the order of u.
+    tendon : str
+        The tendon it acts on. Several actuators may share a tendon.
     gear : float
         Force along the tendon per unit of u.
     lower, upper : float
         Bounds of u, for every kind of command.
     command : CommandKind
-        The quantity that the motor's driver regulates.
+        The quantity that the motor regulates: u (a force), or a winch's free length ℓ_cmd, or the
+        rate of ℓ_cmd.
     stiffness : float
-        The winch cable's stiffness (N/m), positive for a winch, 0 for a force.
+        Stiffness of a winch's cable (N/m). Positive for a winch.
     damping : float
-        The winch cable's damping (N s/m), 0 for a force.
+        Damping of a winch's cable (N s/m).
     length_lower, length_upper : float
-        Bounds of a winch's free length ℓ_cmd (m).
+        Bounds of ℓ_cmd (m).
     lag : float
-        Time constant (s) of a first-order lag of the command.
+        Time constant of a first-order lag of the command (s).
     rate : float
-        The largest rate of change of the command, in its unit per second.
+        Largest rate of change of the command, in the command's unit per second.
     delay : float
-        Time (s) from a command to its effect.
+        Time from a command to its effect (s).
     """
 
     name: str
@@ -135,33 +138,33 @@ class SensorKind(Enum):
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor of a tendon, of a frame on a link, or of a joint.
+    """A sensor on a tendon, at a frame on a link, or on a joint.
 
-    A reading is the true value `latency` seconds ago, plus `bias`, plus white Gaussian noise,
-    rounded to a multiple of `resolution`. `noise`, `bias` and `resolution` are one number for all
-    components, or one number per component, in the unit of the kind.
+    A reading is the true value of `latency` seconds ago, plus `bias`, plus white Gaussian noise,
+    rounded to a multiple of `resolution`.
 
     Attributes
     ----------
     name : str
-        The sensor's name.
+        Unique among sensors. The order in the file is the order of the readings.
     kind : SensorKind
-        The measured quantity.
+        The measured quantity, see below.
     tendon, link, joint : str
-        The member that is measured; the other two are empty.
-    xyz, rpy : tuple of float
-        The sensor's frame in the link's: position (m), and roll, pitch and yaw (rad).
+        The part that it measures, one of the three.
+    xyz : tuple of float
+        Its position in the link's frame (m).
+    rpy : tuple of float
+        Its orientation in the link's frame: roll, pitch, yaw (rad).
     noise : tuple of float
-        Standard deviation of a reading.
+        Standard deviation of a reading. One number for all components, or one per component.
     bias : tuple of float
-        Constant error.
+        Constant error. One number or several, as in `noise`.
     rate : float
-        Readings per second (Hz). The last reading holds in between. 0 is a new reading in every
-        control period.
+        Readings per second (Hz), held in between. 0 reads anew in every control period.
     latency : float
-        Age of a reading (s) when it becomes available.
+        Age of a reading when it arrives (s).
     resolution : tuple of float
-        Step of the readings; 0 does not round.
+        Step between possible readings. 0 does not round. One number or several.
     """
 
     name: str

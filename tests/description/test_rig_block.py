@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from softdyn import Robot, parse
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
-from tests.support.misuses import ARM
+from tests.support import rig_tables
+from tests.support.misuses import ARM, FORMAT
 
 ROBOT = parse_text(ARM, path=Path("arm.urdf"))
 BLOCK = """\
@@ -171,3 +173,23 @@ def test_every_kind_of_sensor_is_read(kind: SensorKind) -> None:
     text = ARM.replace("<task", f'<sensor name="s" type="{kind.value}" {place}/><task')
     (sensor,) = parse_text(text, path=Path("arm.urdf")).sensors
     assert sensor.kind is kind
+
+
+# -- the page ----------------------------------------------------------------------------------
+
+
+def test_the_page_s_tables_are_the_docstrings() -> None:
+    assert rig_tables.documented() == rig_tables.tables(), "python -m tests.support.rig_tables"
+
+
+def test_the_page_s_example_fits_its_robot() -> None:
+    rod, rig, _ = (
+        text
+        for text in re.findall("```xml\n(.*?)```", FORMAT.read_text(), re.S)
+        if "<tendon" in text
+    )
+    block = rig.replace("…", re.findall("<site.*?/>\n", rod, re.S)[0] * 2)
+    text = re.sub("(<softdyn version.*?>).*(</softdyn>)", rf"\1{block}\2", rod, flags=re.S)
+    robot = parse_text(text, path=Path("rod.urdf"))
+    assert (len(robot.actuators), len(robot.sensors)) == (1, 3)
+    assert robot.tendons[0].slack

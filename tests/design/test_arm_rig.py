@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.robot import poses
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
+from tests.support import ROOT
 
 ARM = """\
 [material]
@@ -206,3 +208,10 @@ def test_misuse_is_one_line(old: str, new: str, message: str) -> None:
         design.read(tomllib.loads(text), "arm.toml")
     assert str(caught.value).startswith("arm.toml: ")
     assert "\n" not in str(caught.value)
+
+
+def test_the_example_of_the_page_is_read() -> None:
+    arm, rig = re.findall("```toml\n(.*?)```", (ROOT / "docs" / "design.md").read_text(), re.S)[:2]
+    found = robot(arm + rig)
+    assert {actuator.command for actuator in found.actuators} == {CommandKind.LENGTH}
+    assert [sensor.name for sensor in found.sensors][3:] == ["imu_1", "imu_2", "joint_3"]

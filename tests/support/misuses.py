@@ -513,7 +513,7 @@ RIG = [
            row=False),
     Misuse("winch without a stiffness", u2('command="length"'), f"<softdyn>{U2}",
            'attribute stiffness="…"', "none"),
-    Misuse("winch with a rigid cable's 0", u2('command="velocity" stiffness="0"'),
+    Misuse("winch without elasticity", u2('command="velocity" stiffness="0"'),
            f"<softdyn>{U2}", "stiffness > 0 of a winch's cable", "0.0"),
     Misuse("negative damping of a winch", u2(f'{FREE_LENGTH} damping="-1"'), f"<softdyn>{U2}",
            "damping >= 0", "-1.0"),
