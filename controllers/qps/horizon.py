@@ -37,6 +37,7 @@ class Horizon:
         # without elastic tendons K' is constant
         elastic = model.tendon_stiffness.any()
         self._constant = None if elastic else model.tangent_stiffness(model.q0)
+        self._slackens = bool(model.tendon_slack.any())
         n = model.nv
         self._M, self._h = np.empty((n, n)), np.empty(n)
         # kernels are compiled for read-only arrays, like a State's
@@ -54,7 +55,8 @@ class Horizon:
             return state.M, state.h
         stiffness = self._constant
         if stiffness is None:
-            stiffness = self._model.tangent_stiffness(state.q)
+            v = state.v if self._slackens else None
+            stiffness = self._model.tangent_stiffness(state.q, v)
         _over(state.M, state.h, state.D, state.v, stiffness, self._tau, self._M, self._h)
         return self._answer
 

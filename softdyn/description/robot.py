@@ -117,8 +117,7 @@ class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
 
     The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
-    length at q = 0 is used. With `slack` the force is zero if ℓ ≤ rest: the spring and the
-    damper act only while the spring is in tension, on the whole length.
+    length at q = 0 is used. With `slack` the tendon only pulls, and a negative force is zero.
     """
 
     name: str

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.checks import array
-from softdyn.dynamics.model import SoftModel, check_model
+from softdyn.dynamics.model import SoftModel, check_model, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
 from softdyn.dynamics.tree import tree_of
 
@@ -79,6 +79,7 @@ def joint_force_derivatives(
 
     With a_t = ∂ℓ_t/∂q, H_t = ∂²ℓ_t/∂q² and the force f_t = Σ gear u - k (ℓ - ℓ₀) - d ℓ̇ along
     tendon t, its part of τ is aₜᵀ f_t; hence ∂τ/∂q = Σ f_t H_t - k aₜ aₜᵀ - d aₜ (H_t q̇)ᵀ.
+    k = d = 0 for a slack tendon without tension.
 
     Parameters
     ----------
@@ -99,9 +100,10 @@ def joint_force_derivatives(
     state = model.state(q, v)
     u = array("u", u, (model.nu,))
     force = tendon_forces(model, u)
-    arms, gain, damping = state.moment_arms, model.tendon_stiffness, model.tendon_damping
+    arms, rates = state.moment_arms, state.moment_arms @ state.v
+    gain, damping = taut_gains(model, state.lengths, rates)
     force -= gain * (state.lengths - model.tendon_rest)
-    force -= damping * (arms @ state.v)
+    force -= damping * rates
     curvature, arm_rates = tendon_curvature(model, state.q, force, state.v)
     tree, S = underlying_tree(model)
     by_q = curvature - project(S, np.diag(tree.stiffness))

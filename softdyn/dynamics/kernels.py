@@ -53,8 +53,8 @@ class Constants(NamedTuple):
         Acceleration.
     joints : ndarray, (n, 4)
         Stiffness, rest, damping and armature.
-    tendons : ndarray, (tendons, 4)
-        Constant length, stiffness, rest and damping.
+    tendons : ndarray, (tendons, 5)
+        Constant length, stiffness, rest, damping, and 1 for a tendon that only pulls, else 0.
     coefficients : ndarray, (tendons, n)
         Moment arms of the fixed tendons.
     """
@@ -255,6 +255,12 @@ def _forces(bias_out, K, h, v, coordinates, bias, joints, tendons, lengths, arms
         h[k] = joints[k, 2] * v[k]
     for t in range(len(tendons)):
         stiffness, damping = tendons[t, 1], tendons[t, 3]
+        if tendons[t, 4] != 0:
+            force = 0.0
+            for k in range(n):
+                force += arms[t, k] * v[k]
+            if stiffness * (lengths[t] - tendons[t, 2]) + damping * force <= 0:
+                continue  # slack
         if stiffness != 0:
             force = stiffness * (lengths[t] - tendons[t, 2])
             for k in range(n):

@@ -114,6 +114,7 @@ class MimicModel(Projection):
         self.tendon_stiffness = self.tree.tendon_stiffness
         self.tendon_damping = self.tree.tendon_damping
         self.tendon_rest = self.tree.tendon_rest
+        self.tendon_slack = self.tree.tendon_slack
 
     def _at_rest(self, tree: TreeModel, robot: Robot) -> TreeModel:
         """The tree with omitted rest lengths taken at q = 0, with followers at their offsets."""

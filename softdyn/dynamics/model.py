@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from softdyn.checks import array
+from softdyn.checks import array, vector
 from softdyn.description.robot import Robot
 from softdyn.dynamics import text
 from softdyn.dynamics.tendons import Tendons
@@ -53,6 +53,8 @@ class SoftModel(Protocol):
     tendon_stiffness, tendon_damping, tendon_rest : ndarray, (tendons,)
         Stiffness, damping and rest length of each tendon. A rest length that the file omits is the
         length at q = 0.
+    tendon_slack : ndarray of bool, (tendons,)
+        Whether each tendon only pulls.
     """
 
     robot: Robot
@@ -75,6 +77,7 @@ class SoftModel(Protocol):
     tendon_stiffness: np.ndarray
     tendon_damping: np.ndarray
     tendon_rest: np.ndarray
+    tendon_slack: np.ndarray
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A pickle cannot keep views of the engine's memory, so the copy is built from the file.
@@ -133,14 +136,23 @@ class SoftModel(Protocol):
     def tendon_hessians(self, q: np.ndarray) -> np.ndarray:
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, n, n)."""
 
-    def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
-        """∂K/∂q (n, n): joint springs, and k (a aᵀ + (ℓ - rest) ∂a/∂q) of each elastic tendon."""
-        arms = self.tendon_moment_arms(q)
-        force = self.tendon_stiffness * (self.tendon_lengths(q) - self.tendon_rest)
+    def tangent_stiffness(self, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
+        """∂K/∂q (n, n): joint springs, and k (a aᵀ + (ℓ - rest) ∂a/∂q) of each taut tendon.
+
+        Parameters
+        ----------
+        q : array_like, (nq,)
+            Configuration.
+        v : array_like, (n,), optional
+            Velocity, zero by default. Slack tendons depend on it: see `taut_gains`.
+        """
+        arms, lengths = self.tendon_moment_arms(q), self.tendon_lengths(q)
+        v = np.zeros(self.nv) if v is None else vector("v", v, self.nv)
+        gain, _ = taut_gains(self, lengths, arms @ v)
         return (
             np.diag(self.stiffness)
-            + arms.T @ (self.tendon_stiffness[:, None] * arms)
-            + np.tensordot(force, self.tendon_hessians(q), 1)
+            + arms.T @ (gain[:, None] * arms)
+            + np.tensordot(gain * (lengths - self.tendon_rest), self.tendon_hessians(q), 1)
         )
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
@@ -158,6 +170,28 @@ class SoftModel(Protocol):
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""
+
+
+def taut_gains(
+    model: SoftModel, lengths: np.ndarray, rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping (tendons,) that act; both are zero for a slack tendon without tension.
+
+    A tendon that may be slack has the tension max(0, k (ℓ - rest) + d ℓ̇).
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    lengths, rates : ndarray, (tendons,)
+        Tendon lengths ℓ and their rates ℓ̇.
+    """
+    gain, damping = model.tendon_stiffness, model.tendon_damping
+    if not model.tendon_slack.any():
+        return gain, damping
+    loose = gain * (lengths - model.tendon_rest) + damping * rates <= 0
+    loose &= model.tendon_slack
+    return np.where(loose, 0.0, gain), np.where(loose, 0.0, damping)
 
 
 def check_model(value: Any) -> SoftModel:
@@ -191,9 +225,9 @@ class State:
     bias : ndarray, (n,)
         C q̇ + g.
     K : ndarray, (n,)
-        Forces of joint springs and elastic tendons.
+        Forces of joint springs and elastic tendons, without slack ones.
     D : ndarray, (n, n)
-        Damping of joints and tendons.
+        Damping of joints and tendons, without slack ones.
     B : ndarray, (n, m)
         Input matrix, Σ gear · (∂ℓ/∂q)ᵀ.
     h : ndarray, (n,)

@@ -92,9 +92,10 @@ class Projection(SoftModel):
         """Gradients of the moment arms ∂²ℓ/∂q² (tendons, nv, nv)."""
         return self.S.T @ self.tree.tendon_hessians(self.expand(q)) @ self.S
 
-    def tangent_stiffness(self, q: np.ndarray) -> np.ndarray:
+    def tangent_stiffness(self, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
         """∂K/∂q (nv, nv): the tree's, projected."""
-        return self.S.T @ self.tree.tangent_stiffness(self.expand(q)) @ self.S
+        v = None if v is None else self.S @ vector("v", v, self.nv)
+        return self.S.T @ self.tree.tangent_stiffness(self.expand(q), v) @ self.S
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""

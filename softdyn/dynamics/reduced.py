@@ -113,6 +113,7 @@ class ReducedModel(Projection):
         pull = S.T @ (full.stiffness * full.rest)
         self.rest = read_only(pull / np.where(self.stiffness > 0, self.stiffness, 1.0))
         self.tendons, self.tendon_rest = full.tendons, full.tendon_rest
+        self.tendon_slack = full.tendon_slack
         self.tendon_stiffness, self.tendon_damping = full.tendon_stiffness, full.tendon_damping
         # for the ξ nearest to q, measured by the springs' energy
         weight = full.stiffness if (full.stiffness > 0).all() else np.ones(full.nv)

@@ -14,7 +14,7 @@ from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
 from softdyn.dynamics.engine import BASE, Scratch, build_engine, free_joint, moved_bodies
-from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tendons import compile_tendons
 from softdyn.exceptions import InputError
 
@@ -83,6 +83,8 @@ class TreeModel(SoftModel):
         self.tendons = compile_tendons(robot.tendons, index, self._anchor, moves)
         self.tendon_stiffness = read_only([tendon.stiffness for tendon in robot.tendons])
         self.tendon_damping = read_only([tendon.damping for tendon in robot.tendons])
+        self.tendon_slack = np.array([tendon.slack for tendon in robot.tendons], bool)
+        self.tendon_slack.flags.writeable = False
         at_zero = self.tendon_lengths(self.q0)
         self.tendon_rest = read_only(
             [
@@ -97,7 +99,7 @@ class TreeModel(SoftModel):
         )
         self._fixed_arms = read_only(self.tendons.coefficients)
         self._fixed_B = read_only(self._input_matrix(self._fixed_arms))
-        self._fixed_D = read_only(self._damping_matrix(self._fixed_arms))
+        self._fixed_D = read_only(self._damping_matrix(self._fixed_arms, self.tendon_damping))
         self._pack(moves)
 
     def _pack(self, moves: np.ndarray) -> None:
@@ -114,7 +116,13 @@ class TreeModel(SoftModel):
             gravity=model.gravity.linear.copy(),
             joints=np.column_stack((self.stiffness, self.rest, self.damping, self.armature)),
             tendons=np.column_stack(
-                (tendons.offset, self.tendon_stiffness, self.tendon_rest, self.tendon_damping)
+                (
+                    tendons.offset,
+                    self.tendon_stiffness,
+                    self.tendon_rest,
+                    self.tendon_damping,
+                    self.tendon_slack,
+                )
             ),
             coefficients=tendons.coefficients,
         )
@@ -126,7 +134,8 @@ class TreeModel(SoftModel):
             self._fill = kernels.spatial_terms
             rows += len(tendons.names) + self.nu
         self._joint_rows, self._spatial = (rows, self.nv), tendons.spatial
-        self._damped = bool(self.tendon_damping.any())
+        self._damped = tendons.spatial and bool(self.tendon_damping.any())
+        self._slackens = bool(self.tendon_slack.any())
         self._assemble = self._by_kernel if COMPILES else self._in_numpy
 
     # -- state ---------------------------------------------------------------------------------
@@ -159,8 +168,10 @@ class TreeModel(SoftModel):
         if self._spatial:
             arms, inputs = kernels.tendon_terms(joint_rows, len(lengths))
             B = inputs.T
-            if self._damped:
-                D = read_only(self._damping_matrix(arms))
+        if self._slackens:
+            D = read_only(self._damping_matrix(arms, taut_gains(self, lengths, arms @ v)[1]))
+        elif self._damped:
+            D = read_only(self._damping_matrix(arms, self.tendon_damping))
         return State.trusted(
             model=self, q=q, v=v, M=M, bias=bias, K=K, D=D, B=B, h=h, g=g, J=J, Jdot=Jdot,
             y=y, ydot=ydot, lengths=lengths, moment_arms=arms,
@@ -181,11 +192,11 @@ class TreeModel(SoftModel):
             y = y + q[:3]
         poses, coordinates = self.placements(), self.chart.of(q)
         lengths = self.tendons.lengths(coordinates, *poses)
-        arms, B, D = self._fixed_arms, self._fixed_B, self._fixed_D
+        arms, B = self._fixed_arms, self._fixed_B
         if self.tendons.spatial:
             arms = self.tendons.moment_arms(np.reshape(data.J, (6, self.nv)), *poses)
-            B, D = self._input_matrix(arms), self._damping_matrix(arms)
-        K = self._spring_force(coordinates, lengths, arms)
+            B = self._input_matrix(arms)
+        K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
         terms = {
             "q": q, "v": v, "M": M, "bias": data.nle, "K": K, "D": D, "h": data.nle + D @ v + K,
             "J": J, "Jdot": Jdot, "y": y, "ydot": J @ v, "lengths": lengths, "moment_arms": arms,
@@ -213,12 +224,13 @@ class TreeModel(SoftModel):
         """Acceleration q̈ (n,) under the input u (m,), by the articulated-body algorithm."""
         q, v = self.about_base(vector("q", q, self.nq)), vector("v", v, self.nv)
         u = vector("u", u, self.nu)
-        arms, B, D, coordinates = self._fixed_arms, self._fixed_B, self._fixed_D, self.chart.of(q)
+        arms, B, coordinates = self._fixed_arms, self._fixed_B, self.chart.of(q)
         if self.tendons.spatial:
             arms = self.tendon_moment_arms(q)
-            B, D = self._input_matrix(arms), self._damping_matrix(arms)
+            B = self._input_matrix(arms)
         lengths = self.tendons.lengths(coordinates, *self.placements())
-        tau = B @ u - D @ v - self._spring_force(coordinates, lengths, arms)
+        K, D = self._springs_and_dampers(coordinates, lengths, arms, v)
+        tau = B @ u - D @ v - K
         return np.array(pin.aba(self.pin_model, self.pin_data, q, v, tau))
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
@@ -241,8 +253,10 @@ class TreeModel(SoftModel):
         """Energy of joint springs and elastic tendons (J)."""
         q = vector("q", q, self.nq)
         stretch = self.chart.of(q) - self.rest
-        slack = self.tendon_lengths(q) - self.tendon_rest
-        return float(self.stiffness @ stretch**2 + self.tendon_stiffness @ slack**2) / 2
+        lengths = self.tendon_lengths(q)
+        gain, _ = taut_gains(self, lengths, np.zeros(len(lengths)))
+        longer = lengths - self.tendon_rest
+        return float(self.stiffness @ stretch**2 + gain @ longer**2) / 2
 
     # -- tendons -------------------------------------------------------------------------------
 
@@ -332,14 +346,20 @@ class TreeModel(SoftModel):
     def _input_matrix(self, arms: np.ndarray) -> np.ndarray:
         return (self.gear[:, None] * arms[self.actuated]).T
 
-    def _damping_matrix(self, arms: np.ndarray) -> np.ndarray:
-        return np.diag(self.damping) + arms.T @ (self.tendon_damping[:, None] * arms)
+    def _damping_matrix(self, arms: np.ndarray, tendon_damping: np.ndarray) -> np.ndarray:
+        return np.diag(self.damping) + arms.T @ (tendon_damping[:, None] * arms)
 
-    def _spring_force(
-        self, coordinates: np.ndarray, lengths: np.ndarray, arms: np.ndarray
-    ) -> np.ndarray:
-        pull = self.tendon_stiffness * (lengths - self.tendon_rest)
-        return self.stiffness * (coordinates - self.rest) + arms.T @ pull
+    def _springs_and_dampers(
+        self, coordinates: np.ndarray, lengths: np.ndarray, arms: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """K (n,) and D (n, n) of a State."""
+        gain, damping, D = self.tendon_stiffness, self.tendon_damping, self._fixed_D
+        if self._slackens:
+            gain, damping = taut_gains(self, lengths, arms @ v)
+        if self._slackens or self.tendons.spatial:
+            D = self._damping_matrix(arms, damping)
+        pull = gain * (lengths - self.tendon_rest)
+        return self.stiffness * (coordinates - self.rest) + arms.T @ pull, D
 
 
 def tree_of(model: SoftModel) -> TreeModel:

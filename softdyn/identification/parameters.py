@@ -13,7 +13,7 @@ from softdyn.checks import array, did_you_mean, flag, instances
 from softdyn.description.robot import Robot
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.mimic import build
-from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
 from softdyn.identification.friction import friction_of
@@ -111,12 +111,20 @@ def _gear_columns(sample: MotionSample) -> np.ndarray:
 
 def _tendon_spring(sample: MotionSample) -> np.ndarray:
     model, state = sample.state.model, sample.state
-    return (state.moment_arms * (state.lengths - model.tendon_rest)[:, None]).T
+    stretch = (state.lengths - model.tendon_rest) * _taut(state)
+    return (state.moment_arms * stretch[:, None]).T
 
 
 def _tendon_damper(sample: MotionSample) -> np.ndarray:
     arms = sample.state.moment_arms
-    return (arms * (arms @ sample.state.v)[:, None]).T
+    rates = (arms @ sample.state.v) * _taut(sample.state)
+    return (arms * rates[:, None]).T
+
+
+def _taut(state: State) -> np.ndarray:
+    """Whether (tendons,) each tendon's spring and damper act."""
+    gain, damping = taut_gains(state.model, state.lengths, state.moment_arms @ state.v)
+    return ~state.model.tendon_slack | (gain > 0) | (damping > 0)
 
 
 KINDS = {
