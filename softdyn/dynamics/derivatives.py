@@ -23,12 +23,12 @@ class Derivatives:
 
     Attributes
     ----------
-    value : ndarray, (nv,)
-        The function's value.
-    q, v : ndarray, (nv, nv)
+    value : ndarray, (k,)
+        The function's value; accelerations and joint forces have k = nv.
+    q, v : ndarray, (k, nv)
         ∂/∂q and ∂/∂q̇.
-    u : ndarray, (nv, nu)
-        ∂/∂u.
+    u : ndarray, (k, nu)
+        ∂/∂u, or by the commands of motors.
     """
 
     value: np.ndarray

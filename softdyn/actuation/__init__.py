@@ -1,0 +1,14 @@
+"""Motors between a controller's inputs and the robot.
+
+    from softdyn.actuation import Winches
+
+    winches = Winches(model)
+    lengths = winches.commands(state, u)     # free lengths of cable that give the input u
+    winches.tensions(state, lengths)         # and back
+
+- `winches`: the input of a motor that commands a cable's free length, its derivatives, its inverse.
+"""
+
+from softdyn.actuation.winches import Winches
+
+__all__ = ["Winches"]

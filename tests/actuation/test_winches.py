@@ -1,0 +1,190 @@
+"""Winches against closed forms and central differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SoftModel
+from softdyn.actuation import Winches
+from softdyn.description.rig import CommandKind
+from softdyn.dynamics.integrators import step_implicit
+from tests.proof.crosschecks.random_robots import write_robot
+from tests.support.arms import PROJECTIONS
+from tests.support.cart import CART, load
+from tests.support.oracles import gradient, relative
+
+BAR = 1e-7
+SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons
+KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
+
+
+def wound(model: SoftModel, **changed: float) -> SoftModel:
+    """The same robot with winches in place of two of three motors, and gears of both signs."""
+    rng = np.random.default_rng(0)
+    actuators = []
+    for i, actuator in enumerate(model.robot.actuators):
+        kind = KINDS[i % 3]
+        if kind is CommandKind.FORCE:
+            actuators.append(actuator)
+            continue
+        gear = rng.uniform(0.5, 2.0) * (-1) ** (i + 1)
+        ends = sorted((0.0, -9.0 / gear))
+        rig = {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2), **changed}
+        actuators.append(
+            replace(actuator, gear=gear, lower=ends[0], upper=ends[1], command=kind, **rig)
+        )
+    built = softdyn.build(replace(getattr(model, "full", model).robot, actuators=tuple(actuators)))
+    return softdyn.reduce(built, model.basis) if hasattr(model, "basis") else built
+
+
+@pytest.fixture(params=[*SEEDS, "spirob", *PROJECTIONS], ids=str)
+def model(request, tmp_path) -> SoftModel:
+    which = request.param
+    if which in PROJECTIONS:
+        return wound(PROJECTIONS[which](tmp_path))
+    return wound(softdyn.load(write_robot(which, tmp_path) if isinstance(which, int) else which))
+
+
+def cases(model: SoftModel, count: int = 3):
+    """States and commands: winches that pull with about 0.3 to 5 N, forces within bounds."""
+    rng, winches = np.random.default_rng(1), Winches(model)
+    low, high = np.maximum(model.lower, -0.8), np.minimum(model.upper, 0.8)
+    for _ in range(count):
+        q, v = model.configuration(rng.uniform(low, high)), 0.3 * rng.normal(size=model.nv)
+        middle = 0.5 * (model.u_min + model.u_max)
+        u = middle + rng.uniform(-0.4, 0.4, model.nu) * (model.u_max - model.u_min)
+        yield q, v, u, winches.commands(model.state(q, v), u)
+
+
+def by_numbers(f, x: np.ndarray, h: float = 1e-3) -> np.ndarray:
+    def central(h: float) -> np.ndarray:
+        axes = np.eye(len(x))
+        return np.stack([(f(x + h * e) - f(x - h * e)) / (2 * h) for e in axes], axis=-1)
+
+    return (4 * central(h) - central(2 * h)) / 3
+
+
+def test_the_inverse(model):
+    winches = Winches(model)
+    for q, v, u, commands in cases(model):
+        state = model.state(q, v)
+        np.testing.assert_allclose(winches.tensions(state, commands), u, atol=1e-11)
+        tendons = [model.tendons.names.index(a.tendon) for a in model.robot.actuators]
+        taut = state.lengths[tendons] - commands
+        taut = winches.stiffness * taut + winches.damping * (state.moment_arms[tendons] @ v)
+        gears = np.array([a.gear for a in model.robot.actuators])
+        np.testing.assert_allclose(taut, np.where(winches.winds, -gears * u, 0.0), atol=1e-11)
+        np.testing.assert_array_equal(commands[~winches.winds], u[~winches.winds])
+
+
+def test_derivatives(model):
+    winches = Winches(model)
+    for q, v, u, c in cases(model, 2):
+
+        def f(q, v, c):
+            return winches.tensions(model.state(q, v), c)
+
+        found = winches.derivatives(model.state(q, v), c)
+        np.testing.assert_allclose(found.value, u, atol=1e-11)
+        scale = np.abs(found.u).max()
+        by_q = gradient(model, lambda x, v=v, c=c: f(x, v, c), q, 1e-4)
+        assert relative(by_q, found.q, scale) <= BAR
+        by_v = by_numbers(lambda x, q=q, c=c: f(q, x, c), v, 1e-4)
+        assert relative(by_v, found.v, scale) <= BAR
+        assert relative(by_numbers(lambda x, q=q, v=v: f(q, v, x), c, 1e-4), found.u) <= BAR
+
+
+def test_accelerations(model):
+    winches = Winches(model)
+    for q, v, u, c in cases(model, 1):
+
+        def f(q, v, c):
+            return model.forward_dynamics(q, v, winches.tensions(model.state(q, v), c))
+
+        found = winches.acceleration_derivatives(q, v, c)
+        assert relative(found.value, model.forward_dynamics(q, v, u)) < 1e-10
+        by_q = gradient(model, lambda x, v=v, c=c: f(x, v, c), q, 1e-4)
+        assert relative(by_q, found.q) <= BAR
+        by_v = by_numbers(lambda x, q=q, c=c: f(q, x, c), v, 1e-4)
+        assert relative(by_v, found.v) <= BAR
+        assert relative(by_numbers(lambda x, q=q, v=v: f(q, v, x), c, 1e-4), found.u) <= BAR
+
+
+SPRING = 8.0
+
+
+def cart(tmp_path, **winch: float) -> SoftModel:
+    """A cart on a spring, with a winch that pulls it towards -x."""
+    text = CART.format(damping=1.0, stiffness=SPRING, lower=0, upper=30)
+    robot = load(tmp_path, text).robot
+    (motor,) = robot.actuators
+    defaults = {"gear": -0.5, "command": CommandKind.LENGTH, "stiffness": 40.0}
+    return softdyn.build(replace(robot, actuators=(replace(motor, **{**defaults, **winch}),)))
+
+
+def test_static_tension_is_that_of_two_springs_in_series(tmp_path):
+    """-s x = k (x - c): the tension is s k |c| / (s + k) at the free length c."""
+    model, c = cart(tmp_path, damping=3.0), -0.3
+    winches = Winches(model)
+    found = winches.acceleration_derivatives(model.q0, [0.0], [c])
+    x = -np.linalg.solve(found.q, found.value)  # the equations are linear
+    tension = SPRING * 40.0 * 0.3 / (SPRING + 40.0)
+    assert x == pytest.approx([-tension / SPRING], rel=1e-12)
+    state = model.state(x, [0.0])
+    u = winches.tensions(state, [c])
+    assert 0.5 * u == pytest.approx([tension], rel=1e-12)
+    assert model.forward_dynamics(x, [0.0], u) == pytest.approx([0.0], abs=1e-12)
+    q, v = model.q0, np.zeros(1)
+    for _ in range(1600):
+        q, v = step_implicit(model, q, v, winches.tensions(model.state(q, v), [c]), 5e-3)
+    assert q == pytest.approx(x, rel=1e-9)
+
+
+def test_bounds(tmp_path):
+    """A slack cable and a saturated input do not change with q, q̇ and the command."""
+    model = cart(tmp_path, damping=3.0, length_lower=-0.1, length_upper=0.4)
+    winches = Winches(model)
+    state = model.state([0.2], [0.1])
+    for command, u in ((0.3, 0.0), (-2.0, 30.0)):  # tensions -3.7 and 88.3 N
+        found = winches.derivatives(state, [command])
+        assert found.value == winches.tensions(state, [command]) == u
+        assert not found.q.any()
+        assert not found.v.any()
+        assert not found.u.any()
+    just_slack = winches.commands(state, [0.0])
+    assert just_slack == pytest.approx([0.2 + 3.0 * 0.1 / 40])
+    assert winches.tensions(state, just_slack) == pytest.approx([0.0], abs=1e-14)
+    assert winches.tensions(state, just_slack + 1e-9) == 0
+    assert winches.commands(state, [30.0]) == -0.1  # 0.2 m + (0.3 - 15) N / (40 N/m) is shorter
+    assert winches.commands(model.state([0.9], [0.0]), [0.0]) == 0.4
+    np.testing.assert_array_equal(winches.lower, [-0.1])
+    np.testing.assert_array_equal(winches.upper, [0.4])
+
+
+def test_a_robot_without_winches_has_its_commands_as_inputs():
+    model = softdyn.load("helix")
+    winches, state = Winches(model), model.state(model.q0, np.zeros(model.nv))
+    u = np.linspace(0, 1, model.nu)
+    for found in (winches.tensions(state, u), winches.commands(state, u)):
+        np.testing.assert_array_equal(found, u)
+    found = winches.derivatives(state, u)
+    np.testing.assert_array_equal(found.u, np.eye(model.nu))
+    assert not found.q.any()
+    np.testing.assert_array_equal(winches.lower, model.u_min)
+
+
+def test_wrong_arguments():
+    model = softdyn.load("finger")
+    winches, state = Winches(model), model.state(model.q0, np.zeros(4))
+    with pytest.raises(InputError, match=r"^commands: expected"):
+        winches.tensions(state, [1.0])
+    with pytest.raises(InputError, match=r"^commands: expected"):
+        winches.derivatives(state, [1.0, np.nan])
+    with pytest.raises(InputError, match=r"^state: expected"):
+        winches.commands(model.q0, [0.0, 0.0])
+    with pytest.raises(InputError, match=r"^model: expected"):
+        Winches("finger")
