@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.checks import instance, read_only, vector
+from softdyn.description.rig import Actuator
 from softdyn.dynamics.derivatives import (
     Derivatives,
     acceleration_derivatives,
@@ -39,6 +40,8 @@ class Winches:
     ----------
     model : SoftModel
         The robot's model.
+    actuators : tuple of Actuator, optional
+        Actuators that replace those of the robot, one for each input.
 
     Attributes
     ----------
@@ -52,10 +55,10 @@ class Winches:
         Bounds of the commands: of the free lengths (m), and of u for other motors.
     """
 
-    def __init__(self, model: SoftModel) -> None:
+    def __init__(self, model: SoftModel, actuators: tuple[Actuator, ...] | None = None) -> None:
         self.model = check_model(model)
         tree, _ = underlying_tree(model)
-        actuators = model.robot.actuators
+        actuators = model.robot.actuators if actuators is None else actuators
         self.winds = np.array([actuator.is_winch for actuator in actuators], bool)
         self.winds.flags.writeable = False
         self.stiffness = read_only([actuator.stiffness for actuator in actuators])

@@ -44,8 +44,7 @@ class MujocoTerms:
         self._body, self._point = twin.task
         self._inputs, self._tendons = twin.inputs, twin.tendons
         self._slack = np.asarray(getattr(twin, "slack", ()), int)  # a scene has none
-        idle = ~twin.inputs.any(axis=1)
-        idle[self._slack] = False
+        idle = np.setdiff1d(np.flatnonzero(~twin.inputs.any(axis=1)), self._slack)
         self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0
         self._data = mujoco.MjData(self._model)
         off = disabled(limits=False, contacts=False, friction=False)

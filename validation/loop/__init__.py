@@ -1,5 +1,6 @@
 """The closed loop of a controller and a plant, independent of the paper's experiments.
 
+- `simulate`: a closed loop in one call
 - `closed_loop`: `ClosedLoop`, which can be stepped, and `simulate`, which runs one
 - `arguments`: checks of a loop's arguments; the user's own plant
 - `experiment`: a loop's task: its reference, duration and control period

@@ -96,10 +96,11 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
             _add_site(bodies, tree, site.link, Origin(site.xyz), drives.site_name(tendon, k))
     _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
     drives.add_inputs(spec, robot, timestep)
-    for sensor in robot.sensors if timestep is not None else ():
-        if sensor.link:
-            _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))
-        drives.add_sensor(spec, robot, sensor, timestep)
+    if timestep is not None:
+        for sensor in robot.sensors:
+            if sensor.link:
+                _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))
+            drives.add_sensor(spec, robot, sensor, timestep)
     return spec
 
 
