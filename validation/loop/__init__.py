@@ -1,7 +1,7 @@
 """The closed loop of a controller and a plant, independent of the paper's experiments.
 
 - `simulate`: a closed loop in one call
-- `closed_loop`: `ClosedLoop`, which can be stepped, and `simulate`, which runs one
+- `closed_loop`: `ClosedLoop`, which can be stepped
 - `arguments`: checks of a loop's arguments; the user's own plant
 - `experiment`: a loop's task: its reference, duration and control period
 - `signal_path`: delay, lag and noise between plant and controller
