@@ -36,6 +36,11 @@ by L/8, its far end at distance L below and before the origin). --target needs n
 --gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
 Bundled robots have the paper's gains by default; other robots need a file.
 
+--rig runs with the rig of the robot's file: commands of lengths, lag and delay of the motors,
+sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag = 0.02",
+"noise = 0.001" and a table [plant] with "payload = 0.05"; the file's rig has all other values. best
+and mpc know lag and delay if they stand in the robot's file or in --gains.
+
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
 --tolerance. If a set point is not reached, statics searches for a few seconds the nearest
@@ -73,6 +78,10 @@ parser.add_argument(
 )  # fmt: skip
 parser.add_argument("--contacts", action="store_true", help="let the links touch")
 parser.add_argument("--plant", metavar="FILE", help="an MJCF of your own that replaces the twin")
+parser.add_argument(
+    "--rig", nargs="?", const="file", metavar="FILE",
+    help="with the rig of the robot's file; FILE changes it",
+)  # fmt: skip
 parser.add_argument(
     "--tolerance",
     type=cli.positive,
@@ -122,6 +131,7 @@ def command(arguments: cli.Arguments) -> int:
             period=arguments.period,
             contacts=arguments.contacts,
             plant=plant,
+            rig=make_rig(arguments.rig),
             name=arguments.controller,
         )
         if arguments.view:
@@ -210,6 +220,13 @@ def make_plant(model: SoftModel, arguments: cli.Arguments) -> Scene | None:
     if arguments.json != "-":
         cli.say(str(plant))
     return plant
+
+
+def make_rig(said: str | None) -> Any:
+    """The rig of the robot's file, or with what a TOML file changes."""
+    from softdyn.validation.twin.rig import FROM_FILE, Rig
+
+    return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 
 def make_controller(model: SoftModel, name: str, file: str | None) -> Any:

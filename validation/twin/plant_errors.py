@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from softdyn.checks import instance, number
 from softdyn.validation.twin.borrowed import BorrowedShapes
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 from softdyn.validation.twin.twin import Twin
@@ -39,6 +40,13 @@ class PlantErrors:
     mass, stiffness, damping : float
         Factors on all masses and moments of inertia (armature apart), on all springs, on all
         damping.
+    payload : float
+        A point mass at the tip (kg).
+
+    Raises
+    ------
+    InputError
+        A value of the wrong kind, or a negative one.
     """
 
     contacts: bool = False
@@ -51,6 +59,21 @@ class PlantErrors:
     mass: float = 1.0
     stiffness: float = 1.0
     damping: float = 1.0
+    payload: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, usual in (("contacts", False), ("friction", False), ("soft_stops", False)):
+            instance(name, getattr(self, name), type(usual), "true or false")
+        for name in (
+            "dry_friction",
+            "cable_friction",
+            "pull_friction",
+            "mass",
+            "stiffness",
+            "damping",
+            "payload",
+        ):
+            number(name, getattr(self, name), lower=0.0)
 
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """`Twin` with these differences; its own options may add contacts and friction."""
@@ -75,6 +98,13 @@ class PlantErrors:
             model.tendon_stiffness[:] *= self.stiffness
             model.dof_damping[:] *= self.damping
             model.tendon_damping[:] *= self.damping
+            pulls = [*twin.slack, *np.flatnonzero(model.actuator_biasprm[: twin.nu, 1])]
+            model.actuator_gainprm[pulls, 0] *= self.stiffness
+            model.actuator_biasprm[pulls, :2] *= self.stiffness
+            model.actuator_biasprm[pulls, 2] *= self.damping
+        if self.payload:
+            _load(model, *twin.task, self.payload)
+        if (self.mass, self.stiffness, self.damping, self.payload) != (1.0, 1.0, 1.0, 0.0):
             mujoco.mj_setConst(model, twin.data)
             twin.reset()
         return twin
@@ -104,3 +134,22 @@ class PlantErrors:
             advance(u, steps)
 
         twin.advance = rubbing  # type: ignore[method-assign]
+
+
+def _load(model: mujoco.MjModel, body: int, point: np.ndarray, mass: float) -> None:
+    """Add a point mass (kg) at a point (3,) of a body."""
+    before, com = float(model.body_mass[body]), model.body_ipos[body].copy()
+    total = before + mass
+    centre = (before * com + mass * point) / total
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, model.body_iquat[body])
+    axes = turned.reshape(3, 3)
+    inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+    for m, at in ((before, com), (mass, point)):
+        d = at - centre
+        inertia += m * (d @ d * np.eye(3) - np.outer(d, d))
+    moments, axes = np.linalg.eigh(inertia)
+    axes *= np.linalg.det(axes)  # eigenvectors of a right-handed frame
+    model.body_mass[body], model.body_ipos[body] = total, centre
+    model.body_inertia[body] = np.maximum(moments, 0.0)
+    mujoco.mju_mat2Quat(model.body_iquat[body], np.ascontiguousarray(axes).ravel())

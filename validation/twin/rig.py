@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import mujoco
 import numpy as np
-from softdyn.actuation import Winches
 
 from softdyn import InputError, SoftModel, State
-from softdyn.checks import number, whole
+from softdyn.actuation import Winches
+from softdyn.checks import did_you_mean, number, whole
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.robot import Robot
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -72,6 +73,20 @@ class Rig:
                 raise InputError("command", " or ".join(words), repr(self.command))
             object.__setattr__(self, "command", CommandKind(self.command))
 
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> Rig:
+        """A rig from a table of its fields, such as a TOML file's; `plant` is a table of its own.
+
+        Raises
+        ------
+        InputError
+            An unknown key, and whatever the fields refuse.
+        """
+        return cls(
+            **_known(cls, table)
+            | {"plant": PlantErrors(**_known(PlantErrors, table.get("plant", {}), "plant."))}
+        )
+
     def robot(self, robot: Robot) -> Robot:
         """The robot with this rig.
 
@@ -92,6 +107,16 @@ class Rig:
                 raise InputError("command", expected, repr(self.command))
         sensors = robot.sensors if self.sensors is None else tuple(self.sensors)
         return replace(robot, actuators=actuators, sensors=sensors)
+
+
+def _known(cls: type, table: Any, prefix: str = "") -> dict[str, Any]:
+    names = [part.name for part in fields(cls) if part.name not in ("sensors", "shapes")]
+    if not isinstance(table, Mapping):
+        raise InputError(prefix.rstrip("."), "a table", repr(table))
+    for key in table:
+        if key not in names:
+            raise InputError(prefix + str(key), ", ".join(names), did_you_mean(str(key), names))
+    return dict(table)
 
 
 class Noise:

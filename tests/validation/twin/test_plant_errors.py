@@ -29,3 +29,21 @@ def test_cables_rub() -> None:
     largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1
     np.testing.assert_allclose(np.abs(twin.data.efc_force[rubs]), [largest] * 2)
     assert (twin.data.efc_force[rubs] * twin.data.ten_velocity < 0).all()
+
+
+def test_a_payload_weighs_at_the_tip() -> None:
+    """M and gravity gain those of a point mass: m JᵀJ and m g Jᵀ e_z."""
+    model = softdyn.load("helix")
+    twin, loaded = Twin(model), PlantErrors(payload=0.05).twin(model)
+    rng = np.random.default_rng(0)
+    state = model.state(model.configuration(rng.uniform(-0.2, 0.2, model.nv)), np.zeros(model.nv))
+    found = []
+    for plant in (twin, loaded):
+        states = StateMap(model, plant)
+        plant.set_state(*states.to_twin(state.q, state.v))
+        terms = MujocoTerms(plant, states)
+        terms.place(state.q, state.v)
+        found.append((terms.M(), terms.g()))
+    (M, g), (M_loaded, g_loaded) = found
+    assert M_loaded - M == pytest.approx(0.05 * state.J.T @ state.J, abs=1e-12)
+    assert g_loaded - g == pytest.approx(0.05 * 9.81 * state.J[2], abs=1e-12)
