@@ -29,7 +29,7 @@ from softdyn.controllers.controller import (
 )
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
-from softdyn.controllers.predictive.prediction import ahead, condensed_qp, ramps
+from softdyn.controllers.predictive.prediction import Lookahead, ahead, condensed_qp
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.predictive.stops import JointStops
@@ -150,7 +150,6 @@ class Mpc(GuardedController):
         self._model = model
         self._step = self.parameters.horizon / KNOTS[-1]
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
-        self._shape = ramps(KNOTS)
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size)
@@ -191,7 +190,7 @@ class Mpc(GuardedController):
         u, start = acting, force
         if link.delay > 0:
             means, u = link.over_delay(self._step)
-            p, speed, _ = ahead(*linear, force, p, speed, means - acting, link.delay / len(means))
+            p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
             start = force + state.B @ (u - acting)
         t = self._ahead + link.delay
         goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
@@ -203,11 +202,10 @@ class Mpc(GuardedController):
                 rows = np.vstack((rows, self._form))
                 bent = self._form @ (model.coordinates(state.q) - model.coordinates(target.q))
                 error = np.hstack((error, np.tile(bent, (len(error), 1))))
+        pace = self._pace(state.J, reference.ydot + t * reference.yddot)
         H, g, c = condensed_qp(
-            *linear, rows, start, p, speed, error,
-            self._pace(state.J, reference.ydot + t * reference.yddot), self._shape, self._step,
-            self._metric, inputs, offset,
-        )  # fmt: skip
+            linear, start, (p, speed), rows, error, pace, self._lookahead, inputs, offset
+        )
         knots = len(KNOTS)
         lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
         solution = self._qp.solve(QpProblem(H, g, self._rows, lower, upper))
@@ -223,7 +221,7 @@ class Mpc(GuardedController):
             command = replace(command, distance=target.distance)
         if command.status is Status.OK:
             change = (mean - acting)[None]
-            p, speed, matrix = ahead(*linear, force, *first, change, self.period)
+            p, speed, matrix = ahead(linear, force, first, change, self.period)
             self._filter.expect(model.integrate(state.q, p), speed, matrix)
         return command
 
@@ -254,7 +252,7 @@ class Mpc(GuardedController):
         """
         if not ydot.any():
             return self._still
-        G = np.linalg.solve(self._metric.T, J.T).T
+        G = np.linalg.solve(self._lookahead.metric.T, J.T).T
         left, values, right = np.linalg.svd(G, full_matrices=False)
         inverse = np.where(values > MOVES * values[0], 1.0 / np.maximum(values, 1e-300), 0.0)
         pace: np.ndarray = ((ydot @ left) * inverse) @ right
@@ -274,7 +272,8 @@ class Mpc(GuardedController):
         S = state.M / H**2 + state.D / H + np.diag(model.stiffness)
         factor = np.linalg.cholesky(S)
         compliance = np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2)
-        self._metric = self.parameters.speed * H * math.sqrt(compliance) * factor.T.copy()
+        metric = self.parameters.speed * H * math.sqrt(compliance) * factor.T.copy()
+        self._lookahead = Lookahead(KNOTS, self._step, metric)
         R = self.parameters.rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
         lengths = np.diff((0, *KNOTS)).astype(float)
         differences = np.eye(len(KNOTS)) - np.eye(len(KNOTS), k=-1)

@@ -4,125 +4,351 @@ About the present (q₀, q̇₀) and the input a₀ that acts, with p = q ⊖ q�
 
     M q̈ = f - D_t q̇ - K_t p + B (a - a₀),      f = B a₀ - h + D_t q̇₀ + d,
 
-is integrated by the two-stage, second-order, L-stable SDIRK method (Alexander 1977), whose two
-stages share one matrix S = M + g D_t + g² K_t, g = (1 - 1/√2) Δt. The model does not change over
-the horizon: the response to one unit of input in the first step, shifted, is the response to it in
-every later one.
+is integrated by the two-stage, second-order, L-stable SDIRK method (Alexander 1977). Its stages
+share one matrix S = M + g D_t + g² K_t, g = (1 - 1/√2) Δt. With x = (p, q̇) and
+Q = S⁻¹ [-g K_t, M], an implicit Euler step of length g without force is Z x = (p + g Q x, Q x).
+A step of the method without force is
+
+    Φ = (1 + √2) Z² - √2 Z.
+
+The model does not change over the horizon, and three things follow:
+
+- The response to an input in the first step, shifted, is the response to it in every later one.
+- The changes x_(k+1) - x_k of the free motion follow Φ like such a response.
+- An input that is piecewise linear is a sum of ramps that begin at the knots. All their responses
+  are one response, shifted, so that their inner products need only the steps after the later begin.
+
+It all happens in the coordinates z = metric · p, in which the weighted speeds are speeds.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from softdyn.compiled import compiled
+from softdyn.compiled import compiled, compiled_or
+from softdyn.controllers.qps.linear_algebra import add, dot, multiply, put, solve_rows
 
-STAGE = 1.0 - 0.5**0.5
-
-
-def ramps(knots: tuple[int, ...]) -> np.ndarray:
-    """Mean inputs of the steps (N, knots): the input runs straight from knot to knot.
-
-    Parameters
-    ----------
-    knots : the steps at whose ends the input is an unknown, the last one N; before the first it
-        starts from w = 0, the input that acts then.
-    """
-    times = np.array((0, *knots), float)
-    middle = np.arange(knots[-1]) + 0.5
-    hats = np.eye(len(times))
-    return np.stack([np.interp(middle, times, hat) for hat in hats[1:]], axis=1)
+ROOT = 2.0**0.5
+STAGE = 1.0 - 1.0 / ROOT
+RIDGE = 1e-10  # of the mean diagonal of H, added to it
 
 
-@compiled
-def respond(M, K, D, B, force, p, v, step, count):
-    """Responses p, q̇ (count, n, 1 + m): the free one, then those to a unit of each first input.
-
-    Parameters: M, K_t, D_t (n, n), B (n, m), the force f (n,) at the point of linearisation, first
-    p and q̇ (n,), Δt (s), number of steps.
-    """
-    n, m = B.shape
-    g = STAGE * step
-    rest = step - g
-    inverse = np.linalg.inv(M + g * D + g * g * K)
-    by_v, by_p = -inverse @ (D + g * K), -inverse @ K
-    F = np.zeros((n, 1 + m))
-    F[:, 0], F[:, 1:] = force, B
-    F = inverse @ F
-    P, V = np.zeros((n, 1 + m)), np.zeros((n, 1 + m))
-    P[:, 0], V[:, 0] = p, v
-    positions, speeds = np.empty((count, n, 1 + m)), np.empty((count, n, 1 + m))
-    for k in range(count):
-        if k == 1:
-            F[:, 1:] = 0.0
-        A = F + by_v @ V + by_p @ P
-        P, V = P + rest * (V + g * A), V + rest * A
-        A = F + by_v @ V + by_p @ P
-        V = V + g * A
-        P = P + g * V
-        positions[k], speeds[k] = P, V
-    return positions, speeds
-
-
-@compiled
-def stacked(rows, responses, shape):
-    """Free outputs (N r,) and their map (N r, knots m) from the unknown inputs.
+class Lookahead:
+    """The steps that a prediction looks ahead, and the metric of the speeds.
 
     Parameters
     ----------
-    rows : (r, n) what is put out.
-    responses : (N, n, 1 + m) from `respond`.
-    shape : (N, knots) from `ramps`.
+    knots : tuple of int
+        Steps at whose ends the input is an unknown; the last one is their number N. The input runs
+        straight from knot to knot, from w = 0 before the first step.
+    step : float
+        Δt (s).
+    metric : ndarray, (n, n)
+        Regular; the objective has ‖metric q̇‖².
     """
-    count, r, m = len(responses), len(rows), responses.shape[2] - 1
-    knots = shape.shape[1]
-    free, unit = np.empty(count * r), np.empty((count, r, m))
-    for k in range(count):
-        output = rows @ responses[k]
-        free[k * r : (k + 1) * r] = output[:, 0]
-        unit[k] = output[:, 1:]
-    result = np.zeros((count * r, knots * m))
-    for j in range(count):
-        for b in range(knots):
-            share = shape[j, b]
-            if share != 0.0:
-                for k in range(j, count):
-                    for i in range(r):
-                        for a in range(m):
-                            result[k * r + i, b * m + a] += share * unit[k - j, i, a]
-    return free, result
+
+    def __init__(self, knots: tuple[int, ...], step: float, metric: np.ndarray) -> None:
+        self.count, self.step = knots[-1], step
+        self.begins = np.array((0, *knots))  # of the pieces, and the end
+        self.metric, self.inverse = metric, np.linalg.inv(metric)
+        rates = (np.eye(len(knots)) - np.eye(len(knots), k=-1)) / np.diff(self.begins)[:, None]
+        self.bends = np.diff(rates, axis=0, prepend=0.0)  # changes of slope at begins, by knots
 
 
-@compiled
-def condensed_qp(M, K, D, B, rows, force, p, v, error, pace, shape, step, metric, inputs, offset):
+def condensed_qp(
+    linear: tuple[np.ndarray, ...],
+    force: np.ndarray,
+    start: tuple[np.ndarray, np.ndarray],
+    rows: np.ndarray,
+    error: np.ndarray,
+    pace: np.ndarray,
+    lookahead: Lookahead,
+    inputs: np.ndarray,
+    offset: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Objective ½ xᵀHx + gᵀx + c over the inputs at the knots, x (knots m,) relative to a₀.
 
-    Σ_k ‖error_k + rows p_k‖² + ‖metric q̇_k - pace_k‖² + xᵀ inputs x + 2 offsetᵀ x; error (N, r),
-    pace (N, n).
+    It is Σ_k ‖error_k + rows p_k‖² + ‖metric q̇_k - pace_k‖² + xᵀ inputs x + 2 offsetᵀ x.
+
+    Parameters
+    ----------
+    linear : (ndarray, ndarray, ndarray, ndarray)
+        M, K_t, D_t (n, n), and B (n, m).
+    force : ndarray, (n,)
+        The force f at the point of linearisation.
+    start : (ndarray, ndarray)
+        The first p and q̇ (n,).
+    rows : ndarray, (r, n)
+        Outputs by p.
+    error : ndarray, (N, r)
+        Outputs' errors at p = 0.
+    pace : ndarray, (N, n)
+        Wanted metric q̇.
+    lookahead : Lookahead
+        The steps and the metric.
+    inputs, offset : ndarray, (knots m, knots m), (knots m,)
+        Costs of the inputs.
     """
-    positions, speeds = respond(M, K, D, B, force, p, v, step, len(error))
-    free, tip = stacked(rows, positions, shape)
-    free = free + error.copy().reshape(-1)
-    idle, rush = stacked(metric, speeds, shape)
-    idle = idle - pace.copy().reshape(-1)
-    H = tip.T @ tip + rush.T @ rush + inputs
-    for i in range(len(H)):
-        H[i, i] += 1e-10 * np.trace(H) / len(H)
-    g = tip.T @ free + rush.T @ idle + offset
-    return 2.0 * H, 2.0 * g, np.dot(free, free) + np.dot(idle, idle)
+    M, K, D, B = linear
+    x = np.concatenate([lookahead.metric @ value for value in start])
+    data = M, K, D, np.column_stack((force, B)), x, lookahead.inverse.T @ rows.T
+    return _condensed(
+        *data, error, pace, lookahead.step, lookahead.metric, lookahead.inverse, lookahead.begins,
+        lookahead.bends, inputs, offset,
+    )  # fmt: skip
+
+
+def _by_products(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins, bends,
+    inputs, offset,
+):  # fmt: skip
+    """Stack all outputs of all ramps, in NumPy."""
+    n, m, count, g = len(M), forces.shape[1] - 1, len(error), STAGE * step
+    into = np.linalg.inv(M + g * D + g * g * K)
+    Q, force = metric @ into @ np.hstack((-g * K @ inverse, M @ inverse)), metric @ into @ forces
+    euler = np.vstack((g * Q, Q)) + np.diag(np.arange(2 * n) < n)
+    method = (1 + ROOT) * euler @ euler - ROOT * euler
+    later = (1 + ROOT) * (g * Q[:, :n] + Q[:, n:]) @ force
+    speed = g * (force + later)
+    first = np.vstack((g * (g * (1 + ROOT) * force + speed), speed))
+    first[:, 0] += method @ x - x
+    moves = [first]
+    for _ in range(count - 1):
+        moves.append(method @ moves[-1])
+    y = np.stack([np.vstack((outputs.T @ z[:n], z[n:])) for z in moves])  # (N, r + n, 1 + m)
+    sums = y.cumsum(axis=0)
+    ramp = (sums - y / 2).cumsum(axis=0)[..., 1:]
+    free = sums[..., 0] + np.concatenate((outputs.T @ x[:n], x[n:]))
+    free += np.hstack((error, -pace))
+    stacked = np.zeros((count, y.shape[1], len(bends), m))
+    for i, begin in enumerate(begins[:-1]):
+        stacked[begin:, :, i] = ramp[: count - begin]
+    by_knots = np.einsum("kqia,ij->kqja", stacked, bends).reshape(free.size, -1)
+    H = by_knots.T @ by_knots + inputs
+    H += RIDGE * np.trace(H) / len(H) * np.eye(len(H))
+    return 2.0 * H, 2.0 * (by_knots.T @ free.ravel() + offset), float(np.sum(free * free))
+
+
+@compiled_or(_by_products, reorder=True)
+def _condensed(M, K, D, forces, x, outputs, error, pace, step, metric, inverse, begins, bends,
+    inputs, offset,
+):  # fmt: skip
+    """Products of the outputs, each pair of ramps over the steps after both begin."""
+    n, m = len(M), forces.shape[1] - 1
+    method, first = _method(M, K, D, forces, STAGE * step, metric, inverse)
+    for j in range(2 * n):
+        change = -x[j]
+        for i in range(2 * n):
+            change += x[i] * method[i, j]
+        first[0, j] += change
+    responses = np.empty((1 + m, len(error) * (outputs.shape[1] + n)))
+    _respond(method, first, outputs, x, error, pace, responses)
+    ramps, free, c = _products(responses, begins, outputs.shape[1] + n)
+    return _by_knots(ramps, free, c, bends, inputs, offset)
 
 
 @compiled
-def ahead(M, K, D, B, force, p, v, changes, step):
+def _method(M, K, D, forces, g, metric, inverse):
+    """Φᵀ (2n, 2n), and the first responses (c, 2n) to constant `forces` (n, c), in z and ż."""
+    n, c = forces.shape
+    sides, turned = np.empty((2 * n, n)), np.empty((2 * n, n))
+    system = np.empty((n, 3 * n + c))
+    for i in range(n):
+        for j in range(n):
+            system[i, j] = M[i, j] + g * D[i, j] + g * g * K[i, j]
+            sides[i, j] = -g * K[i, j]
+            sides[n + i, j] = M[i, j]
+    multiply(sides, inverse, turned)
+    for i in range(n):
+        for j in range(n):
+            system[i, n + j] = turned[i, j]
+            system[i, 2 * n + j] = turned[n + i, j]
+        for j in range(c):
+            system[i, 3 * n + j] = forces[i, j]
+    solve_rows(system)
+    solved = system[:, n:].copy()
+    Q, twice, both = np.empty((n, 2 * n + c)), np.empty((n, 2 * n + c)), np.empty((n, n))
+    multiply(metric, solved, Q)  # Q, and the accelerations by the forces
+    for i in range(n):
+        for j in range(n):
+            both[i, j] = g * Q[i, j] + Q[i, n + j]
+    multiply(both, Q, twice)  # Q Z but for its first term, and the same of the accelerations
+    method, first = np.empty((2 * n, 2 * n)), np.empty((c, 2 * n))
+    for i in range(n):
+        for j in range(n):
+            twice[i, j] += Q[i, j]
+        for j in range(2 * n):
+            speed = (1 + ROOT) * twice[i, j] - ROOT * Q[i, j]
+            method[j, n + i] = speed
+            method[j, i] = g * (speed + (1 + ROOT) * Q[i, j])
+        method[i, i] += 1.0
+        for j in range(c):
+            force = Q[i, 2 * n + j]
+            speed = g * (force + (1 + ROOT) * twice[i, 2 * n + j])
+            first[j, n + i] = speed
+            first[j, i] = g * (g * (1 + ROOT) * force + speed)
+    return method, first
+
+
+@compiled
+def _respond(method, now, outputs, x, error, pace, responses):
+    """Fill `responses` (1 + m, N q): the free outputs, and those of one ramp of each input."""
+    n, r = outputs.shape
+    c, q = len(now), r + n
+    after, place, tips = np.empty((c, 2 * n)), np.empty((c, n)), np.empty((c, r))
+    sums = np.zeros((c, q))
+    for i in range(n):
+        sums[0, r + i] = x[n + i]
+        for j in range(r):
+            sums[0, j] += outputs[i, j] * x[i]
+    for k in range(len(error)):
+        for a in range(c):
+            for i in range(n):
+                place[a, i] = now[a, i]
+        multiply(place, outputs, tips)
+        for a in range(c):
+            for i in range(q):
+                change = tips[a, i] if i < r else now[a, n + i - r]
+                sums[a, i] += change
+                if a == 0:
+                    value = sums[a, i] + (error[k, i] if i < r else -pace[k, i - r])
+                else:
+                    value = sums[a, i] - 0.5 * change
+                    if k > 0:
+                        value += responses[a, (k - 1) * q + i]
+                responses[a, k * q + i] = value
+        multiply(now, method, after)
+        now, after = after, now
+
+
+@compiled
+def _products(responses, begins, q):
+    """Products of all ramps (pieces m)², with the free outputs, and of these with themselves.
+
+    Two ramps that begin d steps apart have the same products, up to the end of the horizon,
+    whichever they are. So a pair goes on where a later one ended.
+    """
+    m, width = len(responses) - 1, responses.shape[1]
+    pieces = len(begins) - 1
+    ramps, free = np.zeros((pieces * m, pieces * m)), np.zeros(pieces * m)
+    for i in range(pieces - 1, -1, -1):
+        count = width - q * begins[i]
+        for a in range(m):
+            free[i * m + a] = dot(responses[1 + a, :count], responses[0, width - count :])
+        for j in range(i + 1):
+            lag, done = begins[i] - begins[j], 0
+            for x in range(pieces - 1, i, -1):
+                for y in range(x + 1):
+                    if begins[x] - begins[y] == lag:
+                        done = width - q * begins[x]
+                        for a in range(m):
+                            for b in range(m):
+                                ramps[i * m + a, j * m + b] = ramps[x * m + a, y * m + b]
+            _add_inner(responses, done, lag * q, count - done, ramps, i * m, j * m)
+    for i in range(pieces * m):
+        for j in range(i):
+            ramps[j, i] = ramps[i, j]
+    return ramps, free, dot(responses[0], responses[0])
+
+
+@partial(compiled, reorder=True)
+def _add_inner(rows, begin, shift, count, products, i, j):
+    """Add the products of rows with shifted rows, four at a time."""
+    m = len(rows) - 1
+    for a in range(0, m - 1, 2):
+        first, second = rows[1 + a, begin:], rows[2 + a, begin:]
+        for b in range(0, m - 1, 2):
+            third, fourth = rows[1 + b, begin + shift :], rows[2 + b, begin + shift :]
+            t13 = t14 = t23 = t24 = 0.0
+            for x in range(count):
+                t13 += first[x] * third[x]
+                t14 += first[x] * fourth[x]
+                t23 += second[x] * third[x]
+                t24 += second[x] * fourth[x]
+            products[i + a, j + b] += t13
+            products[i + a, j + b + 1] += t14
+            products[i + a + 1, j + b] += t23
+            products[i + a + 1, j + b + 1] += t24
+    if m % 2:
+        last, end = begin + shift, begin + count
+        for a in range(m):
+            products[i + a, j + m - 1] += dot(rows[1 + a, begin:end], rows[m, last:])
+        for b in range(m - 1):
+            products[i + m - 1, j + b] += dot(rows[m, begin:end], rows[1 + b, last:])
+
+
+@compiled
+def _by_knots(ramps, free, c, bends, inputs, offset):
+    """H, g and c of the inputs at the knots, from the products of the ramps."""
+    pieces, size = len(bends), len(free)
+    m = size // pieces
+    half, H, g = np.zeros((size, size)), 2.0 * inputs, 2.0 * offset
+    for i in range(pieces):
+        for j in range(pieces):
+            share = 2.0 * bends[i, j]
+            if share != 0.0:
+                for a in range(m):
+                    g[j * m + a] += share * free[i * m + a]
+                    add(half[j * m + a], share, ramps[i * m + a])
+    for i in range(pieces):
+        for j in range(pieces):
+            share = bends[i, j]
+            if share != 0.0:
+                for row in range(size):
+                    for a in range(m):
+                        H[row, j * m + a] += share * half[row, i * m + a]
+    trace = 0.0
+    for i in range(size):
+        trace += H[i, i]
+    for i in range(size):
+        H[i, i] += RIDGE * trace / size
+    return H, g, c
+
+
+def ahead(
+    linear: tuple[np.ndarray, ...],
+    force: np.ndarray,
+    start: tuple[np.ndarray, np.ndarray],
+    changes: np.ndarray,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """p and q̇ (n,) after steps of backward Euler, and the matrix M + T D_t + T² K_t of one.
 
-    Parameters: as `respond` has them; the mean change of the input a - a₀ over each step
-    (steps, m); a step's length T (s).
+    Parameters
+    ----------
+    linear, force, start : tuple of ndarray, ndarray, tuple of ndarray
+        As `condensed_qp` has them.
+    changes : ndarray, (steps, m)
+        Mean change of the input a - a₀ over each step.
+    step : float
+        A step's length T (s).
     """
-    matrix = M + step * D + step * step * K
-    inverse = np.linalg.inv(matrix)
-    p, speed = p.copy(), v.copy()
-    for k in range(len(changes)):
-        push = force + B @ changes[k] - K @ p
-        speed = inverse @ (M @ speed + step * push)
-        p = p + step * speed
-    return p, speed, matrix
+    M, K, D, B = linear
+    p, v = (np.array(value) for value in start)  # kernels are compiled for writable arrays
+    matrix = _ahead(M, K, D, force + changes @ B.T, p, v, step)
+    return p, v, matrix
+
+
+@compiled
+def _ahead(M, K, D, forces, p, v, step):
+    """Move p and v on, one step for each of `forces` (steps, n); return the matrix."""
+    n = len(p)
+    matrix, system = np.empty((n, n)), np.empty((n, n + 1))
+    for i in range(n):
+        for j in range(n):
+            matrix[i, j] = M[i, j] + step * D[i, j] + step * step * K[i, j]
+    for force in forces:
+        for i in range(n):
+            put(system[i, :n], matrix[i])
+            push = force[i]
+            momentum = 0.0
+            for j in range(n):
+                push -= K[i, j] * p[j]
+                momentum += M[i, j] * v[j]
+            system[i, n] = momentum + step * push
+        solve_rows(system)
+        for i in range(n):
+            v[i] = system[i, n]
+            p[i] += step * v[i]
+    return matrix

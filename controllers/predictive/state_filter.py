@@ -20,6 +20,8 @@ import math
 import numpy as np
 
 from softdyn import SoftModel, State
+from softdyn.compiled import compiled
+from softdyn.controllers.qps.linear_algebra import dot
 
 FADING = 0.02  # τ (s)
 WINDOW = 0.1  # s, of the correlation
@@ -77,25 +79,41 @@ class StateFilter:
         if self._expected is not None:
             q, v, matrix = self._expected
             missed = self._model.coordinates(state.q) - self._model.coordinates(q)
-            free = ~(held | self._held)
-            if np.abs(missed[free]).max(initial=0.0) < JUMP:
-                late = state.v - v
-                trust = self._trust(missed, late)
-                off = np.where(free, -(1 - trust) * self._kept * missed, 0.0)
-                kept = (1 - trust) * ((1 - SPEEDS) * late - self._speed * missed)
-                speed = np.where(free, state.v - kept, state.v)
-                pushed = trust * self._trusted * (matrix @ late)
-                pushed += (1 - trust) * self._push * (matrix @ missed)
-                force = force + np.where(free, pushed, 0.0)
+            late, stopped = state.v - v, held | self._held
+            off, kept, pushed, valid = _corrections(
+                missed, late, stopped, matrix, self._squares, min(1.0, self._period / WINDOW),
+                self._kept, self._speed, self._push, self._trusted,
+            )  # fmt: skip
+            if valid:
+                speed, force = speed - kept, force + pushed
         self._held = held
         self.force = np.where(held, 0.0, force)
         return off, speed, self.force
 
-    def _trust(self, missed: np.ndarray, late: np.ndarray) -> np.ndarray:
-        """w (nv,), the squared correlation where it is positive."""
-        share = min(1.0, self._period / WINDOW)
-        products = np.stack((missed * missed, late * late, missed * late))
-        self._squares += share * (products - self._squares)
-        q, v, both = self._squares
-        trust: np.ndarray = np.clip(both, 0.0, None) ** 2 / np.maximum(q * v, 1e-300)
-        return np.minimum(trust, 1.0)
+
+@compiled
+def _corrections(
+    missed, late, stopped, matrix, squares, share, keeps, speed_gain, push, trusted
+):  # fmt: skip
+    """How far q, q̇ and d change from the measured ones and the last d; False for a new state.
+
+    The mean squares move by `share`.
+    """
+    n = len(missed)
+    off, kept, pushed = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        if not (stopped[i] or abs(missed[i]) < JUMP):
+            return off, kept, pushed, False
+    for i in range(n):
+        squares[0, i] += share * (missed[i] * missed[i] - squares[0, i])
+        squares[1, i] += share * (late[i] * late[i] - squares[1, i])
+        squares[2, i] += share * (missed[i] * late[i] - squares[2, i])
+        if stopped[i]:
+            continue
+        both = max(squares[2, i], 0.0)
+        trust = min(both * both / max(squares[0, i] * squares[1, i], 1e-300), 1.0)
+        off[i] = -(1 - trust) * keeps * missed[i]
+        kept[i] = (1 - trust) * ((1 - SPEEDS) * late[i] - speed_gain * missed[i])
+        pushed[i] = trust * trusted * dot(matrix[i], late)
+        pushed[i] += (1 - trust) * push * dot(matrix[i], missed)
+    return off, kept, pushed, True

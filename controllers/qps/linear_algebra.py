@@ -57,6 +57,15 @@ def _lu_solve(A, b):
     return True
 
 
+def _solve_rows(system):
+    n = len(system)
+    system[:, n:] = np.linalg.solve(system[:, :n], system[:, n:])
+
+
+def _multiply(A, B, C):
+    np.matmul(A, B, out=C)
+
+
 @compiled_or(np.dot, reorder=True)
 def dot(a: np.ndarray, b: np.ndarray) -> float:
     """a · b of two vectors (n,)."""
@@ -282,6 +291,60 @@ def lu_solve(A: np.ndarray, b: np.ndarray) -> bool:
             b[k] -= A[k, x] * b[x]
         b[k] /= A[k, k]
     return True
+
+
+@compiled_or(_solve_rows)
+def solve_rows(system: np.ndarray) -> None:
+    """Solve A X = R, given as the rows [A, R] (n, n + k); X overwrites R, and A is lost.
+
+    It is the Gauss-Jordan method with row pivots. If A is singular, the result is not finite (in
+    NumPy: `LinAlgError`).
+    """
+    n, width = system.shape
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            if abs(system[i, k]) > abs(system[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, width):
+                system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
+        row = system[k, k:]
+        divide(row, row[0])
+        for i in range(n):
+            if i != k:
+                add(system[i, k:], -system[i, k], row)
+
+
+@compiled_or(_multiply, reorder=True)
+def multiply(A: np.ndarray, B: np.ndarray, C: np.ndarray) -> None:
+    """C = A B, of matrices (i, k) and (k, j)."""
+    # sweeps along two rows of C and four of B, which compilers vectorise
+    k, w = B.shape
+    for i in range(len(A)):
+        for j in range(w):
+            C[i, j] = 0.0
+    for i in range(0, len(A) - 1, 2):
+        for x in range(0, k - 3, 4):
+            a, b, c, d = A[i, x], A[i, x + 1], A[i, x + 2], A[i, x + 3]
+            e, f, g, h = A[i + 1, x], A[i + 1, x + 1], A[i + 1, x + 2], A[i + 1, x + 3]
+            for j in range(w):
+                p, q, r, s = B[x, j], B[x + 1, j], B[x + 2, j], B[x + 3, j]
+                C[i, j] += a * p + b * q + c * r + d * s
+                C[i + 1, j] += e * p + f * q + g * r + h * s
+        for x in range(k - k % 4, k):
+            for j in range(w):
+                C[i, j] += A[i, x] * B[x, j]
+                C[i + 1, j] += A[i + 1, x] * B[x, j]
+    if len(A) % 2:
+        i = len(A) - 1
+        for x in range(0, k - 3, 4):
+            a, b, c, d = A[i, x], A[i, x + 1], A[i, x + 2], A[i, x + 3]
+            for j in range(w):
+                C[i, j] += a * B[x, j] + b * B[x + 1, j] + c * B[x + 2, j] + d * B[x + 3, j]
+        for x in range(k - k % 4, k):
+            for j in range(w):
+                C[i, j] += A[i, x] * B[x, j]
 
 
 @compiled

@@ -13,8 +13,8 @@ from test_controllers import ask, hostile_references
 import softdyn
 from softdyn import InputError, Reference, SetPoint, SoftdynError
 from softdyn.controllers import Mpc, MpcParameters, Status, find_controller
-from softdyn.controllers.mpc import KNOTS
-from softdyn.controllers.predictive.prediction import ahead, condensed_qp, ramps, respond, stacked
+from softdyn.controllers.predictive import prediction
+from softdyn.controllers.predictive.prediction import Lookahead, ahead, condensed_qp
 from softdyn.description import library as catalogue
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.validation import paper, simulate
@@ -61,8 +61,9 @@ def test_the_prediction_is_the_robot_nearby(which: str) -> None:
     rest = state.M @ f  # the force that holds the arm, so that only w moves it
     K, D = tangent_dynamics(model, q, v, u)
     step, count = 0.01, 10
-    positions, speeds = respond(state.M, K, D, state.B, 0 * v, 0 * v, v, step, count)
-    unit = positions[:, :, 1:].sum(axis=0) @ w  # w all along
+    z, push = np.zeros(2 * model.nv), state.B @ w
+    for _ in range(count):
+        z = predictive.alexander(state.M, K, D, push, z, step)
     small = step * count / 400
     x, dx = q.copy(), v.copy()
     S = np.linalg.inv(state.M + small * D + small**2 * K)
@@ -71,68 +72,73 @@ def test_the_prediction_is_the_robot_nearby(which: str) -> None:
         push = now.B @ (u + w) - now.h - rest - small * (K @ dx)
         dx = dx + small * (S @ push)
         x = x + small * dx
-    np.testing.assert_allclose(unit, x - q, atol=2e-2 * np.abs(x - q).max())
+    np.testing.assert_allclose(z[: model.nv], x - q, atol=2e-2 * np.abs(x - q).max())
     assert np.abs(x - q).max() > 1e-7
-    assert speeds.shape == (count, model.nv, 1 + model.nu)
 
 
 def test_the_method_has_order_two_and_damps_what_is_stiff() -> None:
     one = np.ones((1, 1))
     errors = []
     for count in (10, 20, 40):  # x'' + 0.3 x' + 9 x = 9 from rest for 1 s
-        p, _ = respond(
-            one, 9 * one, 0.3 * one, one, 9 * np.ones(1), np.zeros(1), np.zeros(1), 1 / count, count
-        )
+        z = np.zeros(2)
+        for _ in range(count):
+            z = predictive.alexander(one, 9 * one, 0.3 * one, np.full(1, 9.0), z, 1 / count)
         w = np.sqrt(9 - 0.15**2)
         exact = 1 - np.exp(-0.15) * (np.cos(w) + 0.15 / w * np.sin(w))
-        errors.append(abs(p[-1, 0, 0] - exact))
+        errors.append(abs(z[0] - exact))
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     assert (orders > 1.8).all()
-    p, v = respond(one, one, 1e6 * one, one, np.zeros(1), np.zeros(1), np.ones(1), 0.1, 3)
-    assert abs(v[-1, 0, 0]) < 1e-5
+    z = np.array([0.0, 1.0])
+    for _ in range(3):
+        z = predictive.alexander(one, one, 1e6 * one, np.zeros(1), z, 0.1)
+    assert abs(z[1]) < 1e-5
 
 
-def test_condensing_is_superposition() -> None:
-    model, q, v, u = random_state("spirob", 3)
-    state = model.state(q, v)
+@pytest.mark.parametrize("which", ["finger", "spirob", "helix", "one joint"])
+@pytest.mark.parametrize("shape", [False, True])
+def test_condensing_is_superposition(which: str, shape: bool) -> None:
+    """The condensed objective equals the sum along the simulated steps, as differences show."""
+    model, q, v, u = random_state(which, 3)
+    state, rng, n, m = model.state(q, v), np.random.default_rng(0), model.nv, model.nu
     K, D = tangent_dynamics(model, q, v, u)
-    force = state.B @ u - state.h + D @ v
-    shape = ramps((1, 3, 6))
-    np.testing.assert_allclose(shape.sum(axis=1), [0.5, 1, 1, 1, 1, 1])  # the first ramps from 0
-    responses, _ = respond(state.M, K, D, state.B, force, 0 * v, v, 0.02, 6)
-    free, into = stacked(state.J, responses, shape)
-    x = np.random.default_rng(0).normal(size=3 * model.nu)
-    means = shape @ x.reshape(3, model.nu)
-    p, speed = np.zeros(model.nv), v.copy()  # the same method, step by step
-    for k in range(6):
-        pushed = force + state.B @ means[k]
-        one, fast = respond(state.M, K, D, state.B, pushed, p, speed, 0.02, 1)
-        p, speed = one[0, :, 0], fast[0, :, 0]
-        np.testing.assert_allclose(state.J @ p, (free + into @ x)[3 * k : 3 * k + 3], atol=1e-9)
+    knots, step, metric = (1, 2, 4, 7, 8), 0.02, rng.normal(size=(n, n)) + 4 * np.eye(n)
+    rows = np.vstack((state.J, rng.normal(size=(n, n)))) if shape else state.J
+    force, p = state.B @ u - state.h + D @ v, 0.1 * rng.normal(size=n)
+    error, pace = rng.normal(size=(8, len(rows))), rng.normal(size=(8, n))
+    weights, offset = rng.normal(size=(2, 5 * m, 5 * m))[0], rng.normal(size=5 * m)
+    weights = weights @ weights.T
+    data = (state.M, K, D, state.B), force, (p, v), rows, error, pace
+    H, g, c = condensed_qp(*data, Lookahead(knots, step, metric), weights, offset)
+
+    def outputs(x: np.ndarray) -> np.ndarray:
+        line = np.vstack((np.zeros(m), x.reshape(5, m)))
+        means = [np.interp(np.arange(8) + 0.5, (0, *knots), inputs) for inputs in line.T]
+        z, result = np.concatenate((p, v)), []
+        for k, w in enumerate(np.transpose(means)):
+            z = predictive.alexander(state.M, K, D, force + state.B @ w, z, step)
+            result += [*(error[k] + rows @ z[:n]), *(metric @ z[n:] - pace[k])]
+        return np.array(result)
+
+    free = outputs(np.zeros(5 * m))
+    into = np.stack([outputs(x) - free for x in np.eye(5 * m)], axis=1)
+    wanted = 2 * (into.T @ into + weights)
+    size = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(H / np.outer(size, size), wanted / np.outer(size, size), atol=1e-9)
+    wanted = 2 * (into.T @ free + offset)
+    np.testing.assert_allclose(g, wanted, atol=1e-9 * np.abs(wanted).max())
+    assert c == pytest.approx(free @ free, rel=1e-9)
 
 
-def test_the_objective_is_the_sum_it_says() -> None:
-    model, q, v, u = random_state("spirob", 5)
-    state = model.state(q, v)
-    K, D = tangent_dynamics(model, q, v, u)
-    rng, shape = np.random.default_rng(0), ramps((1, 3))
-    force, error = state.B @ u - state.h + D @ v, rng.normal(size=(3, 3))
-    start, pace = rng.normal(size=model.nv), rng.normal(size=(3, model.nv))
-    metric, m = rng.normal(size=(model.nv, model.nv)), model.nu
-    weights, offset = np.eye(2 * m), rng.normal(size=2 * m)
-    H, g, c = condensed_qp(
-        state.M, K, D, state.B, state.J, force, start, v, error, pace, shape, 0.02, metric,
-        weights, offset,
-    )  # fmt: skip
-    positions, speeds = respond(state.M, K, D, state.B, force, start, v, 0.02, 3)
-    tip, tips = stacked(state.J, positions, shape)
-    idle, rush = stacked(metric, speeds, shape)
-    for x in rng.normal(size=(3, 2 * m)):
-        total = np.sum((error.ravel() + tip + tips @ x) ** 2) + np.sum(
-            (idle - pace.ravel() + rush @ x) ** 2
-        )
-        total += x @ x + 2 * offset @ x
-        assert 0.5 * x @ H @ x + g @ x + c == pytest.approx(total, rel=1e-6)
+def test_kernels_are_the_plain_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, n, m = np.random.default_rng(4), 3, 2
+    M, K, D, metric = (x @ x.T + np.eye(n) for x in rng.normal(size=(4, n, n)))
+    data = (M, K, D, rng.normal(size=(n, m))), rng.normal(size=n), rng.normal(size=(2, n))
+    data += rng.normal(size=(1, n)), rng.normal(size=(6, 1)), rng.normal(size=(6, n))
+    own = Lookahead((1, 3, 6), 0.1, metric), np.eye(3 * m), rng.normal(size=3 * m)
+    fast = condensed_qp(*data, *own)
+    monkeypatch.setattr(prediction, "_condensed", prediction._by_products)
+    for kernel, plain in zip(fast, condensed_qp(*data, *own), strict=True):
+        np.testing.assert_allclose(kernel, plain, rtol=1e-9, atol=1e-12 * np.abs(plain).max())
 
 
 @pytest.mark.parametrize("which", ["finger", "helix", "spirob", "two identical tendons"])
@@ -318,7 +324,6 @@ def test_names_and_wrong_gains() -> None:
     for wrong in (5.0, "x", {"Kp": 1}, [], object(), {"speed": -1.0}, {"rate": float("nan")}):
         with pytest.raises(InputError):
             Mpc(model, wrong)
-    assert KNOTS[-1] == len(ramps(KNOTS))
 
 
 def test_a_robot_without_inputs_is_refused(tmp_path: Path) -> None:
@@ -335,7 +340,7 @@ def test_steps_ahead_are_backward_euler() -> None:
     M, K, D = (x @ x.T + np.eye(n) for x in rng.normal(size=(3, n, n)))
     force, p, v = rng.normal(size=(3, n))
     B, changes = rng.normal(size=(n, 2)), rng.normal(size=(3, 2))
-    after = ahead.py_func(M, K, D, B, force, p, v, changes, T)  # type: ignore[attr-defined]
+    after = ahead((M, K, D, B), force, (p, v), changes, T)
     for w in changes:
         block = np.block([[np.eye(n), -T * np.eye(n)], [T * K, M + T * D]])
         both = np.linalg.solve(block, np.concatenate((p, M @ v + T * (force + B @ w))))

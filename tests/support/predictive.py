@@ -45,10 +45,6 @@ def cost(
     dt = H / steps
     W, R = metric(model)
     K, D = linear(state, u0, held, STOP / dt**2)
-    Mi = np.linalg.inv(state.M)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-Mi @ K, -Mi @ D]])
-    gamma = 1 - 1 / np.sqrt(2)
-    implicit = np.linalg.inv(np.eye(2 * n) - gamma * dt * A)
     f = state.B @ u0 - state.h + unmodelled + D @ state.v
     z, total, before = np.concatenate((np.zeros(n), state.v)), 0.0, 0
     inputs = np.vstack((u0, knots))
@@ -56,10 +52,7 @@ def cost(
         span, start, stop = end - before, inputs[index], inputs[index + 1]
         for k in range(span):
             u = start + (k + 0.5) / span * (stop - start)
-            b = np.concatenate((np.zeros(n), Mi @ (f + state.B @ (u - u0))))
-            k1 = implicit @ (A @ z + b)
-            k2 = implicit @ (A @ (z + dt * (1 - gamma) * k1) + b)
-            z = z + dt * ((1 - gamma) * k1 + gamma * k2)
+            z = alexander(state.M, K, D, f + state.B @ (u - u0), z, dt)
             t = (before + k + 1) * dt
             wanted = goal.y + goal.ydot * t + goal.yddot * t**2 / 2
             error = state.y + state.J @ z[:n] - wanted
@@ -69,6 +62,19 @@ def cost(
         total += p.rate * (rate @ R @ rate) / span + p.rate * SIZE * span * (stop @ R @ stop)
         before = end
     return float(total)
+
+
+def alexander(
+    M: np.ndarray, K: np.ndarray, D: np.ndarray, f: np.ndarray, z: np.ndarray, dt: float
+) -> np.ndarray:
+    """(p, q̇) after a step of Alexander's method for M q̈ = f - D q̇ - K p, in state space."""
+    n, gamma, Mi = len(M), 1 - 1 / np.sqrt(2), np.linalg.inv(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-Mi @ K, -Mi @ D]])
+    implicit, b = np.eye(2 * n) - gamma * dt * A, np.concatenate((np.zeros(n), Mi @ f))
+    k1 = np.linalg.solve(implicit, A @ z + b)
+    k2 = np.linalg.solve(implicit, A @ (z + dt * (1 - gamma) * k1) + b)
+    result: np.ndarray = z + dt * ((1 - gamma) * k1 + gamma * k2)
+    return result
 
 
 def metric(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
