@@ -29,6 +29,8 @@ from softdyn.controllers.controller import (
 )
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
+from softdyn.controllers.predictive.plan import Plan
 from softdyn.controllers.predictive.prediction import Lookahead, ahead, condensed_qp
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
@@ -42,9 +44,12 @@ DEFAULT_PERIOD = 0.002  # s
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
 HOLD = 1e-3  # κ, weight of u - u* beside the tip's error, input by input
 FORM = 1e-2  # σ, weight of q - q*
-STUCK = 1.0  # s without arriving after which a target is searched for
-ARRIVES = 0.5  # s later it acts, however long the search took
 MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
+
+# M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
+Linearisation = tuple[
+    tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]
+]
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,9 @@ class Mpc(GuardedController):
         self.actuation = Actuation.of(model, delay, lag)
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
+        self._follow = PlanFollower(
+            model, self.actuation.lag, targets is not None and targets.background
+        )
         self._model = model
         self._step = self.parameters.horizon / KNOTS[-1]
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
@@ -171,6 +179,13 @@ class Mpc(GuardedController):
         self._away = 0.0  # s
         self._asked: Future[RestTarget | None] | None = None
         self._acts: RestTarget | None = None
+        self._follow.reset(self.period)
+
+    def follow(self, plan: Plan) -> None:
+        """Follow a plan, then hold its target, as long as its goal is the reference."""
+        self._goal, self._away, self._asked = plan.goal.copy(), 0.0, None
+        self._acts = plan.target
+        self._follow.begin(plan.target, plan)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -192,10 +207,13 @@ class Mpc(GuardedController):
             means, u = link.over_delay(self._step)
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
             start = force + state.B @ (u - acting)
+        target = self._target_of(state, reference)
+        asked = self._follow(target, reference.y, state, p, speed, u)
+        if asked is not None:
+            return self._send(asked, np.nan, target, state, (linear, force, first))
         t = self._ahead + link.delay
         goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
         rows, error, inputs, offset = state.J, state.y - goal, self._inputs, self._offset @ u
-        target = self._target_of(state, reference)
         if target is not None:
             inputs, offset = inputs + self._hold, offset + self._hold_offset @ (u - target.u)
             if not target.stable:
@@ -215,14 +233,21 @@ class Mpc(GuardedController):
         V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
         share = min(1.0, self.period / (KNOTS[0] * self._step))
         asked = link.command_for(u + share * x[: model.nu], u)
-        command = self.guard.accept(asked, V, np.nan)
-        mean = link.send(command.u)
+        return self._send(asked, V, target, state, (linear, force, first))
+
+    def _send(
+        self, asked: np.ndarray, V: float, target: RestTarget | None, state: State,
+        present: Linearisation,
+    ) -> Command:  # fmt: skip
+        """The command that is sent, within its bounds; it also predicts the next state."""
+        command, acting = self.guard.accept(asked, V, np.nan), self.actuation.acting
+        mean = self.actuation.send(command.u)
         if target is not None:
             command = replace(command, distance=target.distance)
         if command.status is Status.OK:
             change = (mean - acting)[None]
-            p, speed, matrix = ahead(linear, force, first, change, self.period)
-            self._filter.expect(model.integrate(state.q, p), speed, matrix)
+            p, speed, matrix = ahead(*present, change, self.period)
+            self._filter.expect(self._model.integrate(state.q, p), speed, matrix)
         return command
 
     def _target_of(self, state: State, reference: Reference | SetPoint) -> RestTarget | None:

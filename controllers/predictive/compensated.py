@@ -107,10 +107,9 @@ class Compensated(GuardedController):
         means, u = link.over_delay(STEP)
         step = link.delay / len(means)
         stops = self._stops.stiffness(state, self._stops.held(state), step)
-        p, speed, _ = ahead(
-            state.M, K + np.diag(stops), D, state.B, state.B @ acting - state.h + D @ v,
-            np.zeros(model.nv), v, means - acting, step,
-        )  # fmt: skip
+        linear = state.M, K + np.diag(stops), D, state.B
+        force = state.B @ acting - state.h + D @ v
+        p, speed, _ = ahead(linear, force, (np.zeros(model.nv), v), means - acting, step)
         if not np.isfinite(p @ p + speed @ speed):
             return state, u
         return model.state(model.integrate(state.q, p), speed), u

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from threading import Thread
+from typing import TypeVar
 
 import numpy as np
 
 from softdyn import SoftModel, statics
 from softdyn.statics import StaticsError
 
+Result = TypeVar("Result")
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
 SHAPES = 6  # random shapes from which the search starts
 
@@ -37,6 +41,23 @@ class RestTarget:
     distance: float
 
 
+def in_future(work: Callable[[], Result], background: bool) -> Future[Result]:
+    """The result of some work, done at once or in a thread."""
+    answer: Future[Result] = Future()
+
+    def do() -> None:
+        try:
+            answer.set_result(work())
+        except BaseException as error:  # the controller's thread has to see it
+            answer.set_exception(error)
+
+    if background:  # a daemon, so that the program's end does not wait for it
+        Thread(target=do, daemon=True).start()
+    else:
+        answer.set_result(work())
+    return answer
+
+
 class RestTargets:
     """The target of each set point, found once and kept.
 
@@ -60,18 +81,8 @@ class RestTargets:
         """The target for the tip at y (3,); None if the robot has no equilibrium to start from."""
         key = np.asarray(y, float).tobytes()
         if key not in self._asked:
-            answer = self._asked[key] = Future()
-            if self.background:  # a daemon, so that the program's end does not wait for it
-                Thread(target=self._answer, args=(answer, y), daemon=True).start()
-            else:
-                answer.set_result(self._search(y))
+            self._asked[key] = in_future(partial(self._search, y), self.background)
         return self._asked[key]
-
-    def _answer(self, answer: Future[RestTarget | None], y: np.ndarray) -> None:
-        try:
-            answer.set_result(self._search(y))
-        except BaseException as error:  # the controller's thread has to see it
-            answer.set_exception(error)
 
     def __getstate__(self) -> dict[str, object]:
         return {"_model": self._model, "background": self.background, "_asked": {}}
