@@ -6,4 +6,7 @@
 - `stops`: joint stops as stiff springs
 - `compensated`: any controller behind delay and lag
 - `rest_target`: equilibria as targets of shape and input
+- `riccati`: linear feedback about a path, by the backward recursion
+- `plan`: a path of inputs through a fold, by iLQR
+- `follow`: a plan followed with its gains
 """
