@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn import Reference, SoftModel, State
-from softdyn.controllers.mpc import SIZE, STOP, MpcParameters
+from softdyn.controllers.mpc import SIZE, MpcParameters
+from softdyn.controllers.predictive import stops
 from softdyn.dynamics.derivatives import tangent_dynamics
 
 KNOTS = (1, 3, 6, 12, 30)  # weights of docs/beyond.md, "Predictive control"
@@ -22,7 +23,7 @@ def linear(state: State, u: np.ndarray, held: np.ndarray, stop: float) -> tuple:
 
 def euler(state: State, u: np.ndarray, force: np.ndarray, held: np.ndarray, period: float):
     """q̇ after a period by backward Euler under u and a joint force, by fixed-point equations."""
-    K, D = linear(state, u, held, STOP / (MpcParameters().horizon / KNOTS[-1]) ** 2)
+    K, D = linear(state, u, held, stops.STIFFNESS / (MpcParameters().horizon / KNOTS[-1]) ** 2)
     n = len(state.v)
     # unknowns (p, q̇): p = T q̇,  M (q̇ - q̇₀) = T (f - K p - D (q̇ - q̇₀))
     rows = np.block([[np.eye(n), -period * np.eye(n)], [period * K, state.M + period * D]])
@@ -44,7 +45,7 @@ def cost(
     H, n, steps = p.horizon, model.nv, KNOTS[-1]
     dt = H / steps
     W, R = metric(model)
-    K, D = linear(state, u0, held, STOP / dt**2)
+    K, D = linear(state, u0, held, stops.STIFFNESS / dt**2)
     f = state.B @ u0 - state.h + unmodelled + D @ state.v
     z, total, before = np.concatenate((np.zeros(n), state.v)), 0.0, 0
     inputs = np.vstack((u0, knots))

@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from softdyn.validation import Twin
+import softdyn
+from softdyn.validation import StateMap, Twin
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.twin.plant_errors import PlantErrors
 
 
