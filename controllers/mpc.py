@@ -160,7 +160,7 @@ class Mpc(GuardedController):
         self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
-        self._qp = DenseQp(size, size)
+        self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
         self._rows = np.kron(_command_rows(self.actuation.lag, self._step), np.eye(model.nu))
         with np.errstate(all="ignore"):

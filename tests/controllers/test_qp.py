@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 
 import numpy as np
@@ -345,3 +346,15 @@ def test_answers_do_not_depend_on_what_was_solved_before() -> None:
         assert one is not None
         assert two is not None
         np.testing.assert_allclose(one.x, two.x, rtol=1e-12, atol=1e-12)
+
+
+def test_a_guess_gives_the_same_answer() -> None:
+    rng = np.random.default_rng(8)
+    plain, guessing = DenseQp(4, 4), pickle.loads(pickle.dumps(DenseQp(4, 4, guess=True)))
+    for bound in (0.01, 1.0, 100.0):
+        root = rng.normal(size=(4, 4))
+        H, rows = root @ root.T + np.eye(4), rng.normal(size=(4, 4)) + 3 * np.eye(4)
+        problem = QpProblem(H, rng.normal(size=4), rows, np.full(4, -bound), np.full(4, bound))
+        answers = [qp.solve(problem) for qp in (plain, guessing)]
+        assert all(answer is not None and answer.solved for answer in answers)
+        np.testing.assert_allclose(answers[0].x, answers[1].x, rtol=1e-9, atol=1e-12)
