@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,11 @@ from softdyn.controllers.controller import (
 )
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.buckling import Pull, buckling_input
 from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
+from softdyn.controllers.predictive.objective import make_objective
 from softdyn.controllers.predictive.plan import Plan
-from softdyn.controllers.predictive.prediction import Lookahead, ahead, condensed_qp
+from softdyn.controllers.predictive.prediction import ahead, condensed_qp
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.predictive.stops import JointStops
@@ -41,10 +44,9 @@ from softdyn.dynamics.model import check_model
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
-SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
-HOLD = 1e-3  # κ, weight of u - u* beside the tip's error, input by input
-FORM = 1e-2  # σ, weight of q - q*
 MOVES = 1e-3  # of the tip's most mobile direction: what moves less has no speed of its own
+PATH = 0.1  # s, the horizon on a path that a buckled arm follows, and
+LAGS = 4.0  # of the actuators' lag more
 
 # M, K_t, D_t, B; the force, and p and q̇ at the point of linearisation
 Linearisation = tuple[
@@ -156,16 +158,19 @@ class Mpc(GuardedController):
             model, self.actuation.lag, targets is not None and targets.background
         )
         self._model = model
-        self._step = self.parameters.horizon / KNOTS[-1]
-        self._ahead = self._step * np.arange(1.0, KNOTS[-1] + 1)[:, None]
         self._still = np.zeros((KNOTS[-1], model.nv))
         size = len(KNOTS) * model.nu
         self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
-        self._rows = np.kron(_command_rows(self.actuation.lag, self._step), np.eye(model.nu))
-        with np.errstate(all="ignore"):
-            self._weigh(model)
         self._stops = JointStops(model)
+        given, self._pull, lag = self.parameters, None, self.actuation.lag
+        weigh = partial(make_objective, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag)
+        with np.errstate(all="ignore"):
+            self._usual = self._on_path = weigh(given.horizon)
+            least = None if targets is None else buckling_input(model)
+        if least is not None:
+            self._pull = Pull(model, least)
+            self._on_path = weigh(min(given.horizon, PATH + LAGS * lag), blind=True)
         self.reset(period)
         warm_up(self, model, period)
 
@@ -175,6 +180,8 @@ class Mpc(GuardedController):
         self.guard.reset()
         self.actuation.reset(self.period, self.guard.held)
         self._filter.reset(self.period)
+        if self._pull is not None:
+            self._pull.reset(self.period)
         self._goal = np.full(3, np.nan)
         self._away = 0.0  # s
         self._asked: Future[RestTarget | None] | None = None
@@ -191,6 +198,8 @@ class Mpc(GuardedController):
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         """V of the command is the cost that the horizon predicts."""
         model, link, v = self._model, self.actuation, state.v
+        moving = bool(reference.ydot.any() or reference.yddot.any())
+        by = self._on_path if moving else self._usual
         small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
             return self._fall_back(Status.NON_FINITE)
@@ -198,40 +207,41 @@ class Mpc(GuardedController):
         K, D = tangent_dynamics(model, state.q, v, acting)
         held = self._stops.held(state)
         p, speed, unmodelled = self._filter(state, held)
-        stops = self._stops.stiffness(state, held, self._step)
+        stops = self._stops.stiffness(state, held, by.step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v
         first = p, speed
         u, start = acting, force
         if link.delay > 0:
-            means, u = link.over_delay(self._step)
+            means, u = link.over_delay(by.step)
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
             start = force + state.B @ (u - acting)
-        target = self._target_of(state, reference)
-        asked = self._follow(target, reference.y, state, p, speed, u)
-        if asked is not None:
-            return self._send(asked, np.nan, target, state, (linear, force, first))
-        t = self._ahead + link.delay
+        target = self._target_of(state, reference, moving)
+        if not moving:
+            asked = self._follow(target, reference.y, state, p, speed, u)
+            if asked is not None:
+                return self._send(asked, np.nan, target, state, (linear, force, first))
+        t = by.ahead + link.delay
         goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
-        rows, error, inputs, offset = state.J, state.y - goal, self._inputs, self._offset @ u
+        rows, error, inputs, offset = state.J, state.y - goal, by.inputs, by.offset @ u
         if target is not None:
-            inputs, offset = inputs + self._hold, offset + self._hold_offset @ (u - target.u)
+            inputs, offset = inputs + by.hold, offset + by.hold_offset @ (u - target.u)
             if not target.stable:
-                rows = np.vstack((rows, self._form))
-                bent = self._form @ (model.coordinates(state.q) - model.coordinates(target.q))
+                rows = np.vstack((rows, by.form))
+                bent = by.form @ (model.coordinates(state.q) - model.coordinates(target.q))
                 error = np.hstack((error, np.tile(bent, (len(error), 1))))
-        pace = self._pace(state.J, reference.ydot + t * reference.yddot)
+        pace = self._pace(by.lookahead.metric, state.J, reference.ydot + t * reference.yddot)
         H, g, c = condensed_qp(
-            linear, start, (p, speed), rows, error, pace, self._lookahead, inputs, offset
+            linear, start, (p, speed), rows, error, pace, by.lookahead, inputs, offset
         )
         knots = len(KNOTS)
         lower, upper = np.tile(model.u_min - u, knots), np.tile(model.u_max - u, knots)
-        solution = self._qp.solve(QpProblem(H, g, self._rows, lower, upper))
+        solution = self._qp.solve(QpProblem(H, g, by.rows, lower, upper))
         if solution is None or not solution.solved:
             return self._fall_back(Status.NON_FINITE if solution is None else Status.NOT_SOLVED)
         x = solution.x
         V = max(0.0, float(x @ (0.5 * (H @ x) + g)) + c)
-        share = min(1.0, self.period / (KNOTS[0] * self._step))
+        share = min(1.0, self.period / (KNOTS[0] * by.step))
         asked = link.command_for(u + share * x[: model.nu], u)
         return self._send(asked, V, target, state, (linear, force, first))
 
@@ -250,10 +260,18 @@ class Mpc(GuardedController):
             self._filter.expect(self._model.integrate(state.q, p), speed, matrix)
         return command
 
-    def _target_of(self, state: State, reference: Reference | SetPoint) -> RestTarget | None:
-        """The target that acts: `Mpc` alone did not arrive, and the target is nearer."""
+    def _target_of(
+        self, state: State, reference: Reference | SetPoint, moving: bool
+    ) -> RestTarget | None:
+        """The target that acts: `Mpc` alone did not arrive, and the target is nearer.
+
+        On a path it is an input that buckles the arm, and no shape.
+        """
         y = reference.y
-        if self.targets is None or reference.ydot.any() or reference.yddot.any():
+        if moving and self._pull is not None:
+            u = self._pull(float(np.linalg.norm(state.y - y)))
+            return None if u is None else RestTarget(state.q, u, True, np.nan)
+        if self.targets is None or moving:
             return None
         if not np.array_equal(self._goal, y):
             self._goal, self._away, self._asked, self._acts = y.copy(), 0.0, None, None
@@ -269,7 +287,7 @@ class Mpc(GuardedController):
                 self._acts = found
         return self._acts
 
-    def _pace(self, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
+    def _pace(self, metric: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
         """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, 3).
 
         With the rows G = J (metric)⁻¹ these are G⁺ ẏ; directions that hardly move the tip are left
@@ -277,7 +295,7 @@ class Mpc(GuardedController):
         """
         if not ydot.any():
             return self._still
-        G = np.linalg.solve(self._lookahead.metric.T, J.T).T
+        G = np.linalg.solve(metric.T, J.T).T
         left, values, right = np.linalg.svd(G, full_matrices=False)
         inverse = np.where(values > MOVES * values[0], 1.0 / np.maximum(values, 1e-300), 0.0)
         pace: np.ndarray = ((ydot @ left) * inverse) @ right
@@ -290,32 +308,3 @@ class Mpc(GuardedController):
         command = self.guard.fall_back(status, np.nan, np.nan)
         self.actuation.send(command.u)
         return command
-
-    def _weigh(self, model: SoftModel) -> None:
-        """The metric of joint speeds and inputs, at rest."""
-        state, H = model.state(model.q0, np.zeros(model.nv)), self.parameters.horizon
-        S = state.M / H**2 + state.D / H + np.diag(model.stiffness)
-        factor = np.linalg.cholesky(S)
-        compliance = np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2)
-        metric = self.parameters.speed * H * math.sqrt(compliance) * factor.T.copy()
-        self._lookahead = Lookahead(KNOTS, self._step, metric)
-        R = self.parameters.rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
-        lengths = np.diff((0, *KNOTS)).astype(float)
-        differences = np.eye(len(KNOTS)) - np.eye(len(KNOTS), k=-1)
-        rates = differences.T @ np.diag(1 / lengths) @ differences
-        self._inputs = np.kron(rates, R) + np.kron(np.diag(lengths), SIZE * R)
-        self._offset = np.kron(lengths[:, None], SIZE * R)
-        own = np.diag(np.diag(R)) * (HOLD / self.parameters.rate)
-        self._hold = np.kron(np.diag(lengths), own)
-        self._hold_offset = np.kron(lengths[:, None], own)
-        self._form = math.sqrt(FORM * compliance) * factor.T.copy()
-
-
-def _command_rows(lag: float, step: float) -> np.ndarray:
-    """Rows (knots, knots) of the commands at the knots: w_k + λ (w_k - w_(k-1)) / L_k.
-
-    Along a ramp the command is largest in size of its change at the end, so its bounds there serve
-    the whole ramp.
-    """
-    lead = lag / (step * np.diff((0, *KNOTS)))
-    return np.diag(1.0 + lead) - np.diag(lead[1:], k=-1)

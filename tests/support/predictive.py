@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn import Reference, SoftModel, State
-from softdyn.controllers.mpc import SIZE, MpcParameters
+from softdyn.controllers.mpc import MpcParameters
 from softdyn.controllers.predictive import stops
+from softdyn.controllers.predictive.objective import SIZE
 from softdyn.dynamics.derivatives import tangent_dynamics
 
 KNOTS = (1, 3, 6, 12, 30)  # weights of docs/beyond.md, "Predictive control"
