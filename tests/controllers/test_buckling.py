@@ -1,0 +1,87 @@
+"""The pull that buckles an arm at the begin of a path."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn import Reference, SetPoint
+from softdyn.controllers import Mpc
+from softdyn.controllers.predictive import buckling
+from softdyn.controllers.predictive.objective import make_objective, unseen
+from softdyn.controllers.predictive.rest_target import RestTargets
+from softdyn.dynamics.derivatives import stiffness
+from tests.support.control_cases import robot
+from tests.support.predictive import KNOTS
+
+
+def test_the_least_buckling_input_bends_nothing_and_makes_the_stiffness_singular() -> None:
+    model = robot("spirob")
+    u = buckling.buckling_input(model)
+    assert u is not None
+    state = model.state(model.q0, np.zeros(model.nv))
+    assert np.abs(state.B @ u).max() < 1e-9 * np.abs(state.B).max() * u.max()
+    below, above = (np.linalg.eigvalsh(stiffness(model, model.q0, s * u))[0] for s in (0.999, 1.001))
+    assert below > 0 > above
+
+
+def test_cables_that_cannot_pull_against_each_other_buckle_nothing() -> None:
+    for name in ("finger", "helix"):
+        model = robot(name)
+        assert buckling.buckling_input(model) is None
+        law = Mpc(model, targets=RestTargets(model))
+        assert law._pull is None
+        assert law._on_path is law._usual
+
+
+def test_a_change_that_the_metric_does_not_see_costs_as_much_as_each_input_alone() -> None:
+    R = 2.0 * (np.eye(3) - 1 / 3)  # three cables at 120 degrees
+    np.testing.assert_allclose(unseen(R), 4 / 3 * np.full((3, 3), 1 / 3), atol=1e-12)
+    np.testing.assert_array_equal(unseen(np.diag([1.0, 2.0])), np.zeros((2, 2)))
+    model = robot("spirob")
+    together = np.ones(len(KNOTS) * model.nu)
+    given = {"horizon": 0.1, "speed": 0.1, "rate": 1e-4, "lag": 0.0}
+    free, counted = (make_objective(model, KNOTS, **given, blind=b).inputs for b in (False, True))
+    assert together @ free @ together < 1e-4 * (together @ counted @ together)
+
+
+def test_a_pull_starts_far_from_the_path_and_lasts_a_stated_time() -> None:
+    T, model = 0.01, robot("spirob")
+    pull = buckling.Pull(model, np.full(3, 0.9))
+    np.testing.assert_allclose(pull.u, 18.0)
+
+    def times(distances: list[float]) -> list[int]:
+        pull.reset(T)
+        return [k for k, d in enumerate(distances) if pull(d) is not None]
+
+    lasts, again, late = (round(s / T) for s in (buckling.LASTS, buckling.AGAIN, buckling.LATE))
+    far, near = 2 * buckling.FAR, 0.5 * buckling.FAR
+    assert times([near] * 300) == []
+    assert times([far] + [near] * 300) == list(range(lasts))
+    # after that, only once the tip has been far for a while
+    pulled = times([near] * 10 + [far] * (late + 1) + [near] * 100)
+    assert len(pulled) == lasts
+    assert 10 + late - 1 <= pulled[0] <= 10 + late + 1
+    # and not before a stated time
+    pulled = times([far] * (2 * lasts + again + 10))
+    assert len(pulled) > lasts
+    assert pulled[lasts] - pulled[0] >= lasts + again
+
+
+def test_only_a_moving_reference_is_pulled_for_and_two_runs_are_equal() -> None:
+    model = robot("spirob")
+    state = model.state(model.q0, np.zeros(model.nv))
+    far = state.y + np.array([0.1, 0.0, 0.1])
+    runs = []
+    for _ in range(2):
+        law = Mpc(model, targets=RestTargets(model))
+        law.reset(0.002)
+        moving = [law(state, Reference(far, ydot=[0.0, 0.0, 0.1])).u for _ in range(5)]
+        law.reset(0.002)
+        still = [law(state, SetPoint(far)).u for _ in range(5)]
+        runs.append((moving, still))
+    np.testing.assert_array_equal(*runs)
+    moving, still = runs[0]
+    plain = Mpc(model)
+    plain.reset(0.002)
+    np.testing.assert_array_equal(still, [plain(state, SetPoint(far)).u for _ in range(5)])
+    assert np.abs(np.subtract(moving, still)).max() > 1.0
