@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
+BLOCK = "a <softdyn> block for a URDF that has none"
 Command = Callable[[Arguments], int]
 
 
@@ -122,9 +123,7 @@ def add_json(parser: Parser) -> None:
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of `load_robot`, the same in every command that takes a ROBOT."""
-    parser.add_argument(
-        "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
-    )
+    parser.add_argument("--annotations", metavar="FILE", help=BLOCK)
     parser.add_argument("--floating", action="store_true", help="let the root link move freely")
     add_repair_option(parser)
 
@@ -167,7 +166,8 @@ def add_ensemble_options(parser: Parser) -> None:
     """Add the options of `distributions`."""
     parser.add_argument(
         "--ensemble", type=count, default=0, metavar="N",
-        help="run every loop from 2 more starts (1e-9 apart), or N if its printed figure varies",
+        help="run every loop from 2 more starts (1e-9 apart), or N if its printed figure varies or "
+        "it has noise",
     )  # fmt: skip
     parser.option("--seed", whole, "S", "seed of the starts", 1)
     parser.output("--keep", "FILE", "add the figures to those of other seeds and cells in FILE")
@@ -176,10 +176,11 @@ def add_ensemble_options(parser: Parser) -> None:
 def distributions(
     arguments: Arguments, cells: Mapping[str, Case], store: Store | None = None,
     execute: Executor | None = None, folder: Path = Path(),
+    more: Callable[[dict[str, Distribution]], dict[str, Distribution]] = dict,
 ) -> dict[str, Distribution]:  # fmt: skip
     """Run the ensembles of `add_ensemble_options`; store them below --out, by default ensemble/.
 
-    Relative paths of robots and controllers are relative to `folder`.
+    Relative paths of robots and controllers are relative to `folder`; `more` adds further cells.
     """
     from softdyn.validation.studies.engine import distribution, ensemble, executors
     from softdyn.validation.studies.engine.store import Store
@@ -188,10 +189,11 @@ def distributions(
     execute = execute or executors.strict(arguments.jobs or -1)
     before = distribution.read_distributions(keep) if arguments.keep and keep.exists() else {}
     found = ensemble.run(cells, store, execute, arguments.ensemble, arguments.seed, before, folder)
+    found |= more(found)
     both = distribution.join(before, found)
     if arguments.keep:
         distribution.write_distributions(keep, both)
-    return {label: both[label] for label in cells}
+    return {label: both[label] for label in found}
 
 
 def summaries(cells: Mapping[str, Distribution]) -> dict[str, Any]:
@@ -201,9 +203,7 @@ def summaries(cells: Mapping[str, Distribution]) -> dict[str, Any]:
 
 def add_own_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a study of one own robot: its annotations, its controller's gains."""
-    parser.add_argument(
-        "--annotations", metavar="FILE", help="a <softdyn> block for a URDF that has none"
-    )
+    parser.add_argument("--annotations", metavar="FILE", help=BLOCK)
     parser.add_argument("--gains", metavar="FILE", help="gains of the controller, a TOML file")
 
 

@@ -26,7 +26,8 @@ FILE is TOML, described in docs/sweeps.md; for example
 
 or the name of a shipped sweep, if no such file exists: robustness (other targets, plants, delays,
 noise: one change at a time), horizon (of the soft controller's dynamics), periods (the paper's
-experiments at several control periods).
+experiments at several control periods), set_points (14 others on the ellipse, with the nearest
+stable equilibria of those missed).
 
 Below --out: cases/ with one file per case, sweep.csv with all of them, and sweep.md with the best
 ones, or with a table of all if the file asks for it. An interrupted sweep continues where it
@@ -93,7 +94,10 @@ def command(arguments: cli.Arguments) -> int:
     rows, table = sweep_report.sweep_rows(jobs, store), ""
     report = sweep_report.report(wanted, rows, ran)
     if wanted.rows:
-        cells = cli.distributions(arguments, wanted.cells, store, execute, wanted.folder)
+        cells = cli.distributions(
+            arguments, wanted.cells, store, execute, wanted.folder,
+            lambda ran: sweep_report.missed(wanted, ran),
+        )  # fmt: skip
         table = sweep_report.cell_tables(wanted, cells)
         report |= cli.summaries(cells)
     report["files"] = sweep_report.write_sweep(wanted, rows, out, table)

@@ -55,6 +55,32 @@ def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) ->
     return float(np.trapezoid(values, times) / (t[-1] - start))
 
 
+def input_change(u: np.ndarray, u_min: np.ndarray, u_max: np.ndarray) -> float | None:
+    """Root mean square change of the inputs from one period to the next, as a share of their range.
+
+    Only the second half of the run counts, when a set point should be held. Inputs without a range
+    are left out.
+
+    Parameters
+    ----------
+    u : np.ndarray, (N, nu)
+        The inputs of all periods.
+    u_min, u_max : np.ndarray, (nu,)
+        Their bounds.
+
+    Returns
+    -------
+    float or None
+        The change; None without two periods or without a range.
+    """
+    free = u_max > u_min
+    late = u[len(u) // 2 :, free]
+    if len(late) < 2 or not free.any():
+        return None
+    with np.errstate(all="ignore"):  # a damaged log may state a range of 1e-310
+        return float(np.sqrt(np.mean((np.diff(late, axis=0) / (u_max - u_min)[free]) ** 2)))
+
+
 def mean_std(values: Iterable[float | None]) -> tuple[float | None, float | None]:
     """Mean and population standard deviation; None, None if a value is None or not finite."""
     cases = [math.nan if value is None else float(value) for value in values]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from softdyn import Reference, SetPoint, SoftModel, statics
+from softdyn.validation.crosschecks.rest_report import rests_at
 from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
 from softdyn.validation.studies import experiments
 
+HELD = 0.01  # s, run of the twin at each equilibrium, which only `softdyn statics` judges
 Target = tuple[str, Any]
 """Kind and value of a case."""
 
@@ -37,6 +42,19 @@ def points(model: SoftModel, count: int, seed: int = 0) -> list[tuple[float, ...
     """
     rests = statics.spread_rests(model, count, seed)
     return [tuple(round(x, 4) + 0.0 for x in one.y.tolist()) for one in rests]
+
+
+def nearest_stable(model: SoftModel, targets: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """Distance (m) from each target (3,) to the tip of the nearest stable equilibrium.
+
+    It is the one that ``softdyn statics`` finds, infinite if it finds none.
+    """
+    found = rests_at(model, targets, seconds=HELD).targets
+    stable = {one.name: (one.search, one.search.nearest_stable) for one in found}
+    return {
+        name: math.inf if rest is None else search.distance(rest)
+        for name, (search, rest) in stable.items()
+    }
 
 
 def study_experiments(model: SoftModel, count: int) -> list[Experiment]:

@@ -116,6 +116,9 @@ class Sweep:
         table.
     means : bool
         Whether that table has the mean of each row.
+    statics_beyond_cm : float
+        Set points that end farther away than this (cm) get the distance of the nearest stable
+        equilibrium, in a row of its own.
     must_not_fail : tuple of str
         Names of the changes whose runs from rest decide the exit code.
     gains : mapping
@@ -141,6 +144,7 @@ class Sweep:
     changes: Mapping[str, Mapping[str, Mapping[str, Any]]]
     rows: tuple[str, ...]
     means: bool
+    statics_beyond_cm: float
     must_not_fail: tuple[str, ...]
     gains: Mapping[str, Any]
     own_gains: Mapping[str, Mapping[str, Any]]

@@ -23,10 +23,10 @@ from softdyn.validation.studies.engine import sources
 from softdyn.validation.studies.sweep import FIGURES, NOMINAL, SHARE, TARGETS, Sweep
 from softdyn.validation.studies.sweep_values import Axis, Check, ValueReader
 
-OVERLAYS = "annotations"
+OVERLAYS, BEYOND = "annotations", "statics_beyond_cm"
 KEYS = (
     "robots", "controllers", "targets", "gains", "plant", "signals", "ellipse_scale", "changes",
-    "samples", "logs", "figure", "rows", "means", "must_not_fail",
+    "samples", "logs", "figure", "rows", "means", "must_not_fail", BEYOND,
 )  # fmt: skip
 
 
@@ -106,8 +106,8 @@ class _Reader(ValueReader):
             self.path, self.folder, tuple(models), tuple(controllers), tuple(targets), tuple(axes),
             self.count, self.seed, self.yes("logs", self.table), self.read_figure(targets, axes),
             models, self.overlays(), equilibria, periods, changes, self.read_rows(axes, changes),
-            self.yes("means", self.table), tuple(self.names("must_not_fail", changes)),
-            self.said.get("gains", {}), own_gains,
+            self.yes("means", self.table), self.read_beyond(),
+            tuple(self.names("must_not_fail", changes)), self.said.get("gains", {}), own_gains,
         )  # fmt: skip
         _ = sweep.cases, sweep.rows and sweep.cells  # finds errors that no single key shows
         self.try_controllers(sweep)
@@ -272,6 +272,13 @@ class _Reader(ValueReader):
         if rows and "period" in self.said and "plant.period" not in rows:
             rows.insert(rows.index("change") if "change" in rows else len(rows), "plant.period")
         return tuple(rows)
+
+    def read_beyond(self) -> float:
+        if BEYOND not in self.table:
+            return math.inf
+        self.check("rows" in self.table, BEYOND, "a file with rows", "none")
+        (found,) = self.axis(BEYOND, BEYOND, [self.table[BEYOND]], values.positive).values
+        return float(found)
 
     def read_figure(self, targets: list[Axis], axes: list[Axis]) -> str:
         tracks = [axis.name == "omega" for axis in targets]

@@ -11,17 +11,21 @@ from typing import Any
 
 from softdyn.validation.files import write_text
 from softdyn.validation.loop.labels import cell_title
+from softdyn.validation.loop.metrics import CM
 from softdyn.validation.studies.engine.case import Case
-from softdyn.validation.studies.engine.distribution import NOTE, Distribution, pivot
+from softdyn.validation.studies.engine.distribution import Distribution, notes, pivot
 from softdyn.validation.studies.engine.store import OUTCOMES, Store
 from softdyn.validation.studies.engine.worker import CaseJob
+from softdyn.validation.studies.study_targets import nearest_stable
 from softdyn.validation.studies.sweep import FIGURES, PARAMETERS, SHARE, Sweep, inputs, parameter
 from softdyn.validation.tables import Table, document, inline
 
 BEST = 10
+REST = "stable equilibrium"  # in the place of a controller
 SHOWN_REASONS = 20
 RESULTS = (
-    "outcome", *FIGURES, "settling_time_s", "overshoot", "input_effort", "steps", "simulated_s",
+    "outcome", *FIGURES, "settling_time_s", "overshoot", "input_effort", "input_change_percent",
+    "steps", "simulated_s",
     "not_solved", "fallbacks", "max_bound_violation", "reason",
 )  # fmt: skip
 UNITS = {
@@ -203,10 +207,31 @@ def cell_tables(sweep: Sweep, cells: Mapping[str, Distribution]) -> str:
     kinds = [("", {"set_point", "point", "tracking"})]
     if sweep.means:
         kinds = [("mean (cm)", {"set_point", "point"}), ("mean (cm²)", {"tracking"})]
-    groups = [({k: cell for k, cell in cells.items() if asked[k].kind in some}, mean)
+    groups = [({k: c for k, c in cells.items() if k not in asked or asked[k].kind in some}, mean)
               for mean, some in kinds]  # fmt: skip
     parts = [pivot(group, titles, mean) for group, mean in groups if group]
-    return "\n\n".join(parts + [NOTE] * any(cell.moves for cell in cells.values()))
+    return "\n\n".join(filter(None, [*parts, notes(cells)]))
+
+
+def missed(sweep: Sweep, cells: Mapping[str, Distribution]) -> dict[str, Distribution]:
+    """The nearest stable equilibria (cm) of the set points that were missed, as more cells.
+
+    A set point is missed if the median of a cell is beyond the sweep's bound.
+    """
+    rows: dict[str, Distribution] = {}
+    for robot in sweep.robots:
+        goals = {}
+        for label, cell in cells.items():
+            case = sweep.cells[label]
+            beyond = case.kind != "tracking" and cell.median > sweep.statics_beyond_cm
+            if beyond and case.robot == robot:
+                known = {"robot": label.split("/")[sweep.rows.index("robot")], "controller": REST}
+                row = "/".join(known.get(name, "-") for name in sweep.rows)
+                goal = case.experiment(sweep.models[robot]).reference(0.0).y
+                goals[f"{row}/{label.rpartition('/')[2]}"] = goal
+        found = nearest_stable(sweep.models[robot], goals) if goals else {}
+        rows |= {label: Distribution(CM * distance) for label, distance in found.items()}
+    return rows
 
 
 def _counts(found: list[Row], total: int) -> str:

@@ -45,6 +45,23 @@ def test_mean_square_from_between_two_samples():
     assert metrics.mean_square([0, 2], [[2, 0, 0], [0, 0, 0]], start=1.5) == pytest.approx(0.5)
 
 
+def test_input_change():
+    """The second half of a run, as a share of each input's range."""
+    u = np.array([[0, 0], [9, 5], [1, 5], [3, 5], [1, 5], [3, 5]], float)
+    low, high = np.array([-5.0, 0.0]), np.array([5.0, 8.0])
+    # steps of 2 in 10 for one input, none for the other
+    assert metrics.input_change(u, low, high) == pytest.approx(0.2 / math.sqrt(2), rel=1e-12)
+    assert metrics.input_change(u, low, np.array([5.0, 0.0])) == pytest.approx(
+        0.2
+    )  # one without a range
+    assert metrics.input_change(u, low, low) is None
+    assert metrics.input_change(u[:2], low, high) is None
+    random = np.random.default_rng(0)
+    noise = random.normal(size=(20_000, 2)) * (high - low) * 0.01
+    # white noise of 1 % changes by √2 % a period
+    assert metrics.input_change(noise, low, high) == pytest.approx(0.01 * math.sqrt(2), rel=0.02)
+
+
 def test_second_cycle():
     t = np.linspace(0, 4, 401)  # two cycles at ω = π
     error = np.where(t[:, None] < 2, 0.5, 0.01) * [1, 0, 0]

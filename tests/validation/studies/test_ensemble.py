@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from softdyn import InputError
+from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.benchmark_table import benchmark_document
 from softdyn.validation.studies.engine import distribution, ensemble
@@ -21,6 +22,7 @@ from softdyn.validation.studies.engine.worker import CaseResult
 STEADY = Case("finger", "ic", "set_point", 0.5)
 CHAOTIC = Case("finger", "ic", "tracking", 0.5)
 GONE = Case("finger", "uic", "tracking", 0.5)
+NOISY = Case("finger", "ic", "set_point", 0.5, signals=SignalPath(noise=1e-3))
 
 
 class Made:
@@ -36,6 +38,10 @@ class Made:
             number = 0 if case.draw is None else case.draw[1] + 1
             mse = {CHAOTIC.controller: 3.0 + number, GONE.controller: None if number % 4 else 5.0}
             figures = {"final_error_cm": 0.125, "mse_cm2": mse[case.controller]}
+            if case.signals.noise:
+                figures |= {"input_change_percent": 0.1 * (1 + case.signals.seed % 5)}
+            if case is CHAOTIC or case.draw == (3, 0):
+                figures |= {"second_cycle_mse_cm2": 0.5 + number}
             yield index, CaseResult({"outcome": "done", "failed": number == 2, **figures})
 
 
@@ -57,6 +63,46 @@ def test_only_what_moves_is_run_often(tmp_path: Path) -> None:
     # all results are kept: nothing runs twice; another seed only runs cells that depend on it
     assert run(tmp_path)[1] == []
     assert {case.draw[0] for case in run(tmp_path, seed=2)[1] if case.draw} == {2}
+
+
+def test_noise_has_other_seeds_and_always_all_of_them(tmp_path: Path) -> None:
+    made = Made()
+    cell = ensemble.run({"noisy": NOISY}, Store(tmp_path), made, 4, 2)["noisy"]
+    assert [case.signals.seed for case in made.ran] == [0, 2001, 2002, 2003, 2004]
+    assert {(case.nudge, case.draw) for case in made.ran} == {(0.0, None)}
+    assert cell.seeds == {"2": (0.125,) * 4}  # a figure that stays has all its runs, too
+    assert cell.input_change == Distribution(0.1, {"2": pytest.approx((0.2, 0.3, 0.4, 0.5))})
+
+
+def test_trajectories_have_a_second_cycle_and_set_points_an_input_change(tmp_path: Path) -> None:
+    cells = {"a/ω = 0.5π": CHAOTIC}
+    found = ensemble.run(cells, Store(tmp_path), Made(), 1, 3)
+    cell = found["a/ω = 0.5π"]
+    assert cell.second_cycle == Distribution(0.5, {"3": (1.5,)})
+    assert cell.input_change is None
+    assert cell.pair() == "~3.50 [3.00, 4.00] / 1.00"
+    assert cell.summary()["second_cycle"] == 1.0
+    assert cell.constant().pair() == "3.00 / 0.50"
+    held = Distribution(0.2, input_change=Distribution(0.5))
+    shaky = Distribution(0.2, input_change=Distribution(1.5, {"1": (2.5, 9.0)}))
+    table = distribution.pivot({"a/θ = 0π": held, "a/θ = 1π": shaky, **found}, ["law"], "mean")
+    assert table.splitlines()[0] == "| law | θ = 0π | θ = 1π | ω = 0.5π | mean | Δu (%) |"
+    assert table.splitlines()[2].endswith("| 0.20 | 0.20 | ~3.50 [3.00, 4.00] / 1.00 | "
+                                          "~1.30 ± 1.56 [1.13, 1.47] | 2.50 |")  # fmt: skip
+    mean, _ = distribution.mean_and_std([cell, cell])
+    assert mean.second_cycle is not None
+    assert mean.second_cycle.median == 1.0
+    assert distribution.notes({"a": held}) == distribution.BESIDE["input_change"]
+    assert distribution.notes(found).startswith(distribution.NOISY)
+    assert distribution.notes({"a": Distribution(1.0)}) == ""
+    # both survive their file, and the longer list of runs is kept
+    path = tmp_path / "kept.json"
+    distribution.write_distributions(path, found | {"b": shaky})
+    again = distribution.read_distributions(path)
+    assert again == found | {"b": shaky}
+    joined = distribution.join(again, {"b": held, "a/ω = 0.5π": cell.constant()})
+    assert joined["a/ω = 0.5π"] == cell
+    assert joined["b"].input_change == Distribution(0.5, {"1": (2.5, 9.0)})
 
 
 def test_starts_are_seeded_and_tiny() -> None:

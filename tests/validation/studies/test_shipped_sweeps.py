@@ -16,7 +16,7 @@ import softdyn
 from softdyn import InputError
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.signal_path import SignalPath
-from softdyn.validation.studies import study_targets, sweep_report
+from softdyn.validation.studies import paper_tuning, study_targets, sweep_report
 from softdyn.validation.studies.engine import distribution
 from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.distribution import Distribution
@@ -25,7 +25,7 @@ from softdyn.validation.studies.sweep import Sweep
 from softdyn.validation.studies.sweep_file import read_sweep, shipped
 from softdyn.validation.twin.plant_errors import PlantErrors
 from tests.support.command import Done, command
-from tests.validation.studies.test_sweep import OWN, PENDULUM
+from tests.support.sweeps import OWN, PENDULUM
 
 ONE = "robots = 'finger'\ncontrollers = 'ic'\ntargets.theta = 0.5\nplant.duration = 0.2\n"
 
@@ -148,6 +148,38 @@ def test_periods_are_those_up_to_the_published_one() -> None:
     )
 
 
+def test_other_set_points_than_the_paper_s() -> None:
+    cells = read_sweep("set_points").cells
+    assert len(cells) == 3 * len(paper_tuning.MANY_THETAS)
+    assert {(c.robot, c.controller, c.period) for c in cells.values()} == {
+        ("spirob", "best", period) for period in (0.001, 0.002, 0.005)
+    }
+    assert tuple(dict.fromkeys(c.value for c in cells.values())) == paper_tuning.MANY_THETAS
+
+
+def test_a_missed_set_point_gets_its_nearest_stable_equilibrium(folder: Path) -> None:
+    """The tip of a pendulum moves on a circle, and its motor carries it to one side only."""
+    heavy = PENDULUM.replace("<mass", '<origin xyz="0 0 -0.1"/><mass')
+    Path("pendulum.urdf").write_text(heavy.replace('lower="-5"', 'lower="0"'))
+    Path("sweep.toml").write_text(
+        "robots = 'pendulum.urdf'\ncontrollers = 'own.py:Spring'\nrows = ['robot', 'controller']\n"
+        "statics_beyond_cm = 1\nplant.duration = 0.02\n"
+        "targets.point = [[-0.12, 0, -0.16], [0.12, 0, -0.16], [0, 0, -0.199]]\n"
+    )
+    done = command("sweep", "sweep.toml", "--jobs", 1, "--out", "out", "--keep", "kept.json")
+    assert done.code == 0, done.err
+    robot = done.out.split("| pendulum_")[1].split(" |")[0]
+    row = f"pendulum_{robot}/stable equilibrium"
+    kept = distribution.read_distributions(Path("kept.json"))
+    found = {label.rpartition("/")[2]: cell.nominal for label, cell in kept.items() if row in label}
+    # the first lies on the circle, for the other side the arm hangs, and the third is reached
+    assert found == {
+        "(-0.12, 0, -0.16) m": pytest.approx(0.0, abs=0.01),
+        "(0.12, 0, -0.16) m": pytest.approx(100 * math.hypot(0.12, 0.04), abs=0.01),
+    }
+    assert f"| {row.replace('/', ' | ')} | 0.00 | 12.6 | - |" in done.out
+
+
 def test_an_own_robot_goes_to_its_equilibria(folder: Path) -> None:
     goals = study_targets.points(softdyn.load("pendulum.urdf"), 3)
     sweep = read_sweep(
@@ -165,6 +197,7 @@ def test_a_trial_is_what_simulate_says() -> None:
     assert not result["failed"]
     assert 0 <= result["final_error_cm"] < 3
     assert result["second_cycle_mse_cm2"] is None
+    assert 0 < result["input_change_percent"] < 1
 
 
 # -- what stands in a file's place -----------------------------------------------------------------
@@ -193,12 +226,12 @@ def test_options_stand_in_the_place_of_a_file_s(folder: Path) -> None:
 
 def test_a_file_comes_before_a_name(folder: Path) -> None:
     assert len(read_sweep("periods").robots) == 3
-    with pytest.raises(InputError, match="or one of horizon, periods, robustness, got neither"):
+    with pytest.raises(InputError, match="horizon, periods, robustness, set_points, got neither"):
         read_sweep("perods")
     Path("periods").write_text(ONE)
     assert read_sweep("periods").robots == ("finger",)
     done = command("sweep", "--list")
-    assert (done.code, len(done.out.splitlines())) == (0, 3)
+    assert (done.code, len(done.out.splitlines())) == (0, len(shipped()))
     assert str(shipped()["horizon"]) in done.out
     done = command("sweep")
     assert (done.code, done.out) == (2, "")
@@ -220,7 +253,7 @@ def test_the_table_of_all_cases() -> None:
     lost = {label: Distribution(1.0, {"1": (1.0, 3.0)}) for label in sweep.cells}
     table = sweep_report.cell_tables(sweep, lost)
     assert "| spirob | best | one plant step a period | ~1.00 [1.00, 3.00] |" in table
-    assert table.endswith(distribution.NOTE)
+    assert table.endswith(distribution.NOISY)
     assert sweep.failures({case.name for case in sweep.cases}) == 2 * 3 * (1 + 3 * 2)
     late = sweep.cells["finger/best/5 ms delay/θ = 0.25π"]
     assert sweep.failures({late.name}) == 0
@@ -306,6 +339,8 @@ MISUSES = [
     ("rows = ['robot']\nplant.mass = [1, 2]",
      "rows: expected parameters that tell all cases apart, got two of finger/θ = 0.5π"),
     ("must_not_fail = ['much']", "must_not_fail: expected any of none, got much"),
+    ("statics_beyond_cm = 1", "statics_beyond_cm: expected a file with rows, got none"),
+    ("rows = ['robot']\nstatics_beyond_cm = 0", "statics_beyond_cm: expected a finite number > 0"),
     ("means = 'no'", "means: expected true or false, got no"),
 ]  # fmt: skip
 

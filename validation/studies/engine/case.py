@@ -16,6 +16,7 @@ from softdyn.controllers.registry import one_line_errors
 from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.metrics import input_change
 from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
@@ -158,9 +159,11 @@ def figures(case: Case, log: Log) -> dict[str, Any]:
         second = experiments.second_cycle_mse_cm2(log)
     except InputError:  # no two whole cycles
         second = None
+    change = input_change(log.u, log.u_min, log.u_max) if log.complete else None
     last = float(error[log.t >= log.t[-1] - 1].max()) if log.complete else None
     return found | {
         "second_cycle_mse_cm2": second,
+        "input_change_percent": None if change is None else 100 * change,
         "first_error_cm": float(error[0]),
         "last_second_cm": last,
         "simulated_s": float(log.t[-1]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import fmean, pstdev
@@ -23,7 +23,14 @@ from softdyn.validation.tables import Table
 
 LEVEL = 0.05  # significance level of a test of two seeds
 MARK = "~"  # mark of a figure that stands for a distribution
+CHANGE = "Δu (%)"  # title of the column of input changes
 NOTE = f"{MARK}: the loop is chaotic; median [range] of runs whose first velocities differ by 1e-9."
+NOISY = f"{NOTE[:-1]}, or, with noise, of runs with other seeds."
+BESIDE = {
+    "second_cycle": "a / b: whole run / second cycle.",
+    "input_change": f"{CHANGE}: rms change of the inputs per period, of their range, in the second"
+    " half; worst set point.",
+}
 
 
 def number(value: float) -> str:
@@ -45,11 +52,18 @@ class Distribution:
         Seed → the figures of its nudged runs; empty if the printed figure is constant.
     failed : mapping
         Seed, or "nominal" → number of its failed runs, if there are any.
+    second_cycle : Distribution, optional
+        Of a trajectory: the figure of the second cycle (cm²) in the same runs.
+    input_change : Distribution, optional
+        Of a set point: the rms change of the inputs per period in the second half (% of their
+        range) in the same runs.
     """
 
     nominal: float
     seeds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     failed: Mapping[str, int] = field(default_factory=dict)
+    second_cycle: Distribution | None = None
+    input_change: Distribution | None = None
 
     @cached_property
     def values(self) -> tuple[float, ...]:
@@ -90,12 +104,24 @@ class Distribution:
         found = float(mannwhitneyu(*self.seeds.values()).pvalue)
         return 1.0 if math.isnan(found) else found  # all runs are equal
 
+    @property
+    def beside(self) -> dict[str, Any]:
+        """The figures beside the cell's own that it has, a `Distribution` each, by their field."""
+        found = {name: getattr(self, name) for name in BESIDE}
+        return {name: cell for name, cell in found.items() if cell is not None}
+
+    def constant(self) -> Distribution:
+        """The same cell with only the run from rest."""
+        beside = {name: cell.constant() for name, cell in self.beside.items()}
+        return replace(self, seeds={}, **beside)
+
     def summary(self) -> dict[str, Any]:
         """Median, range, number of runs, failures, and the figure as in tables."""
         low, high = self.range
         found: dict[str, Any] = {"median": self.median, "low": low, "high": high}
         found["failed"] = dict(self.failed)
-        return found | {"runs": len(self.values), "text": self.text()}
+        found |= {"runs": len(self.values), "text": self.text()}
+        return found | {name: cell.median for name, cell in self.beside.items()}
 
     def text(self, std: Distribution | None = None) -> str:
         """The figure, or the marked median and range; with a deviation, its median."""
@@ -104,6 +130,11 @@ class Distribution:
             return number(self.nominal) + after
         low, high = self.range
         return f"{MARK}{number(self.median)}{after} [{number(low)}, {number(high)}]"
+
+    def pair(self, std: Distribution | None = None) -> str:
+        """The figure as text, and after a slash the second cycle's median if it has one."""
+        second = self.second_cycle
+        return self.text(std) + ("" if second is None else f" / {number(second.median)}")
 
 
 @dataclass(frozen=True)
@@ -141,7 +172,8 @@ class Agreement:
 def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribution]:
     """Mean and population standard deviation over cells, for runs of equal number and seed.
 
-    Uses the same number of runs per seed in every cell that has runs.
+    Uses the same number of runs per seed in every cell that has runs. The mean also has that of
+    the second cycles, if all cells have one.
     """
     lengths: dict[str, int] = {}
     for cell in cells:
@@ -155,11 +187,16 @@ def mean_and_std(cells: Sequence[Distribution]) -> tuple[Distribution, Distribut
         seeds = {seed: tuple(at(seed, k) for k in range(n)) for seed, n in lengths.items()}
         return Distribution(of([c.nominal for c in cells]), seeds)
 
-    return combined(_finite(fmean)), combined(_finite(pstdev))
+    mean, second = combined(_finite(fmean)), [c.second_cycle for c in cells if c.second_cycle]
+    if cells and len(second) == len(cells):
+        mean = replace(mean, second_cycle=mean_and_std(second)[0])
+    return mean, combined(_finite(pstdev))
 
 
 def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = "") -> str:
     """A Markdown table of cells whose labels are ``row/…/column``.
+
+    If cells have input changes, the last column is the largest of each row.
 
     Parameters
     ----------
@@ -175,13 +212,25 @@ def pivot(cells: Mapping[str, Distribution], titles: Sequence[str], mean: str = 
         *row, column = label.split("/")
         rows.setdefault(tuple(row), {})[column] = cell
     columns = list(dict.fromkeys(column for found in rows.values() for column in found))
+    smooth = any(cell.input_change for cell in cells.values())
     lines = []
     for row_, found in rows.items():
-        lines.append([*row_, *(found[c].text() if c in found else None for c in columns)])
+        lines.append([*row_, *(found[c].pair() if c in found else None for c in columns)])
         if mean:
             average, std = mean_and_std(list(found.values()))
-            lines[-1].append(average.text(std))
-    return Table([*titles, *columns, *([mean] if mean else [])], lines).markdown()
+            lines[-1].append(average.pair(std))
+        if smooth:
+            changes = [c.input_change.median for c in found.values() if c.input_change]
+            lines[-1].append(number(max(changes)) if changes else None)
+    more = [mean] * bool(mean) + [CHANGE] * smooth
+    return Table([*titles, *columns, *more], lines).markdown()
+
+
+def notes(cells: Mapping[str, Distribution]) -> str:
+    """The meaning of the marks, pairs and columns of these cells' tables; empty without any."""
+    has = {name for cell in cells.values() for name in cell.beside}
+    marked = any(cell.moves for cell in cells.values())
+    return " ".join([NOISY] * marked + [text for name, text in BESIDE.items() if name in has])
 
 
 def read_distributions(path: Path) -> dict[str, Distribution]:
@@ -222,12 +271,20 @@ def join(
         if before is None or number(before.nominal) != number(cell.nominal):
             both[label] = cell
         else:
-            keys = {**before.seeds, **cell.seeds, **before.failed, **cell.failed}
-            runs = {key: _longer(before, cell, key) for key in keys}
-            seeds = {key: of.seeds[key] for key, of in runs.items() if key in of.seeds}
-            failed = {key: of.failed[key] for key, of in runs.items() if key in of.failed}
-            both[label] = replace(cell, seeds=seeds, failed=failed)
+            both[label] = _joined(before, cell)
     return both
+
+
+def _joined(before: Distribution, cell: Distribution) -> Distribution:
+    keys = {**before.seeds, **cell.seeds, **before.failed, **cell.failed}
+    runs = {key: _longer(before, cell, key) for key in keys}
+    seeds = {key: of.seeds[key] for key, of in runs.items() if key in of.seeds}
+    failed = {key: of.failed[key] for key, of in runs.items() if key in of.failed}
+    beside: dict[str, Any] = {
+        name: _joined(before.beside[name], one) if name in before.beside else one
+        for name, one in cell.beside.items()
+    }
+    return replace(cell, seeds=seeds, failed=failed, **beside)
 
 
 def _longer(old: Distribution, new: Distribution, seed: str) -> Distribution:
@@ -240,12 +297,15 @@ def _written(cell: Distribution) -> dict[str, Any]:
 
     seeds = {seed: [short(x) for x in found] for seed, found in cell.seeds.items()}
     failed = {"failed": dict(cell.failed)} if cell.failed else {}
-    return {"nominal": short(cell.nominal), **seeds, **failed}
+    beside = {name: _written(one) for name, one in cell.beside.items()}
+    return {"nominal": short(cell.nominal), **seeds, **failed, **beside}
 
 
 def _read(entry: Mapping[str, Any]) -> Distribution:
-    seeds = {k: tuple(map(value, v)) for k, v in entry.items() if k not in ("nominal", "failed")}
-    return Distribution(value(entry["nominal"]), seeds, dict(entry.get("failed", {})))
+    known = {field.name for field in fields(Distribution)}
+    seeds = {k: tuple(map(value, v)) for k, v in entry.items() if k not in known}
+    beside = {name: _read(entry[name]) for name in BESIDE if name in entry}
+    return Distribution(value(entry["nominal"]), seeds, dict(entry.get("failed", {})), **beside)
 
 
 def value(figure: float | None) -> float:

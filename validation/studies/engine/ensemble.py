@@ -1,7 +1,8 @@
 """The same closed loop from starts that differ by 1e-9, so that cells become distributions.
 
 A chaotic loop has no unique figure. Every cell runs from rest, then a few times with tiny random
-initial velocities. Cells whose printed figure varies run as often as requested.
+initial velocities. Cells whose printed figure varies run as often as requested. A cell with noise
+always runs that often, each time with another seed of the noise.
 """
 
 from __future__ import annotations
@@ -20,10 +21,20 @@ from softdyn.validation.studies.engine.store import Executor, Store
 NUDGE = 1e-9  # rad/s, m/s: standard deviation of each initial velocity
 SCREEN = 2  # nudged runs of every cell; more only if the figure varies
 FIGURE = {"set_point": "final_error_cm", "point": "final_error_cm", "tracking": "mse_cm2"}
+# figure beside it → its name in a result, and the kinds of cases that have it
+BESIDE = {
+    "second_cycle": ("second_cycle_mse_cm2", {"tracking"}),
+    "input_change": ("input_change_percent", {"set_point", "point"}),
+}
+NOISE_SEEDS = 1000  # seeds of the noise between two seeds of an ensemble
 
 
 def members(case: Case, count: int, seed: int) -> list[Case]:
-    """Copies of a case with `count` random starts of this seed."""
+    """Copies of a case with `count` random starts of this seed, or with as many other noises."""
+    if case.signals.noise > 0:
+        first = NOISE_SEEDS * seed + 1
+        paths = (replace(case.signals, seed=first + k) for k in range(count))
+        return [replace(case, signals=path) for path in paths]
     return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
 
 
@@ -45,7 +56,8 @@ def run(
     store : Store
     execute : Executor
     count : int
-        Number of nudged runs of a cell whose printed figure varies in the first `SCREEN` runs.
+        Number of nudged runs of a cell whose printed figure varies in the first `SCREEN` runs,
+        and of runs with other noise.
     seed : int
         Seed of the nudges.
     known : mapping, optional
@@ -61,27 +73,31 @@ def run(
 
     def distribution(case: Case, count: int) -> Distribution:
         nudged = members(case, count, seed)
-        groups = {"nominal": [case], str(seed): nudged}
-        failed = {key: sum(_failed(found[x.name]) for x in group) for key, group in groups.items()}
-        figures = tuple(_figure(x, found[x.name]) for x in nudged)
+        runs = [found[one.name] for one in (case, *nudged)]
+        failed = {"nominal": int(_failed(runs[0])), str(seed): sum(map(_failed, runs[1:]))}
         lost = {key: number for key, number in failed.items() if number}
-        return Distribution(_figure(case, found[case.name]), {str(seed): figures}, lost)
+
+        def of(figure: str) -> Distribution:
+            nominal, *values = (value(run.get(figure)) for run in runs)
+            return Distribution(nominal, {str(seed): tuple(values)})
+
+        beside: dict[str, Any] = {
+            name: of(figure)
+            for name, (figure, kinds) in BESIDE.items()
+            if case.kind in kinds and any(run.get(figure) is not None for run in runs)
+        }
+        return replace(of(FIGURE[case.kind]), failed=lost, **beside)
 
     few = min(SCREEN, count)
     found = results(each for case in cells.values() for each in (case, *members(case, few, seed)))
     first = {label: distribution(case, few) for label, case in cells.items()}
     moving = {label for of in (known or {}, first) for label, cell in of.items() if cell.moves}
+    moving |= {label for label, case in cells.items() if case.signals.noise > 0}
     often = [label for label in cells if label in moving]
     found |= results(each for label in often for each in members(cells[label], count, seed))
     every = first | {label: distribution(cells[label], count) for label in often}
-    return {
-        label: cell if label in moving else replace(cell, seeds={}) for label, cell in every.items()
-    }
+    return {label: cell if label in moving else cell.constant() for label, cell in every.items()}
 
 
 def _failed(result: Mapping[str, Any]) -> bool:
     return bool(result.get("failed", True))
-
-
-def _figure(case: Case, result: Mapping[str, Any]) -> float:
-    return value(result.get(FIGURE[case.kind]))

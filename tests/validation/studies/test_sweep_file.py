@@ -1,0 +1,291 @@
+"""Sweep files: what they mean, and what is wrong in them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import SetPoint
+from softdyn.controllers import Gains, Mpc
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation import paper, simulate
+from softdyn.validation.studies import sweep_report
+from softdyn.validation.studies.engine import cluster as dask
+from softdyn.validation.studies.engine import sources, worker
+from softdyn.validation.studies.sweep_file import read_sweep
+from softdyn.validation.studies.sweep_values import MAX_CASES, draw
+from tests.support import ROOT
+from tests.support.sweeps import FINGER, PENDULUM
+
+
+def test_a_grid_is_every_combination_the_last_fastest(written):
+    sweep = written(
+        'robots = ["finger", "pendulum.urdf"]\ncontrollers = ["ic", "uic"]\n'
+        "[targets]\nomega = 0.5\ntheta = [0, 1.5]\npoint = [[0.1, 0, 0], [0, 0, -0.1]]\n"
+        "[gains]\neps = [0.02, 0.1]\nKp = 70\n[plant]\ncontacts = [false, true]\nperiod = 0.01\n"
+    )
+    cases = sweep.cases
+    expected = [
+        (robot, controller, *target, eps, contacts)
+        for robot in ("finger", "pendulum.urdf")
+        for controller in ("ic", "uic")
+        for target in (
+            ("set_point", 0.0), ("set_point", 1.5), ("tracking", 0.5),
+            ("point", (0.1, 0.0, 0.0)), ("point", (0.0, 0.0, -0.1)),
+        )
+        for eps in (0.02, 0.1)
+        for contacts in (False, True)
+    ]  # fmt: skip
+    found = [
+        (c.robot, c.controller, c.kind, c.value, c.parameters["eps"], c.plant.contacts)
+        for c in cases
+    ]
+    assert found == expected
+    assert {c.parameters["Kp"] for c in cases} == {70.0}
+    assert {(c.period, c.timestep, c.sample) for c in cases} == {(0.01, 5e-4, None)}
+    assert {c.duration for c in cases if c.kind == "tracking"} == {8.0}
+    assert {c.duration for c in cases if c.kind != "tracking"} == {10.0}
+    assert len({c.name for c in cases}) == len(cases)
+
+
+def test_ranges_and_defaults(written):
+    sweep = written(
+        FINGER + "Kp = { from = 100, to = 400, count = 4 }\n"
+        'eps = { from = 0.01, to = 1, count = 3, spacing = "log" }\n'
+    )
+    values = {axis.name: axis.values for axis in sweep.axes}
+    assert values["gains.Kp"] == (100.0, 200.0, 300.0, 400.0)
+    np.testing.assert_allclose(values["gains.eps"], [0.01, 0.1, 1.0], rtol=1e-15)
+    assert (values["gains.eps"][0], values["gains.eps"][-1]) == (0.01, 1.0)
+    case = sweep.cases[0]
+    published = PUBLISHED["finger"]["ic"]
+    assert Gains(**case.parameters) == replace(published, Kp=100.0, eps=0.01)
+    assert case.period == paper.setup("finger").period
+    assert (case.duration, sweep.figure, sweep.logs) == (0.2, "final_error_cm", False)
+
+
+SAMPLED = (
+    'robots = "finger"\ncontrollers = ["ic", "uic"]\n[targets]\ntheta = {{ uniform = [0, 2] }}\n'
+    "[gains]\nKp = {{ log_uniform = [10, 1000] }}\n{more}\n[samples]\ncount = {count}\nseed = 3\n"
+)
+
+
+def test_vectors_horizons_and_overlays(written, folder):
+    sweep = written("""
+robots = "finger"
+controllers = ["soft-id-clf-qp"]
+targets.theta = 0.5
+[gains]
+horizon = [0, 0.02]
+u_ref = [[0.1, -0.2], 0]
+""")
+    found = [(case.parameters["horizon"], case.parameters["u_ref"]) for case in sweep.cases]
+    assert found == [(0, (0.1, -0.2)), (0, 0), (0.02, (0.1, -0.2)), (0.02, 0)]
+    assert sweep.cases[0].parameters["eps"] == PUBLISHED["finger"]["soft-id-clf-qp"].eps
+    assert "u_ref: (0.1, -0.2), 0" in "\n".join(sweep_report._varied(sweep))
+    overlay = (ROOT / "docs" / "examples" / "soft_ur5.xml").read_text()
+    (folder / "mine.xml").write_text(overlay)
+    sweep = written("""
+robots = "ur5"
+annotations.ur5 = "mine.xml"
+controllers = ["mpc", "own.py:Spring"]
+targets.point = [0.5, 0.2, 0]
+plant.duration = 0.02
+gains.horizon = 0.2
+""")
+    job, own = sweep.jobs()
+    assert own.case.parameters == {"horizon": 0.2}
+    expected = worker.run(job)
+    model = softdyn.load("ur5", annotations=folder / "mine.xml")
+    log = simulate(
+        model, Mpc(model, {"horizon": 0.2}), SetPoint([0.5, 0.2, 0]), duration=0.02, period=0.002
+    )
+    assert expected.figures["final_error_cm"] == log.final_error_cm
+    # a worker without the file receives it
+    sha = dict(job.robot.overlay.files)["mine.xml"]
+    there = replace(job.robot, overlay=replace(job.robot.overlay, path="/nowhere/mine.xml"))
+    sources._kept.__dict__.clear()
+    assert worker.attempt(replace(job, robot=there)).figures["outcome"] == "not_run"
+    sent = {sha: overlay.encode()}
+    assert worker.attempt(replace(job, robot=there), sent).figures == expected.figures
+
+
+def test_samples_are_seeded_paired_and_stable(written):
+    def drawn(count, more=""):
+        cases = written(SAMPLED.format(count=count, more=more)).cases
+        return {
+            name: [(c.sample, c.value, c.parameters["Kp"]) for c in cases if c.controller == name]
+            for name in ("ic", "uic")
+        }
+
+    few, many = drawn(5), drawn(400, "eps = { uniform = [0.01, 0.1] }")
+    assert few["ic"] == few["uic"]  # the same sample for every controller
+    # neither a larger count nor a new parameter changes other samples
+    assert many["ic"][:5] == few["ic"]
+    sample, theta, kp = zip(*many["ic"], strict=True)
+    assert sample == tuple(range(400))
+    assert 0 <= min(theta) < 0.1 < 1.9 < max(theta) <= 2
+    assert min(kp) >= 10
+    assert max(kp) <= 1000
+    assert abs(np.median(np.log10(kp)) - 2) < 0.2  # log-uniform: half of them below 100
+    assert abs(np.corrcoef(theta, kp)[0, 1]) < 0.2
+    other = draw("theta", 4, 5, 0.0, 2.0, False)
+    assert list(other) != [t for _, t, _ in few["ic"]]
+
+
+BASE = {
+    "robots": 'robots = ["finger"]',
+    "controllers": 'controllers = ["ic"]',
+    "targets": "[targets]\ntheta = 0.5",
+}
+MISUSES = [
+    ({"robots": ""}, "robots: expected a list of distinct names, got nothing"),
+    ({"robots": "robots = []"}, "robots: expected a list of distinct names, got []"),
+    ({"robots": 'robots = ["finger", "finger"]'}, "robots: expected a list of distinct names"),
+    ({"robots": "robots = 3"}, "robots: expected a list of distinct names, got 3"),
+    ({"robots": 'robots = ["fingr"]'}, "robots: expected a URDF file or a name such as finger"),
+    ({"robots": 'robots = ["none.urdf"]'}, "robots: expected an existing file"),
+    ({"robots": 'robots = ["broken.urdf"]'}, "in broken.urdf"),
+    ({"robots": 'robots = ["ur5"]'}, "robots: expected robots with actuators"),
+    ({"robots": 'robots = ["pendulum.urdf"]'},
+     "gains.Kp: expected a value for pendulum.urdf, which has no published gains, got none"),
+    ({"controllers": 'controllers = ["pid"]'}, "controllers: expected soft-id-clf-qp"),
+    ({"controllers": 'controllers = ["none.py:C"]'}, "controllers: expected an existing Python"),
+    ({"controllers": 'controllers = ["own.py:C"]'}, "controllers: expected a class in"),
+    ({"controllers": 'controllers = ["bad.py:C"]'}, "NameError in line 1"),
+    ({"targets": ""}, "targets: expected at least one of theta, omega, point, got none"),
+    ({"targets": "[targets]\nphi = 1"}, "targets.phi: expected one of theta, omega, point"),
+    ({"targets": "[targets]\nomega = 0"}, "targets.omega: expected a finite number > 0, got 0"),
+    ({"targets": "[targets]\ntheta = nan"}, "targets.theta: expected a finite number, got nan"),
+    ({"targets": "[targets]\npoint = 1"}, "targets.point: expected [x, y, z] in m"),
+    ({"targets": "[targets]\npoint = [1, 2]"}, "targets.point: expected [x, y, z] in m"),
+    ({"targets": "[targets]\npoint = [[1, 2, inf]]"}, "targets.point: expected a finite number"),
+    ({"targets": "[targets]\npoint = []"}, "targets.point: expected [x, y, z] in m"),
+    ({"targets": "targets = 1"}, "targets: expected a table [targets], got 1"),
+    ({"more": "[gain]\nKp = 1"}, "gain: expected one of robots, controllers"),
+    ({"more": "[gains]\nkp = 1"}, "gains.kp: expected one of Kp, eps"),
+    ({"more": "[gains]\nKp = -1"}, "gains.Kp: expected a positive number, got -1"),
+    ({"more": "[gains]\nKp = true"}, "gains.Kp: expected a positive number, got True"),
+    ({"more": '[gains]\nKp = "big"'}, "gains.Kp: expected a positive number, got big"),
+    ({"more": "[gains]\nKp = []"}, "gains.Kp: expected at least one value, got []"),
+    ({"more": "[gains]\nKp = [1, 1.0]"}, "gains.Kp: expected distinct values, got [1, 1.0]"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2}"}, "gains.Kp: expected a range {from, to, count}"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2, count = 1}"},
+     "gains.Kp.count: expected a whole number from 2"),
+    ({"more": "[gains]\nKp = {from = 2, to = 1, count = 3}"},
+     "gains.Kp: expected a lower end below the upper, got [2, 1]"),
+    ({"more": "[gains]\nw1 = {from = 0, to = 1, count = 3, spacing = 'log'}"},
+     "gains.w1: expected a finite number > 0, got 0"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2, count = 3, spacing = 'cubic'}"},
+     "gains.Kp.spacing: expected linear or log, got cubic"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2, step = 3}"}, "gains.Kp.step: expected one of"),
+    ({"more": "[gains]\nKp = {uniform = [1, 2]}"},
+     "samples: expected a table with the count of samples of gains.Kp, got none"),
+    ({"more": "[gains]\nKp = {uniform = [1]}\n[samples]\ncount = 2"},
+     "gains.Kp.uniform: expected [lower, upper], got [1]"),
+    ({"more": "[gains]\nKp = {uniform = [-1, 1]}\n[samples]\ncount = 2"},
+     "gains.Kp: expected a positive number, got -1"),
+    ({"more": "[gains]\nKp = {uniform = [1, 2], count = 3}\n[samples]\ncount = 2"},
+     "gains.Kp.count: expected one of uniform, got an unknown key"),
+    ({"more": "[samples]\ncount = 2"}, "samples: expected a parameter with uniform or log_uniform"),
+    ({"more": "[samples]\nseed = 2"}, "samples.count: expected a whole number from 1"),
+    ({"more": "[samples]\ncount = 2\nseed = -1"}, "samples.seed: expected a whole number from 0"),
+    ({"more": "[plant]\nmasses = 1"}, "plant.masses: expected one of period, duration, timestep"),
+    ({"more": "[plant]\nperiod = 0"}, "plant.period: expected a finite number > 0, got 0"),
+    ({"more": "[plant]\ncontacts = 1"}, "plant.contacts: expected true or false, got 1"),
+    ({"more": "[plant]\ncontacts = {uniform = [0, 1]}"}, "plant.contacts: expected true or false"),
+    ({"more": "[plant]\ntimestep = 0.0003"}, "finger, timestep: expected an integer part of"),
+    ({"more": "[plant]\nduration = 1e9"}, "finger, duration: expected at most"),
+    ({"top": "logs = 1"}, "logs: expected true or false, got 1"),
+    ({"top": 'figure = "time"'}, "figure: expected one of final_error_cm"),
+    ({"top": 'figure = "second_cycle_mse_cm2"'}, "figure: expected final_error_cm or mse_cm2"),
+    ({"more": "[gains]\nKp = {from = 1, to = 2, count = 1000}\n"
+              "eps = {from = 1, to = 2, count = 1000}"},
+     f"expected at most {MAX_CASES} cases, got 1000000 = 1 robots × 1 controllers × 1 targets × "
+     "1000 gains.Kp × 1000 gains.eps"),
+    ({"controllers": 'controllers = ["ic", "own.py:Spring"]',
+      "more": '[gains."own.py:Sprung"]\nk = 1'},
+     "gains.own.py:Sprung: expected a gain, or one of the controllers ic, own.py:Spring, got a"),
+    ({"more": "[gains.ic]\nkp = 1"}, "gains.ic.kp: expected one of Kp, eps"),
+    ({"more": "[gains.ic]\nKp = [1, -1]"}, "gains.ic.Kp: expected a positive number, got -1"),
+    ({"controllers": 'controllers = ["mpc"]', "more": "[gains.mpc]\nhorizn = 1"},
+     "mpc for finger: parameters: expected"),
+    ({"more": "nonsense"}, "expected a TOML file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), MISUSES, ids=[m for _, m in MISUSES])
+def test_what_is_wrong_is_told_in_one_line(folder, call, change, message):
+    (folder / "broken.urdf").write_text(PENDULUM.replace('value="0.1"', 'value="heavy"'))
+    (folder / "bad.py").write_text("nothing\n")
+    parts = BASE | {"top": "", "more": ""} | change
+    path = folder / "bad.toml"
+    order = ("top", "robots", "controllers", "targets", "more")
+    path.write_text("\n".join(parts[name] for name in order))
+    code, out, err = call(path, "--out", folder / "out")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: {path}: ")
+    assert message in err
+    assert err.count("\n") == 1
+    assert not (folder / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.toml"], "none.toml: expected a readable file"),
+        (["good.toml", "--jobs", "0"], "whole number > 0"),
+        (["good.toml", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:1"], "not allowed with"),
+        (["good.toml", "--out", "good.toml"], "good.toml: expected a folder to write to"),
+        (["good.toml", "--json", "none/x.json"], "x.json: expected a writable file"),
+        (["good.toml", "--scheduler", "nowhere"], "--scheduler: expected "),
+    ],
+)
+def test_wrong_arguments(folder, call, monkeypatch, arguments, message):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(dask, "CONNECT", 0.3)
+    (folder / "good.toml").write_text(FINGER)
+    code, out, err = call(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_the_documents_sweeps_are_sweeps(folder):
+    examples = sorted((ROOT / "docs" / "examples").glob("sweep_*.toml"))
+    assert examples
+    for path in examples:
+        assert read_sweep(path).cases
+    blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
+    assert blocks
+    for block in blocks:
+        (folder / "block.toml").write_text(block.split("```")[0])
+        assert read_sweep(folder / "block.toml").cases
+
+
+def test_each_controller_has_gains_of_its_own(written, folder):
+    """They go before the gains of all; each controller has its own grid."""
+    sweep = written("""
+robots = ["pendulum.urdf"]
+controllers = ["own.py:Spring", "ic"]
+[targets]
+point = [0.1, 0, -0.17]
+[gains]
+Kp = [50, 60]
+eps = 0.1
+[gains."own.py:Spring"]
+Kp = 1
+stiffness = [1, 2, 3]
+[gains.ic]
+eps = 0.2
+""")
+    spring = [c.parameters for c in sweep.cases if c.controller != "ic"]
+    assert spring == [{"Kp": 1, "eps": 0.1, "stiffness": k} for k in (1, 2, 3)]
+    ic = [c.parameters for c in sweep.cases if c.controller == "ic"]
+    assert [(gains["Kp"], gains["eps"]) for gains in ic] == [(50, 0.2), (60, 0.2)]
+    said = {"gains": {"own.py:Spring": {"stiffness": 4}, "eps": 0.3}, "robots": ["pendulum.urdf"]}
+    sweep = read_sweep(folder / "sweep.toml", said)
+    assert sweep.cases[0].parameters == {"Kp": 1, "eps": 0.3, "stiffness": 4}
+    assert {c.parameters["eps"] for c in sweep.cases if c.controller == "ic"} == {0.2}
