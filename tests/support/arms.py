@@ -9,50 +9,10 @@ import numpy as np
 
 import softdyn
 from softdyn import SoftModel, design
+from tests.support import ROOT
 from tests.support.micro import GRIPPER, write
 
-THREE_SECTIONS = """\
-name = "three_sections"
-[material]
-youngs_modulus_MPa = 0.25
-density_kg_m3 = 1070
-[damping]
-ratio = 0.15
-[[section]]
-length_mm = 120
-radius_mm = [20, 17]
-segments = 4
-[[section]]
-length_mm = 100
-radius_mm = [17, 14]
-segments = 4
-[[section]]
-length_mm = 80
-radius_mm = [14, 11]
-segments = 4
-[[cable]]
-name = "base"
-count = 4
-offset_mm = [15, 12]
-routing = "channel"
-to = "section_1"
-max_tension_N = 20
-[[cable]]
-name = "middle"
-count = 4
-angle_deg = 45
-offset_mm = [14, 10]
-routing = "channel"
-to = "section_2"
-max_tension_N = 20
-[[cable]]
-name = "end"
-count = 4
-angle_deg = 22.5
-offset_mm = [13, 8]
-routing = "channel"
-max_tension_N = 20
-"""
+THREE_SECTIONS = (ROOT / "docs/examples/three_sections.toml").read_text("utf-8")
 RUBBER = design.Material(0.25e6, 0.49, 1070)
 EVERYTHING = design.Arm(
     sections=(

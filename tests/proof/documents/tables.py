@@ -29,10 +29,12 @@ from softdyn.validation.studies.engine.distribution import (
     Agreement,
     Distribution,
     mean_and_std,
+    notes,
     number,
     pivot,
     read_distributions,
 )  # fmt: skip
+from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
 
 MARKED = re.compile(
@@ -42,6 +44,7 @@ MARKED = re.compile(
 )
 # A run equals the log if both print alike, differ by less than either of these, or are chaotic.
 SAME_SHARE, SAME_CM = 0.01, 0.01
+MISSED = 1.0  # cm: a set point that is missed by more gets its reason
 LAW = "soft-id-clf-qp"
 # controller → the gains that it uses
 USED = {
@@ -188,7 +191,7 @@ def _beyond(controller: str) -> str:
     for symbol, mean in zip(SYMBOLS.values(), ("mean (cm)", "mean (cm²)"), strict=True):
         mine = {label: own[label] for label in ordered if f"/{symbol} = " in label}
         parts += [pivot(mine, ["robot", "controller", "period"], mean)] if mine else []
-    return _noted("\n\n".join(parts))
+    return "\n\n".join(filter(None, [*parts, notes(own)]))
 
 
 def _place(label: str, first: str) -> tuple[int, bool, float]:
@@ -196,13 +199,53 @@ def _place(label: str, first: str) -> tuple[int, bool, float]:
     return list(ROBOTS).index(robot), controller != first, float(period.split()[0])
 
 
+def _table(cells: Mapping[str, Distribution], titles: list[str]) -> str:
+    """A table with one line of each of its marks."""
+    return "\n\n".join(filter(None, [pivot(cells, titles), notes(cells)]))
+
+
 def _robustness() -> str:
-    return _noted(pivot(_cells("robustness"), ["robot", "controller", "change"]))
+    """A row for each change, a column for each robot and target."""
+    cells = {}
+    for label, cell in _cells("robustness").items():
+        robot, _, change, target = label.split("/")
+        cells[f"{change}/{robot} {target}"] = cell
+    return _table(cells, ["change"])
 
 
 def _reference_plant() -> str:
     """The published controller and `best` on the reference's targets, sampling and plant."""
-    return _noted(pivot(_cells("there"), ["experiment", "robot", "controller"]))
+    cells = {label.partition("/")[2]: cell for label, cell in _cells("there").items()}
+    return _table(cells, ["robot", "controller"])
+
+
+def _set_points() -> str:
+    """A row for each set point, a column for each period, and what statics says of a miss."""
+    cells = _cells("set_points")
+    rows: dict[str, dict[str, Distribution]] = {}
+    for label, cell in cells.items():
+        _, name, period, target = label.split("/")
+        rows.setdefault(target, {})[REST if name == REST else period] = cell
+    found: dict[str, Distribution] = {}
+    for target, row in rows.items():
+        rest, runs = row.pop(REST, None), row.values()
+        found |= {f"{target}/{period}": cell for period, cell in row.items()}
+        if rest is not None and max(cell.median for cell in runs) > MISSED:
+            found[f"{target}/nearest {REST}"] = rest
+    return _table(found, ["SpiRob"])
+
+
+def _unseen() -> str:
+    """The set points of each robot by their number, because each robot has its own."""
+    cells = _cells("unseen")
+    points: dict[str, dict[str, int]] = {}
+    found = {}
+    for label, cell in cells.items():
+        robot, name, change, point = label.split("/")
+        of_robot = points.setdefault(robot, {})
+        number_ = of_robot.setdefault(point, len(of_robot) + 1)
+        found[f"{robot.partition('_urdf')[0]}/{name}/{change}/point {number_} (cm)"] = cell
+    return _table(found, ["robot", "controller", "change"])
 
 
 def _hold() -> str:
@@ -211,7 +254,7 @@ def _hold() -> str:
         robot, share, _, column = label.split("/")
         if share == "0":  # the published controller
             cells[label] = benchmark.committed()[f"{robot}/{LAW}/{column}"]
-    return _noted(pivot(cells, ["robot", "τ / ε", "τ"]))
+    return _table(cells, ["robot", "τ / ε", "τ"])
 
 
 def _one_step() -> str:
@@ -348,6 +391,8 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "best": lambda: _beyond("best"),
     "mpc": lambda: _beyond("mpc"),
     "robustness": _robustness,
+    "set-points": _set_points,
+    "unseen": _unseen,
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,

@@ -43,6 +43,32 @@ def test_a_stale_table_is_found_and_written(tmp_path: Path) -> None:
     assert tables.main([str(tmp_path / "none.md")]) == 2
 
 
+def test_set_points_and_changes_have_rows_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = Distribution(0.5, input_change=Distribution(0.1))
+    moving = Distribution(3.0, {"1": (4.0, 5.0)}, second_cycle=Distribution(1.0))
+    cells = {
+        "spirob/best/1 ms/θ = 0.1π": held, "spirob/best/1 ms/θ = 0.2π": Distribution(2.0),
+        "spirob/best/2 ms/θ = 0.1π": held, "spirob/best/2 ms/θ = 0.2π": Distribution(0.1),
+        # of a run before, when θ = 0.1π was missed, too
+        "spirob/stable equilibrium/-/θ = 0.1π": Distribution(9.0),
+        "spirob/stable equilibrium/-/θ = 0.2π": Distribution(1.5),
+    }  # fmt: skip
+    monkeypatch.setattr(documents, "_cells", lambda _: cells)
+    lines = documents.TABLES["set-points"]().splitlines()
+    assert lines[0] == "| SpiRob | 1 ms | 2 ms | nearest stable equilibrium | Δu (%) |"
+    assert lines[2:4] == [
+        "| θ = 0.1π | 0.50 | 0.50 | - | 0.10 |", "| θ = 0.2π | 2.00 | 0.10 | 1.50 | - |",
+    ]  # fmt: skip
+    cells = {"finger/best/late/θ = 1π": held, "helix/best/late/ω = 1π": moving}
+    lines = documents.TABLES["robustness"]().splitlines()
+    assert lines[0] == "| change | finger θ = 1π | helix ω = 1π | Δu (%) |"
+    assert lines[2] == "| late | 0.50 | ~4.00 [3.00, 5.00] / 1.00 | 0.10 |"
+    assert "second cycle" in lines[-1]
+    cells = {f"arm_urdf-12/mpc/{change}/({x}, 0, 0) m": held for change in "ab" for x in (1, 2)}
+    lines = documents.TABLES["unseen"]().splitlines()
+    assert lines[2:4] == [f"| arm | mpc | {change} | 0.50 | 0.50 | 0.10 |" for change in "ab"]
+
+
 @pytest.mark.parametrize(
     ("logs", "runs", "said"),
     [

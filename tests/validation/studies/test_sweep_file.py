@@ -1,5 +1,6 @@
 """Sweep files: what they mean, and what is wrong in them."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +11,13 @@ from softdyn import SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import paper, simulate
-from softdyn.validation.studies import sweep_report
+from softdyn.validation.studies import study_targets, sweep_report
 from softdyn.validation.studies.engine import cluster as dask
 from softdyn.validation.studies.engine import sources, worker
 from softdyn.validation.studies.sweep_file import read_sweep
 from softdyn.validation.studies.sweep_values import MAX_CASES, draw
 from tests.support import ROOT
+from tests.support.command import command
 from tests.support.sweeps import FINGER, PENDULUM
 
 
@@ -253,11 +255,23 @@ def test_wrong_arguments(folder, call, monkeypatch, arguments, message):
     assert err.count("\n") == 1
 
 
-def test_the_documents_sweeps_are_sweeps(folder):
+def test_the_documents_sweeps_are_sweeps(folder, monkeypatch):
     examples = sorted((ROOT / "docs" / "examples").glob("sweep_*.toml"))
     assert examples
     for path in examples:
         assert read_sweep(path).cases
+    for name in ("unseen.toml", "soft_ur5.xml", "three_sections.toml"):
+        shutil.copy(ROOT / "docs" / "examples" / name, folder)
+    done = command("new", "three_sections.toml", "--out", "three_sections.urdf", cwd=folder)
+    assert done.code == 0, done.err
+    # their equilibria take seconds and are tested elsewhere
+    points = lambda model, count: [(0.1 * (k + 1), 0.0, 0.0) for k in range(count)]  # noqa: E731
+    monkeypatch.setattr(study_targets, "points", points)
+    cases = read_sweep(folder / "unseen.toml").cases
+    assert len(cases) == 2 * 2 * 4 * 2  # robots, controllers, equilibria, changes
+    assert {(c.signals.lag, (c.parameters or {}).get("lag")) for c in cases} == {
+        (0.0, None), (0.02, 0.02),
+    }  # fmt: skip
     blocks = (ROOT / "docs" / "sweeps.md").read_text().split("```toml\n")[1:]
     assert blocks
     for block in blocks:
