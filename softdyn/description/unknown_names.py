@@ -42,6 +42,8 @@ MEANT = {
     "limit", "dynamics", "mimic", "gazebo", "softdyn", "springStiffness", "springReference",
     "tendon", "actuator", "task", "site",
 }  # fmt: skip
+# Other tools' sensors are elements inside a link and have none of these attributes.
+OF_A_SENSOR = {"tendon", "link", "joint"}
 FREE = ("gazebo",)  # holds other tools' elements, which may use any of these names
 
 
@@ -76,7 +78,9 @@ def _check(element: Element) -> None:
         meant = _slip(child.tag, children)
         if meant:
             raise child.error(f"<{meant}>", f"<{child.tag}> (misspelt?)")
-        if child.tag in MEANT and element.tag not in FREE:
+        ours = child.tag in MEANT
+        ours |= child.tag == "sensor" and not OF_A_SENSOR.isdisjoint(map(str, child.node.attrib))
+        if ours and element.tag not in FREE:
             raise child.error("another place", f"<{child.tag}> right inside <{element.tag}>")
 
 

@@ -95,6 +95,14 @@ def test_a_duplicate_is_found_among_sensors_only() -> None:
     assert parse_text(text, path=Path("arm.urdf")).sensors[0].name == "bend"
 
 
+def test_another_tool_s_sensor_is_ignored() -> None:
+    camera = '<sensor name="eye" type="camera"><parent link="pad"/></sensor>'
+    text = ARM.replace("<softdyn", f"{camera}<softdyn")
+    robot = parse_text(text, path=Path("arm.urdf"))
+    assert robot.sensors == ()
+    assert robot.others == (camera,)
+
+
 # -- any rig that is valid comes back as it was ------------------------------------------------
 
 POSITIVE = st.floats(1e-300, 1e50)

@@ -612,6 +612,8 @@ STRAYS = [
            '<link name="base"><mass>', "another place", "<mass> right inside <link>"),
     Misuse("actuator outside the block", beside('<actuator name="u3" tendon="cable"/>'),
            '<actuator name="u3">', "another place", "<actuator> right inside <robot>"),
+    Misuse("sensor outside the block", beside('<sensor name="s" type="joint" joint="bend"/>'),
+           '<sensor name="s">', "another place", "<sensor> right inside <robot>"),
     Misuse("joint inside a joint", ('<axis xyz="0 0 2"/>', '<joint name="x"/><axis xyz="0 0 2"/>'),
            '<joint name="slide"><joint name="x">', "another place",
            "<joint> right inside <joint>", row=False),

@@ -39,6 +39,7 @@ from softdyn.validation.studies.engine.case import Case
 from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseResult
 from tests.proof.fuzzing import campaign
+from tests.proof.fuzzing.arm_table import ARM, read_arm
 from tests.proof.fuzzing.inputs import changed_bytes
 from tests.proof.fuzzing.verdict import (  # fmt: skip
     ACCEPTED,
@@ -82,7 +83,6 @@ eps = { from = 0.01, to = 0.1, count = 3, spacing = "log" }
 duration = [0.5]
 contacts = [false, true]
 """
-
 # writes the content of a damaged file to a folder, reads it, returns the lost content
 Reader = Callable[[bytes, Path], str]
 
@@ -98,7 +98,7 @@ class Kind:
 
 
 def kinds() -> list[Kind]:
-    """A log, a store's result and step times, a tuning's summary, a sweep and a schedule."""
+    """A log, a store's result and step times, a tuning's summary, a sweep, a schedule, an arm."""
     model = softdyn.load("finger")
     law = SoftIdClfQp(model)
     log = simulate(model, law, SetPoint([0.1, 0.0, -0.1]), duration=0.02)
@@ -125,6 +125,7 @@ def kinds() -> list[Kind]:
         Kind("summary.json", summary, change_json, read_summary),
         Kind("sweep.toml", SWEEP.encode(), change_text, read_sweep),
         Kind("schedule.toml", toml.encode(), change_text, read_schedule),
+        Kind("arm.toml", ARM.encode(), change_text, read_arm),
     ]
 
 

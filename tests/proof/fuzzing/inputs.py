@@ -31,12 +31,13 @@ NAMES = (
     "", " ", "world", "universe", "root_joint", "base", "tip", "fixed", "floating", "planar",
     "ball", "revolute", "continuous", "prismatic", "a/b", "../a", "a b", "a\nb",
     "\u00e9", "\U0001f916",
+    "force", "length", "velocity", "gyro", "pose", "true", "false",
     "x" * 3000, "&lt;", "%s%n", "__init__", "None", "\u202eabc", "A", "0",
 )  # fmt: skip
 TAGS = (
     "link", "joint", "inertial", "mass", "inertia", "origin", "axis", "limit", "dynamics", "parent",
     "child", "mimic", "gazebo", "softdyn", "tendon", "actuator", "task", "site", "visual",
-    "collision", "robot", "springStiffness", "x", "{u}link", "linkk", "Joint", "inertail",
+    "collision", "robot", "springStiffness", "sensor", "x", "{u}link", "linkk", "Joint", "inertail",
 )  # fmt: skip
 CHUNKS = (
     b"<!-- c -->", b"<![CDATA[1]]>", b"<?pi?>", b"&amp;", b"&#0;", b"&#49;", b"&e;", b"\0", b"\xff",

@@ -21,9 +21,9 @@ from softdyn.description.robot import Joint
 # Elements whose children softdyn reads; all others belong to other tools.
 OURS = {
     "robot", "link", "joint", "inertial", "origin", "mass", "inertia", "parent", "child", "axis",
-    "limit", "dynamics", "softdyn", "tendon", "site", "actuator", "task",
+    "limit", "dynamics", "softdyn", "tendon", "site", "actuator", "sensor", "task",
 }  # fmt: skip
-COUNTED = ("link", "joint", "tendon", "actuator", "site", "softdyn", "inertial")
+COUNTED = ("link", "joint", "tendon", "actuator", "sensor", "site", "softdyn", "inertial")
 
 
 def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> list[str]:
@@ -72,7 +72,7 @@ def _lay_over(root: ElementTree.Element, block: ElementTree.Element) -> None:
 
 def _counts(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
     """Count all elements of softdyn, so that a misplaced one is not overlooked."""
-    inside = Counter(element.tag for element in _ours(root))
+    inside = Counter(element.tag for element in _ours(root) if not _foreign(element))
     block = root.find("softdyn")
     armatures = 0 if block is None else len(block.findall("joint"))
     terms = sum(len(tendon.terms) for tendon in robot.tendons)
@@ -81,12 +81,18 @@ def _counts(robot: Robot, root: ElementTree.Element) -> Iterator[str]:
         "joint": len(robot.joints) + armatures + terms,
         "tendon": len(robot.tendons),
         "actuator": len(robot.actuators),
+        "sensor": len(robot.sensors),
         "site": sum(len(tendon.sites) for tendon in robot.tendons),
         "softdyn": 0 if block is None else 1,
         "inertial": len(root.findall("link/inertial")),
     }
     for tag in COUNTED:
         yield from _same(f"number of <{tag}>", read[tag], inside[tag])
+
+
+def _foreign(element: ElementTree.Element) -> bool:
+    """Whether this is another tool's sensor, which softdyn ignores."""
+    return element.tag == "sensor" and not {"tendon", "link", "joint"} & set(element.attrib)
 
 
 def _ours(element: ElementTree.Element) -> Iterator[ElementTree.Element]:
@@ -185,7 +191,8 @@ def _block(robot: Robot, block: ElementTree.Element | None) -> Iterator[str]:
         where = f"tendon {tendon.name[:30]!r}"
         rest = None if element.get("rest") is None else _float(element, "rest")
         said = [_float(element, "stiffness"), _float(element, "damping"), rest]
-        mine = [tendon.stiffness, tendon.damping, tendon.rest]
+        said += [element.get("slack") == "true"]
+        mine = [tendon.stiffness, tendon.damping, tendon.rest, tendon.slack]
         yield from _same(f"numbers of {where}", mine, said)
         terms = [(e.get("name"), _float(e, "coef")) for e in element.findall("joint")]
         yield from _same(f"terms of {where}", [(t.joint, t.coef) for t in tendon.terms], terms)
@@ -197,9 +204,42 @@ def _block(robot: Robot, block: ElementTree.Element | None) -> Iterator[str]:
         bounds = [element.get("tendon"), gear, _float(element, "lower"), _float(element, "upper")]
         read = [actuator.tendon, actuator.gear, actuator.lower, actuator.upper]
         yield from _same(f"actuator {actuator.name[:30]!r}", read, bounds)
+    yield from _rig(robot, actuators, [] if block is None else block.findall("sensor"))
     task = None if block is None else block.find("task")
     if task is not None:
         yield from _same("task", robot.task, task.get("frame"))
+
+
+def _rig(
+    robot: Robot, actuators: list[ElementTree.Element], sensors: list[ElementTree.Element]
+) -> Iterator[str]:
+    """Commands, lags and delays of the actuators, and the sensors."""
+    unbounded = {"length_lower": -math.inf, "length_upper": math.inf, "rate": math.inf}
+    for actuator, element in zip(robot.actuators, actuators, strict=False):
+        yield from _same(
+            f"command of {actuator.name[:30]!r}",
+            actuator.command.value,
+            element.get("command", "force"),
+        )
+        for name in ("stiffness", "damping", "lag", "delay", *unbounded):
+            said = _float(element, name) if element.get(name) else unbounded.get(name, 0.0)
+            yield from _same(f"{name} of {actuator.name[:30]!r}", getattr(actuator, name), said)
+    yield from _same("sensors", [sensor.name for sensor in robot.sensors], _names(sensors))
+    for sensor, element in zip(robot.sensors, sensors, strict=False):
+        where = f"sensor {sensor.name[:30]!r}"
+        yield from _same(f"type of {where}", sensor.kind.value, element.get("type"))
+        mine = [sensor.tendon, sensor.link, sensor.joint]
+        place = [element.get(name, "") for name in ("tendon", "link", "joint")]
+        yield from _same(f"place of {where}", mine, place)
+        for name in ("xyz", "rpy"):
+            yield from _close(
+                f"{name} of {where}", np.array(getattr(sensor, name)), _vector(element, name)
+            )
+        for name in ("noise", "bias", "resolution"):
+            numbers = tuple(float(word) for word in element.get(name, "0").split())
+            yield from _same(f"{name} of {where}", getattr(sensor, name), numbers)
+        for name in ("rate", "latency"):
+            yield from _same(f"{name} of {where}", getattr(sensor, name), _float(element, name))
 
 
 def _names(elements: Iterable[ElementTree.Element]) -> list[str | None]:

@@ -133,6 +133,23 @@ def test_every_loss_is_seen(tmp_path: Path) -> None:
     assert unseen == []
 
 
+def test_every_loss_of_a_rig_is_seen(tmp_path: Path) -> None:
+    text = (fuzz.CORPUS / "base" / "rig.urdf").read_text()
+    robot = read(tmp_path, text)
+    assert differences(robot, text.encode()) == []
+    for old, new in (
+        (' slack="true"', ""), ('"length" stiff', '"velocity" stiff'), ("900", "901"),
+        ('lag="0.02"', ""), ('rate="0.08"', 'rate="0.09"'), ('delay="0.005"', ""),
+        ('length_lower="0.01"', ""), ("length_upper", "length_uper"), ('damping="4"', ""),
+        ('"tension"', '"length"'), ('tension" tendon="flexor"', 'tension" tendon="cable"'),
+        ('"1e-4" resolution', '"2e-4" resolution'), ("5e-5", "6e-5"), ('rate="200"', ""),
+        ('latency="0.04"', ""), ('"0 0.1 0"', '"0 0.2 0"'), ('bias="-0.2"', 'bias="0.2"'),
+        ('joint="bend"/>', 'joint="twist"/>'), ('xyz="0.01 0 0"', ""),
+    ):  # fmt: skip
+        assert text.count(old) == 1, old
+        assert differences(robot, text.replace(old, new).encode()), old
+
+
 def test_a_misplaced_element_is_a_loss(tmp_path: Path) -> None:
     robot = read(tmp_path, ARM)
     for stray in (
