@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, controllers, design, identification, statics
+from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.design import log_spiral
 from softdyn.validation import StateMap, Twin
 
@@ -78,11 +79,16 @@ DESIGN = [
       "rest": {}, "discs": 2, "disc": PLATE, "plate": PLATE, "name": "one"}),
     (design.Cable,
      {"angle": 0.0, "offset": 0.01, "straight": False, "max_tension": 1.0, "start": 0, "end": 0,
-      "turns": 0.0, "name": "one"}),
+      "turns": 0.0, "name": "one", "stiffness": 9.0, "damping": 1.0, "rest": 0.1, "slack": True}),
+    (design.CableMotor,
+     {"cables": ("cable",), "command": CommandKind.LENGTH, "stiffness": 9.0, "damping": 1.0,
+      "length_lower": 0.0, "length_upper": 0.1, "lag": 0.01, "rate": 1.0, "delay": 0.01}),
+    (design.ArmSensor,
+     {"reading": Sensor("one", SensorKind.GYRO), "cables": (), "points": (0.1,)}),
     (design.Arm,
      {"sections": (SECTION,), "damping": design.Damping(0.1), "cables": (), "payload": None,
       "mount": design.Mount(), "tip": (0, 0, 0), "rule": design.midpoint, "unusual": False,
-      "name": "one"}),
+      "name": "one", "motors": (), "sensors": ()}),
     (design.FingerTendon,
      {"joints": (1,), "moment_arms": (0.01,), "max_tension": 1.0, "pair": False, "name": "one"}),
     (design.Finger,

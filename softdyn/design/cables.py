@@ -127,6 +127,9 @@ class CableMotor:
         for name in ("lag", "delay", "damping"):
             number(name, getattr(self, name), lower=0.0)
         number("rate", self.rate, above=0.0, finite=False)
+        for name, open_end in (("length_lower", -math.inf), ("length_upper", math.inf)):
+            if (bound := getattr(self, name)) != open_end:
+                number(name, bound)
         if not self.length_lower <= self.length_upper:
             bounds = f"{self.length_lower} and {self.length_upper}"
             raise InputError("length_lower", "at most length_upper", bounds)
@@ -172,7 +175,7 @@ class ArmSensor:
                 number(name, value, lower=lower)
         for name in ("rate", "latency"):
             number(name, getattr(self.reading, name), lower=0.0)
-        for point in self.points:
+        for point in instances("points", self.points, object, "a number"):
             number("points", point, lower=0.0)
 
     @property
