@@ -132,7 +132,7 @@ def kinds() -> list[Kind]:
 def mutant(bases: Sequence[Kind], seed: int, index: int) -> tuple[Kind, bytes]:
     """The input number `index` of a seed, and its kind; independent of all other inputs."""
     rng = random.Random(f"{seed}:{index}")
-    kind = rng.choices(bases, (4, 1, 1, 2, 2, 2))[0]
+    kind = rng.choices(bases, (4, 1, 1, 2, 2, 2, 2))[0]
     data = kind.base
     for _ in range(rng.choice((1, 1, 2, 3))):
         data = rng.choice((kind.change, kind.change, changed_bytes))(rng, data)
