@@ -183,7 +183,7 @@ def read_log(data: bytes, path: Path) -> str:
         for read in (log, again):
             if not _same_bytes(getattr(read, name), value):
                 return name
-    about["joint_names"] = tuple(about["joint_names"])
+    about |= {name: tuple(about.get(name, ())) for name in ("joint_names", "sensor_names")}
     about["source"] = LoggedRobot(**about["source"])
     for name in about.keys() - {"format"}:
         for read in (log, again):
