@@ -8,6 +8,7 @@
 - `dynamics`: every term of the equations of motion, J̇ (`kernels`), moment arms of
   tendons (`tendons`), derivatives, time steps;
 - `actuation`: winches, which command a free length of cable;
+- `sensing`: the sensors' readings and their Jacobians;
 - `statics`: equilibria, their stability, the inputs that hold the tip at a point;
 - `view`: the robot in the browser;
 - `design`: from a few parameters to a robot's file and meshes;

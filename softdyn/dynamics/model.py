@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from softdyn.description.robot import Robot
 from softdyn.dynamics import text
 from softdyn.dynamics.tendons import Tendons
 from softdyn.exceptions import InputError
+
+if TYPE_CHECKING:
+    from softdyn.sensing.measurement import Measurement
 
 
 @runtime_checkable
@@ -167,6 +170,31 @@ class SoftModel(Protocol):
 
     def link_poses(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Pose (4, 4) in the world of every link."""
+
+    def measure(self, state: State, u: np.ndarray) -> Measurement:
+        """The readings of the robot's sensors without errors, and their derivatives.
+
+        Parameters
+        ----------
+        state : State
+            The robot's state.
+        u : array_like, (m,)
+            Input, on which tensions and accelerations depend.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or a number that is not finite, or for a sensor of a tendon, link or
+            joint that the robot does not have.
+        """
+        known = vars(self)
+        if "_sensors" not in known:
+            # an ordinary import at the top would close a circle: sensors are read from a model
+            from softdyn.sensing.sensors import Sensors
+
+            known["_sensors"] = Sensors(self)
+        found: Measurement = known["_sensors"].measure(state, u)
+        return found
 
     def integrate(self, q: np.ndarray, dv: np.ndarray) -> np.ndarray:
         """q ⊕ dv (nq,): the configuration after the displacement dv (n,)."""

@@ -1,0 +1,12 @@
+"""The readings of a robot's sensors without errors, and their Jacobians: `SoftModel.measure`.
+
+- `sensors`: a model's sensors, ready for evaluation;
+- `measurement`: their readings at one state.
+
+Noise, bias, latency, rate and resolution belong to the rig. The model does not add them.
+"""
+
+from softdyn.sensing.measurement import Measurement
+from softdyn.sensing.sensors import Sensors
+
+__all__ = ["Measurement", "Sensors"]
