@@ -6,7 +6,7 @@
 Noise, bias, latency, rate and resolution belong to the rig. The model does not add them.
 """
 
-from softdyn.sensing.measurement import Measurement
+from softdyn.sensing.measurement import Components, Measurement
 from softdyn.sensing.sensors import Sensors
 
-__all__ = ["Measurement", "Sensors"]
+__all__ = ["Components", "Measurement", "Sensors"]

@@ -16,29 +16,10 @@ from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
 from tests.support.oracles import gradient, relative
+from tests.support.rigged import wound
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)  # with inputs on fixed and spatial tendons
-KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
-
-
-def wound(model: SoftModel, **changed: float) -> SoftModel:
-    """The same robot with winches in place of two of three motors, and gears of both signs."""
-    rng = np.random.default_rng(0)
-    actuators = []
-    for i, actuator in enumerate(model.robot.actuators):
-        kind = KINDS[i % 3]
-        if kind is CommandKind.FORCE:
-            actuators.append(actuator)
-            continue
-        gear = rng.uniform(0.5, 2.0) * (-1) ** (i + 1)
-        ends = sorted((0.0, -9.0 / gear))
-        rig = {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2), **changed}
-        actuators.append(
-            replace(actuator, gear=gear, lower=ends[0], upper=ends[1], command=kind, **rig)
-        )
-    built = softdyn.build(replace(getattr(model, "full", model).robot, actuators=tuple(actuators)))
-    return softdyn.reduce(built, model.basis) if hasattr(model, "basis") else built
 
 
 @pytest.fixture(params=[*SEEDS, "spirob", *PROJECTIONS], ids=str)

@@ -23,25 +23,11 @@ from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
 from tests.support.cart import load
 from tests.support.oracles import gradient, relative
+from tests.support.rigged import slackened
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)  # with fixed and spatial tendons, branches and continuous joints
 MARGIN = 0.002  # N; differences do not cross the edge between taut and slack
-
-
-def slackened(model: SoftModel, seed: int = 0, slack: bool = True) -> SoftModel:
-    """The same robot with elastic, damped tendons, of which about half are taut."""
-    rng = np.random.default_rng(seed)
-    lengths = model.tendon_lengths(model.q0)
-    tendons = tuple(
-        replace(
-            tendon, slack=slack, stiffness=rng.uniform(2, 9), damping=rng.uniform(0.1, 0.5),
-            rest=float(length * rng.uniform(0.95, 1.05)),
-        )
-        for tendon, length in zip(model.robot.tendons, lengths, strict=True)
-    )  # fmt: skip
-    built = softdyn.build(replace(getattr(model, "full", model).robot, tendons=tendons))
-    return softdyn.reduce(built, model.basis) if hasattr(model, "basis") else built
 
 
 def source(which: int | str, folder) -> SoftModel:

@@ -20,44 +20,11 @@ from tests.support.arms import PROJECTIONS
 from tests.support.cart import CART, load
 from tests.support.micro import FLOATING, GRIPPER, write
 from tests.support.oracles import relative
+from tests.support.rigged import measured
 
 BAR = 1e-7
 SEEDS = (1, 12, 16, 19, 23)
 KIND = SensorKind
-
-
-def measured(model: SoftModel) -> SoftModel:
-    """The same robot with every kind of sensor, some tendons elastic, damped and slack."""
-    rng = np.random.default_rng(0)
-    robot = getattr(model, "full", model).robot
-    lengths = model.tendon_lengths(model.q0)
-    tendons = tuple(
-        replace(tendon, slack=bool(t % 2), stiffness=20.0, damping=3.0 * (t % 3 != 1),
-                rest=float(length * rng.uniform(0.9, 1.0)))
-        for t, (tendon, length) in enumerate(zip(robot.tendons, lengths, strict=True))
-    )  # fmt: skip
-    links = [robot.links[0].name, *rng.permutation([link.name for link in robot.links])[:3]]
-    places = [
-        {"link": str(link), "xyz": tuple(rng.normal(scale=0.1, size=3)),
-         "rpy": tuple(rng.uniform(-3, 3, 3))}
-        for link in links
-    ]  # fmt: skip
-    joints = [joint.name for joint in robot.moving_joints]
-    sensors = [
-        Sensor(f"{kind.value} {tendon.name}", kind, tendon=tendon.name)
-        for tendon in tendons
-        for kind in (KIND.LENGTH, KIND.TENSION)
-    ]
-    sensors += [Sensor(f"encoder {name}", KIND.JOINT, joint=name) for name in joints[-3:]]
-    sensors += [
-        Sensor(f"{kind.value} {k}", kind, **place)
-        for kind in (KIND.POSE, KIND.GYRO, KIND.ACCELEROMETER, KIND.POSITION)
-        for k, place in enumerate(places)
-    ]
-    sensors = [sensors[k] for k in rng.permutation(len(sensors))]
-    changed = replace(robot, tendons=tendons, sensors=tuple(sensors))
-    built = softdyn.build(changed)
-    return softdyn.reduce(built, model.basis) if hasattr(model, "basis") else built
 
 
 @pytest.fixture(params=[*SEEDS, "helix", "floating", "mimic, floating", *PROJECTIONS], ids=str)

@@ -1,0 +1,84 @@
+"""Robots with a rig: slack tendons, winches and sensors of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+import softdyn
+from softdyn import SoftModel
+from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.rig import SensorKind as KIND
+
+KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
+
+
+def slackened(model: SoftModel, seed: int = 0, slack: bool = True) -> SoftModel:
+    """The same robot with elastic, damped tendons, of which about half are taut."""
+    rng = np.random.default_rng(seed)
+    lengths = model.tendon_lengths(model.q0)
+    tendons = tuple(
+        replace(
+            tendon, slack=slack, stiffness=rng.uniform(2, 9), damping=rng.uniform(0.1, 0.5),
+            rest=float(length * rng.uniform(0.95, 1.05)),
+        )
+        for tendon, length in zip(model.robot.tendons, lengths, strict=True)
+    )  # fmt: skip
+    return _rebuilt(model, tendons=tendons)
+
+
+def wound(model: SoftModel, **changed: float) -> SoftModel:
+    """The same robot with winches in place of two of three motors, and gears of both signs."""
+    rng = np.random.default_rng(0)
+    actuators = []
+    for i, actuator in enumerate(model.robot.actuators):
+        kind = KINDS[i % 3]
+        if kind is CommandKind.FORCE:
+            actuators.append(actuator)
+            continue
+        gear = rng.uniform(0.5, 2.0) * (-1) ** (i + 1)
+        ends = sorted((0.0, -9.0 / gear))
+        rig = {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2), **changed}
+        actuators.append(
+            replace(actuator, gear=gear, lower=ends[0], upper=ends[1], command=kind, **rig)
+        )
+    return _rebuilt(model, actuators=tuple(actuators))
+
+
+def measured(model: SoftModel) -> SoftModel:
+    """The same robot with every kind of sensor, some tendons elastic, damped and slack."""
+    rng = np.random.default_rng(0)
+    robot = getattr(model, "full", model).robot
+    lengths = model.tendon_lengths(model.q0)
+    tendons = tuple(
+        replace(tendon, slack=bool(t % 2), stiffness=20.0, damping=3.0 * (t % 3 != 1),
+                rest=float(length * rng.uniform(0.9, 1.0)))
+        for t, (tendon, length) in enumerate(zip(robot.tendons, lengths, strict=True))
+    )  # fmt: skip
+    links = [robot.links[0].name, *rng.permutation([link.name for link in robot.links])[:3]]
+    places = [
+        {"link": str(link), "xyz": tuple(rng.normal(scale=0.1, size=3)),
+         "rpy": tuple(rng.uniform(-3, 3, 3))}
+        for link in links
+    ]  # fmt: skip
+    joints = [joint.name for joint in robot.moving_joints]
+    sensors = [
+        Sensor(f"{kind.value} {tendon.name}", kind, tendon=tendon.name)
+        for tendon in tendons
+        for kind in (KIND.LENGTH, KIND.TENSION)
+    ]
+    sensors += [Sensor(f"encoder {name}", KIND.JOINT, joint=name) for name in joints[-3:]]
+    sensors += [
+        Sensor(f"{kind.value} {k}", kind, **place)
+        for kind in (KIND.POSE, KIND.GYRO, KIND.ACCELEROMETER, KIND.POSITION)
+        for k, place in enumerate(places)
+    ]
+    sensors = [sensors[k] for k in rng.permutation(len(sensors))]
+    return _rebuilt(model, tendons=tendons, sensors=tuple(sensors))
+
+
+def _rebuilt(model: SoftModel, **parts: object) -> SoftModel:
+    """The model of the changed robot, reduced if the model is."""
+    built = softdyn.build(replace(getattr(model, "full", model).robot, **parts))
+    return softdyn.reduce(built, model.basis) if hasattr(model, "basis") else built
