@@ -6,6 +6,8 @@
 - `stops`: joint stops as stiff springs
 - `compensated`: any controller behind delay and lag
 - `rest_target`: equilibria as targets of shape and input
+- `objective`: the weights of the objective, from the robot at rest
+- `buckling`: the pull that buckles an arm, so that its tip can follow a path
 - `riccati`: linear feedback about a path, by the backward recursion
 - `plan`: a path of inputs through a fold, by iLQR
 - `follow`: a plan followed with its gains

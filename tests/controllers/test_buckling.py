@@ -20,7 +20,9 @@ def test_the_least_buckling_input_bends_nothing_and_makes_the_stiffness_singular
     assert u is not None
     state = model.state(model.q0, np.zeros(model.nv))
     assert np.abs(state.B @ u).max() < 1e-9 * np.abs(state.B).max() * u.max()
-    below, above = (np.linalg.eigvalsh(stiffness(model, model.q0, s * u))[0] for s in (0.999, 1.001))
+    below, above = (
+        np.linalg.eigvalsh(stiffness(model, model.q0, s * u))[0] for s in (0.999, 1.001)
+    )
     assert below > 0 > above
 
 

@@ -16,9 +16,9 @@ from softdyn.controllers import Command, Mpc
 from softdyn.controllers.predictive.plan import Plan, make_plan
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.statics import StaticsError
-from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.signal_path import SignalPath
+from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.tables import Table
 from softdyn.validation.twin.twin import Twin
 
