@@ -12,11 +12,13 @@ from typing import TypeVar
 import numpy as np
 
 from softdyn import SoftModel, statics
-from softdyn.statics import StaticsError
+from softdyn.statics import Equilibrium, StaticsError
 
 Result = TypeVar("Result")
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
 SHAPES = 6  # random shapes from which the search starts
+BENDS = (0.33, 0.42, 0.56, 0.67)  # of the joints: beyond them the bend is reversed
+MORE = 2.5  # factor on shape and inputs there
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +60,33 @@ def in_future(work: Callable[[], Result], background: bool) -> Future[Result]:
     return answer
 
 
+def instability(one: Equilibrium) -> tuple[float, float]:
+    """Sum of the unstable poles' real parts, and the rightmost pole's (1/s)."""
+    real = one.poles.real
+    return float(real[real > 0].sum()), float(real[0])
+
+
+def reversed_bends(
+    model: SoftModel, q: np.ndarray, u: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Shapes bent more than q, and the other way beyond some joint, with inputs larger than u."""
+    made = []
+    for share in BENDS:
+        shape = MORE * model.coordinates(q)
+        shape[round(share * model.nv) :] *= -1.0
+        shape = np.clip(shape, model.lower, model.upper)
+        made.append((model.configuration(shape), np.clip(MORE * u, model.u_min, model.u_max)))
+    return made
+
+
 class RestTargets:
     """The target of each set point, found once and kept.
 
-    The target is the equilibrium with the leftmost rightmost pole, of those that
-    `statics.inputs_for_tip` finds within 5 mm of the set point, or of the nearest. The search takes
-    seconds, and its result depends on the robot and the set point alone.
+    The target is the equilibrium with the least sum of unstable poles, then the leftmost rightmost
+    one, of those that `statics.inputs_for_tip` finds within 5 mm of the set point, or of the
+    nearest. The sum bounds the effort of holding it. The search also starts at shapes that are bent
+    more than the branch from rest, and the other way beyond some joint. It takes seconds, and its
+    result depends on the robot and the set point alone.
 
     Parameters
     ----------
@@ -91,10 +114,11 @@ class RestTargets:
         model = self._model
         try:
             plain = statics.approach(statics.rest(model), y, stay_stable=True)
-            search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES)
+            bent = reversed_bends(model, plain.q, plain.u)
+            search = statics.inputs_for_tip(model, y, [plain], guesses=bent, shapes=SHAPES)
         except (StaticsError, np.linalg.LinAlgError):
             return None
         within = max(WITHIN, search.distance(search.nearest))
         near = [one for one in search.found if search.distance(one) <= within]
-        best = min(near, key=lambda one: float(one.poles.real[0]))
+        best = min(near, key=instability)
         return RestTarget(best.q, best.u, best.stable, search.distance(best))
