@@ -13,6 +13,7 @@ from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, in_fu
 
 STUCK = 1.0  # s without arriving after which a target is searched for, or with one a plan made
 ARRIVES = 0.5  # s later it acts, however long the search took
+BENT = 0.3  # rad, m: a joint this far from the target's shape
 
 
 class PlanFollower:
@@ -20,7 +21,8 @@ class PlanFollower:
 
     Where the tip stays farther than 5 mm from where the target holds it, for 1 s after the target
     began to act, a plan is made from the present state. 0.5 s later it is followed with its gains,
-    to its end, once for each target.
+    to its end, once for each target. Near the target's shape, within 0.3 rad or m in each joint, no
+    plan is made: there the predictive controller needs none.
 
     Parameters
     ----------
@@ -71,7 +73,7 @@ class PlanFollower:
             return None
         q = self._model.integrate(state.q, p)
         if self._plan is None:
-            self._wait(target, goal, float(np.linalg.norm(state.y - goal)), (q, v, acting))
+            self._wait(target, goal, state.y, (q, v, acting))
         if self._plan is None or self._time >= self._plan.times[-1]:
             return None
         command = self._plan.command(self._time, self._model.coordinates(q), v, acting)
@@ -79,12 +81,15 @@ class PlanFollower:
         return command
 
     def _wait(
-        self, target: RestTarget, goal: np.ndarray, far: float, start: tuple[np.ndarray, ...]
+        self, target: RestTarget, goal: np.ndarray, y: np.ndarray, start: tuple[np.ndarray, ...]
     ) -> None:
-        """A period goes by without a plan, the tip `far` (m) from its goal."""
-        stays = self._asked is not None or far > target.distance + WITHIN
+        """A period goes by without a plan, with the tip at y."""
+        coordinates = self._model.coordinates
+        bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0)
+        away = bent > BENT and np.linalg.norm(y - goal) > target.distance + WITHIN
+        stays = away or self._asked is not None
         self._away = self._away + self._period if stays else 0.0
-        if self._asked is None and self._away > STUCK and np.isfinite(far):
+        if self._asked is None and self._away > STUCK:
             q, v, acting = (x.copy() for x in start)
             work = partial(make_plan, self._model, q, v, acting, target, goal.copy(), self._lag)
             self._asked = in_future(work, self._background)

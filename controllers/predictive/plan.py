@@ -9,15 +9,15 @@ that actuators of lag λ keep, and ā its mean over the step (`actuation`). The 
 
     Σ ‖y - y*‖² + speed² ‖q̇‖²_W + κ ‖a - u*‖²_diag(R) + σ ‖q - q*‖²_S / λ_S + rate ‖a⁺ - a‖²_R
 
-by iLQR with bounds (`riccati`), in the metric of `Mpc`. The tip's error alone leads back to the
-branch of equilibria where the path starts, so the weight σ of the shape is large first, and then
-smaller from the path found. A path begins with all inputs of the target multiplied by a factor.
+by iLQR with bounds (`riccati`), in the metric of `Mpc`. The weight σ of the shape is large, because
+the tip's error alone leads back to the branch of equilibria where the path starts. The first guess
+is the target's inputs, multiplied by a factor for half a second.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from softdyn.dynamics.model import check_model
 
 STEP = 0.01  # T (s)
 STEPS = 150
-FORMS = (3.0, 0.3)  # σ of the passes
+FORM = 3.0  # σ
 PULLS = (4.0, 8.0, 12.0)  # factors on the target's inputs, tried one after the other
 PULL = 0.5  # s, how long a factor acts
 NEAR = 0.2  # of the first ‖q - q*‖²_S: a path that ends nearer needs no further factor
@@ -112,7 +112,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """The model, its start and its target, with the weights of a state but for σ."""
+    """The model, its start and its target, and the weights."""
 
     model: SoftModel
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -168,20 +168,14 @@ def make_plan(
     """
     problem = _pose(model, q, v, acting, target, goal, number("lag", lag, lower=0.0))
     factor = np.where(np.arange(STEPS) * STEP < PULL, 1.0, 0.0)[:, None]
-    best: tuple[float, _Path, np.ndarray] | None = None
+    best: tuple[_Path, np.ndarray] | None = None
     for pull in PULLS:
-        commands = (1.0 + (pull - 1.0) * factor) * target.u
-        found: tuple[_Path, np.ndarray] | None = None
-        for weight in FORMS:
-            found = _improve(problem, commands, weight)
-            if found is None:
-                break
-            commands = found[0].commands
-        if found is not None and (best is None or found[0].cost < best[0]):
-            best = found[0].cost, *found
-        if best is not None and _form(problem, best[1], -1) < NEAR * _form(problem, best[1], 0):
+        found = _improve(problem, (1.0 + (pull - 1.0) * factor) * target.u)
+        if found is not None and (best is None or found[0].cost < best[0].cost):
+            best = found
+        if best is not None and _form(problem, best[0], -1) < NEAR * _form(problem, best[0], 0):
             break
-    return None if best is None else _plan(problem, lag, *best[1:])
+    return None if best is None else _plan(problem, lag, *best)
 
 
 def _pose(
@@ -199,6 +193,7 @@ def _pose(
     R = compliance * state.B.T @ np.linalg.solve(S, state.B)
     kept = math.exp(-STEP / lag) if lag > 0 else 0.0
     weight = np.zeros((2 * n + m, 2 * n + m))
+    weight[:n, :n] = FORM * compliance * S
     weight[n : 2 * n, n : 2 * n] = (SPEED * HORIZON) ** 2 * compliance * S
     weight[2 * n :, 2 * n :] = HOLD * np.diag(np.diag(R))
     change = (1 - kept) ** 2 * RATE * (R + 1e-8 * np.trace(R) * np.eye(m))
@@ -207,15 +202,10 @@ def _pose(
     return _Problem(model, start, target, goal, kept, mean, compliance * S, weight, change)
 
 
-def _improve(
-    problem: _Problem, commands: np.ndarray, form: float
-) -> tuple[_Path, np.ndarray] | None:
+def _improve(problem: _Problem, commands: np.ndarray) -> tuple[_Path, np.ndarray] | None:
     """The path of least cost near that of the commands, and its gains; None if there is none."""
     n, m = problem.model.nv, problem.model.nu
-    weight = problem.weight.copy()
-    weight[:n, :n] = form * problem.form
-    problem = replace(problem, weight=weight)
-    path, scale = _simulate(problem, commands), weight[2 * n :, 2 * n :] / HOLD
+    path, scale = _simulate(problem, commands), problem.weight[2 * n :, 2 * n :] / HOLD
     if path is None:
         return None
     damping = 1e-6

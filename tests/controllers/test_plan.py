@@ -61,7 +61,7 @@ def best_commands(model: SoftModel, lag: float, form: float, count: int) -> np.n
 def test_on_a_linear_robot_it_is_the_bounded_least_squares_solution(slide, lag) -> None:
     found = make_plan(slide, [0.0], [0.0], [0.0], TARGET, GOAL, lag)
     assert found is not None
-    expected = best_commands(slide, lag, planning.FORMS[-1], len(found.commands))
+    expected = best_commands(slide, lag, planning.FORM, len(found.commands))
     assert (expected > 1.5 - 1e-6).any()  # a bound is active
     np.testing.assert_allclose(found.commands[:, 0], expected, atol=1e-5)
     assert found.error[0] == pytest.approx(0.1)
@@ -130,13 +130,15 @@ def test_the_bounded_minimum_is_that_of_least_squares() -> None:
 def test_a_plan_follows_where_the_tip_stays_away_from_its_target(slide) -> None:
     follow = PlanFollower(slide, 0.0, background=False)
     follow.reset(0.1)
-    state = slide.state([0.0], [0.0])
+    state = slide.state([-0.4], [0.0])
+    near = slide.state([0.05], [0.0])
     given = TARGET, GOAL, state, np.zeros(1), np.zeros(1), np.zeros(1)
+    assert all(follow(TARGET, GOAL, near, *given[3:]) is None for _ in range(30))
     assert follow(None, *given[1:]) is None
     answers = [follow(*given) for _ in range(40)]
     first = next(k for k, one in enumerate(answers) if one is not None)
     assert first * 0.1 == pytest.approx(1.5, abs=0.11)
-    expected = make_plan(slide, [0.0], [0.0], [0.0], TARGET, GOAL)
+    expected = make_plan(slide, [-0.4], [0.0], [0.0], TARGET, GOAL)
     np.testing.assert_array_equal(answers[first], expected.commands[0])
     assert [one is not None for one in answers].count(True) == 3  # 0.3 s, and once only
 
