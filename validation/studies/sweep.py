@@ -29,6 +29,7 @@ from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
 from softdyn.validation.studies.sweep_values import GROUPS, Axis
 from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.rig import Rig
 
 FIGURES = {
     "final_error_cm": "final error (cm)",
@@ -44,7 +45,7 @@ NAMES = {kind: name for name, kind in TARGETS.items()}
 PARAMETERS = (*(f"{group}.{name}" for group in GROUPS for name in GROUPS[group]), "ellipse_scale")
 NOMINAL = "none"  # the name of the case without a change
 SHARE = "horizon_per_eps"  # of [gains]
-IN_MS = ("gains.horizon", "plant.period", "signals.delay", "signals.lag")
+IN_MS = ("gains.horizon", "plant.period", "signals.delay", "signals.lag", "rig.delay", "rig.lag")
 
 
 def inputs(case: Case) -> dict[str, Any]:
@@ -70,6 +71,9 @@ def parameter(case: Case, name: str) -> Any:
         return getattr(case if key in TIMES else case.plant, key)
     if group == "signals":
         return getattr(case.signals, key)
+    if group == "rig":
+        value = case.rig is not None if key == "file" else getattr(case.rig, key, None)
+        return getattr(value, "value", value)
     if name in NAMES.values():
         return case.value if NAMES[case.kind] == name else None
     return getattr(case, name)
@@ -259,7 +263,9 @@ class Sweep:
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
         sample: int | None,
     ) -> Case:  # fmt: skip
-        groups: dict[str, dict[str, Any]] = {"gains": {}, "plant": {}, "signals": {}, "": {}}
+        groups: dict[str, dict[str, Any]] = {
+            group: {} for group in ("gains", "plant", "signals", "rig", "")
+        }
         for name, value in values.items():
             group, _, key = name.rpartition(".")
             groups[group][key] = value
@@ -274,6 +280,7 @@ class Sweep:
             period=times.get("period"),
             plant=PlantErrors(**plant),
             signals=SignalPath(**groups["signals"]),
+            rig=Rig(**groups["rig"]) if groups["rig"].pop("file", bool(groups["rig"])) else None,
             annotations=self.annotations.get(robot),
             sample=sample,
             **groups[""],

@@ -25,8 +25,8 @@ from softdyn.validation.studies.sweep_values import Axis, Check, ValueReader
 
 OVERLAYS, BEYOND = "annotations", "statics_beyond_cm"
 KEYS = (
-    "robots", "controllers", "targets", "gains", "plant", "signals", "ellipse_scale", "changes",
-    "samples", "logs", "figure", "rows", "means", "must_not_fail", BEYOND,
+    "robots", "controllers", "targets", "gains", "plant", "signals", "rig", "ellipse_scale",
+    "changes", "samples", "logs", "figure", "rows", "means", "must_not_fail", BEYOND,
 )  # fmt: skip
 
 

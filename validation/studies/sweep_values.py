@@ -16,6 +16,7 @@ import numpy as np
 from softdyn import InputError, UrdfError
 from softdyn.checks import number
 from softdyn.controllers import Gains
+from softdyn.description.rig import CommandKind
 
 Check = Callable[[str, Any], Any]
 POINTS = "[x, y, z] in m, or a list of such"
@@ -90,15 +91,28 @@ def step(key: str, value: Any) -> float:
     return math.inf if value == math.inf else positive(key, value)
 
 
+def command(key: str, value: Any) -> str:
+    """The kind of command of all inputs."""
+    words = [kind.value for kind in CommandKind]
+    if value not in words:
+        raise InputError(key, " or ".join(words), repr(value))
+    return str(value)
+
+
 # group → its parameters and their checks; those of [gains] depend on the controllers
 GROUPS: dict[str, dict[str, Check]] = {
     "plant": {
         "period": positive, "duration": positive, "timestep": step, "contacts": flag,
+        "payload": not_negative,
         "friction": flag, "mass": positive, "stiffness": not_negative, "damping": not_negative,
         "dry_friction": not_negative, "cable_friction": not_negative, "pull_friction": not_negative,
         "soft_stops": flag,
     },
     "signals": {"delay": not_negative, "lag": not_negative, "noise": not_negative},
+    "rig": {
+        "file": flag, "command": command, "stiffness": positive, "damping": not_negative,
+        "lag": not_negative, "delay": not_negative, "noise": not_negative, "latency": not_negative,
+    },
 }  # fmt: skip
 
 

@@ -34,6 +34,8 @@ class Rig:
         delay up to whole plant steps.
     command : str or CommandKind, optional
         ``force``, ``length`` or ``velocity``, the command of all inputs; the file's by default.
+    stiffness, damping : float, optional
+        Stiffness (N/m) and damping (N s/m) of every winch's cable; the file's by default.
     sensors : tuple of Sensor, optional
         The sensors; the file's by default.
     plant : PlantErrors
@@ -56,6 +58,8 @@ class Rig:
     lag: float | None = None
     delay: float | None = None
     command: CommandKind | str | None = None
+    stiffness: float | None = None
+    damping: float | None = None
     sensors: tuple[Sensor, ...] | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     noise: float = 0.0
@@ -63,7 +67,7 @@ class Rig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("lag", "delay", "noise", "latency"):
+        for name in ("lag", "delay", "stiffness", "damping", "noise", "latency"):
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), lower=0.0)
         whole("seed", self.seed, lower=0)
@@ -97,7 +101,7 @@ class Rig:
         """
         changes: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("lag", "delay", "command")
+            for name in ("lag", "delay", "command", "stiffness", "damping")
             if getattr(self, name) is not None
         }
         actuators = tuple(replace(actuator, **changes) for actuator in robot.actuators)

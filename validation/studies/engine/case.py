@@ -22,6 +22,7 @@ from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
 from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.rig import Rig
 
 # kind of a case → its experiment, from a robot's setup and the case's value
 KINDS: dict[str, Callable[[experiments.Setup, Any], Experiment]] = {
@@ -51,6 +52,8 @@ class Case:
         Differences between plant and model.
     signals : SignalPath
         Delay, lag and noise between plant and controller.
+    rig : Rig, optional
+        The rig between controller and plant; its plant is that of this case.
     ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
@@ -80,6 +83,7 @@ class Case:
     timestep: float | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     signals: SignalPath = field(default_factory=SignalPath)
+    rig: Rig | None = None
     ellipse_scale: float = 1.0
     nudge: float = 0.0
     draw: tuple[int, int] | None = None
@@ -132,7 +136,10 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
     step, options = case.timestep, case.plant.options()
-    options["twin"] = case.signals.between(options["twin"])
+    if case.rig is None:
+        options["twin"] = case.signals.between(options["twin"])
+    else:
+        options = {"rig": replace(case.rig, plant=case.plant)}
     with one_line_errors(case.controller, "a command"):
         return simulate(
             model,

@@ -29,12 +29,19 @@ BESIDE = {
 NOISE_SEEDS = 1000  # seeds of the noise between two seeds of an ensemble
 
 
+def is_noisy(case: Case) -> bool:
+    """Whether the controller sees noisy states."""
+    return (case.signals if case.rig is None else case.rig).noise > 0
+
+
 def members(case: Case, count: int, seed: int) -> list[Case]:
     """Copies of a case with `count` random starts of this seed, or with as many other noises."""
-    if case.signals.noise > 0:
+    if is_noisy(case):
         first = NOISE_SEEDS * seed + 1
-        paths = (replace(case.signals, seed=first + k) for k in range(count))
-        return [replace(case, signals=path) for path in paths]
+        seeds = range(first, first + count)
+        if case.rig is not None:
+            return [replace(case, rig=replace(case.rig, seed=k)) for k in seeds]
+        return [replace(case, signals=replace(case.signals, seed=k)) for k in seeds]
     return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
 
 
@@ -92,7 +99,7 @@ def run(
     found = results(each for case in cells.values() for each in (case, *members(case, few, seed)))
     first = {label: distribution(case, few) for label, case in cells.items()}
     moving = {label for of in (known or {}, first) for label, cell in of.items() if cell.moves}
-    moving |= {label for label, case in cells.items() if case.signals.noise > 0}
+    moving |= {label for label, case in cells.items() if is_noisy(case)}
     often = [label for label in cells if label in moving]
     found |= results(each for label in often for each in members(cells[label], count, seed))
     every = first | {label: distribution(cells[label], count) for label in often}
