@@ -125,7 +125,9 @@ class Mpc(GuardedController):
         the begin of the command that answers it; by default the longest of the robot's file.
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
-        farther than 5 mm away it is searched for, and 0.5 s later it acts if its tip is nearer.
+        farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
+        its tip is nearer by that. Where the tip stays away even so, a plan leads there, see
+        `softdyn.controllers.predictive.follow`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
 
@@ -282,7 +284,7 @@ class Mpc(GuardedController):
         if self._asked is None and self._away > STUCK and np.isfinite(far):
             self._asked = self.targets.ask(y)
         if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
-            found, self._away = self._asked.result(), -np.inf
+            found, self._away = self._asked.result(), ARRIVES  # and again where it is no nearer
             if found is not None and found.distance < far - WITHIN:
                 self._acts = found
         return self._acts
