@@ -32,7 +32,7 @@ from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.buckling import Pull, buckling_input
 from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
-from softdyn.controllers.predictive.objective import make_objective
+from softdyn.controllers.predictive.objective import horizon_weights
 from softdyn.controllers.predictive.plan import Plan
 from softdyn.controllers.predictive.prediction import ahead, condensed_qp
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
@@ -130,6 +130,7 @@ class Mpc(GuardedController):
         `softdyn.controllers.predictive.follow`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
+        With targets, a robot that its cables can buckle is pulled on paths (`predictive.buckling`).
 
     Raises
     ------
@@ -166,7 +167,7 @@ class Mpc(GuardedController):
         self.solvers = (self._qp,)
         self._stops = JointStops(model)
         given, self._pull, lag = self.parameters, None, self.actuation.lag
-        weigh = partial(make_objective, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag)
+        weigh = partial(horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag)
         with np.errstate(all="ignore"):
             self._usual = self._on_path = weigh(given.horizon)
             least = None if targets is None else buckling_input(model)
@@ -272,7 +273,7 @@ class Mpc(GuardedController):
         y = reference.y
         if moving and self._pull is not None:
             u = self._pull(float(np.linalg.norm(state.y - y)))
-            return None if u is None else RestTarget(state.q, u, True, np.nan)
+            return RestTarget(state.q, u, True, np.nan)
         if self.targets is None or moving:
             return None
         if not np.array_equal(self._goal, y):

@@ -1,12 +1,12 @@
 """The parts of predictive control: `softdyn.controllers.mpc` joins them.
 
 - `prediction`: the linear model over the horizon and its condensed QP
+- `objective`: the weights of its objective, from the robot at rest
 - `actuation`: delay and lag of the actuators
 - `state_filter`: measured states and unmodelled forces
 - `stops`: joint stops as stiff springs
 - `compensated`: any controller behind delay and lag
 - `rest_target`: equilibria as targets of shape and input
-- `objective`: the weights of the objective, from the robot at rest
 - `buckling`: the pull that buckles an arm, so that its tip can follow a path
 - `riccati`: linear feedback about a path, by the backward recursion
 - `plan`: a path of inputs through a fold, by iLQR

@@ -21,7 +21,7 @@ BLIND = 1e-6  # of R's largest eigenvalue, its diagonal scaled to 1: below it R 
 
 
 @dataclass(frozen=True, eq=False)
-class HorizonObjective:
+class HorizonWeights:
     """Step, knots and weights of one horizon of N steps.
 
     Attributes
@@ -55,7 +55,7 @@ class HorizonObjective:
         return self.lookahead.step
 
 
-def make_objective(
+def horizon_weights(
     model: SoftModel,
     knots: tuple[int, ...],
     horizon: float,
@@ -64,8 +64,8 @@ def make_objective(
     lag: float,
     *,
     blind: bool = False,
-) -> HorizonObjective:
-    """The objective of a robot.
+) -> HorizonWeights:
+    """The weights of a robot on one horizon.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def make_objective(
     rates = differences.T @ np.diag(1 / lengths) @ differences
     own = np.diag(np.diag(R)) * (HOLD / rate)
     change = R + unseen(R) if blind else R
-    return HorizonObjective(
+    return HorizonWeights(
         lookahead=Lookahead(knots, step, speed * H * math.sqrt(compliance) * factor.T.copy()),
         ahead=step * np.arange(1.0, knots[-1] + 1)[:, None],
         rows=np.kron(command_rows(knots, lag, step), np.eye(model.nu)),

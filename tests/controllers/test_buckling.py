@@ -7,7 +7,7 @@ import numpy as np
 from softdyn import Reference, SetPoint
 from softdyn.controllers import Mpc
 from softdyn.controllers.predictive import buckling
-from softdyn.controllers.predictive.objective import make_objective, unseen
+from softdyn.controllers.predictive.objective import horizon_weights, unseen
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.dynamics.derivatives import stiffness
 from tests.support.control_cases import robot
@@ -20,10 +20,8 @@ def test_the_least_buckling_input_bends_nothing_and_makes_the_stiffness_singular
     assert u is not None
     state = model.state(model.q0, np.zeros(model.nv))
     assert np.abs(state.B @ u).max() < 1e-9 * np.abs(state.B).max() * u.max()
-    below, above = (
-        np.linalg.eigvalsh(stiffness(model, model.q0, s * u))[0] for s in (0.999, 1.001)
-    )
-    assert below > 0 > above
+    for share, indefinite in ((0.999, False), (1.001, True)):
+        assert (np.linalg.eigvalsh(stiffness(model, model.q0, share * u))[0] < 0) == indefinite
 
 
 def test_cables_that_cannot_pull_against_each_other_buckle_nothing() -> None:
@@ -42,7 +40,7 @@ def test_a_change_that_the_metric_does_not_see_costs_as_much_as_each_input_alone
     model = robot("spirob")
     together = np.ones(len(KNOTS) * model.nu)
     given = {"horizon": 0.1, "speed": 0.1, "rate": 1e-4, "lag": 0.0}
-    free, counted = (make_objective(model, KNOTS, **given, blind=b).inputs for b in (False, True))
+    free, counted = (horizon_weights(model, KNOTS, **given, blind=b).inputs for b in (False, True))
     assert together @ free @ together < 1e-4 * (together @ counted @ together)
 
 
@@ -53,7 +51,7 @@ def test_a_pull_starts_far_from_the_path_and_lasts_a_stated_time() -> None:
 
     def times(distances: list[float]) -> list[int]:
         pull.reset(T)
-        return [k for k, d in enumerate(distances) if pull(d) is not None]
+        return [k for k, d in enumerate(distances) if pull(d) is pull.u]
 
     lasts, again, late = (round(s / T) for s in (buckling.LASTS, buckling.AGAIN, buckling.LATE))
     far, near = 2 * buckling.FAR, 0.5 * buckling.FAR
