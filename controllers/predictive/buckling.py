@@ -16,8 +16,8 @@ from softdyn.dynamics.derivatives import stiffness
 
 TIMES = 20.0  # the pull beside the least tension that buckles
 KEEPS = 5.0  # beside it, the tension that keeps the arm buckled
-LASTS = 0.5  # s
-AGAIN = 3.0  # s from the end of a pull to the next
+LASTS = 0.6  # s
+AGAIN = 1.0  # s from the end of a pull to the next
 FAR = 0.03  # m from the path
 LATE = 0.05  # s so far from it
 
