@@ -21,8 +21,8 @@ class PlanFollower:
 
     Where the tip stays farther than 5 mm from where the target holds it, for 1 s after the target
     began to act, a plan is made from the present state. 0.5 s later it is followed with its gains,
-    to its end, once for each target. Near the target's shape, within 0.3 rad or m in each joint, no
-    plan is made: there the predictive controller needs none.
+    to its end, once for each target, if its tip ends nearer than it begins. Near the target's
+    shape, within 0.3 rad or m in each joint, the predictive controller needs no plan.
 
     Parameters
     ----------
@@ -94,4 +94,6 @@ class PlanFollower:
             work = partial(make_plan, self._model, q, v, acting, target, goal.copy(), self._lag)
             self._asked = in_future(work, self._background)
         if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
-            self._plan, self._away = self._asked.result(), -np.inf
+            found, self._away = self._asked.result(), -np.inf
+            if found is not None and found.error[-1] < found.error[0]:
+                self._plan = found
