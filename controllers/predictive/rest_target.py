@@ -7,7 +7,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from threading import Thread
-from typing import TypeVar
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -79,8 +80,13 @@ def reversed_bends(
     return made
 
 
+# the searches of each model, which all its controllers share
+_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[bool, bytes], Future[RestTarget | None]]]
+_ASKED = WeakKeyDictionary()
+
+
 class RestTargets:
-    """The target of each set point, found once and kept.
+    """The target of each set point, found once for a model and kept.
 
     The target is the equilibrium with the least sum of unstable poles, then the leftmost rightmost
     one, of those that `statics.inputs_for_tip` finds within 5 mm of the set point, or of the
@@ -98,17 +104,17 @@ class RestTargets:
 
     def __init__(self, model: SoftModel, background: bool = False) -> None:
         self._model, self.background = model, background
-        self._asked: dict[bytes, Future[RestTarget | None]] = {}
+        self._asked = _ASKED.setdefault(model, {})
 
     def ask(self, y: np.ndarray) -> Future[RestTarget | None]:
         """The target for the tip at y (3,); None if the robot has no equilibrium to start from."""
-        key = np.asarray(y, float).tobytes()
+        key = self.background, np.asarray(y, float).tobytes()
         if key not in self._asked:
             self._asked[key] = in_future(partial(self._search, y), self.background)
         return self._asked[key]
 
-    def __getstate__(self) -> dict[str, object]:
-        return {"_model": self._model, "background": self.background, "_asked": {}}
+    def __reduce__(self) -> tuple[Any, ...]:
+        return RestTargets, (self._model, self.background)
 
     def _search(self, y: np.ndarray) -> RestTarget | None:
         model = self._model
