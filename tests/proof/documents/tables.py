@@ -56,7 +56,7 @@ USED = {
 }
 ENGINES = ("reference, MuJoCo 3.2.7", "reference, 3.3.7", "emulated, 3.3.7", "emulated, 4.0.0")
 VALUES = {"set_point": experiments.THETAS, "tracking": experiments.OMEGAS}
-PAPER_ROBOTS = ("finger", "helix", "spirob")
+PAPER_ROBOTS = "finger", "helix", "spirob"
 GRID = ("clf-qp", LAW, "id-clf-qp", "ic", "uic", "ic-qp", "best")
 
 
@@ -235,9 +235,9 @@ def _set_points() -> str:
     return _table(found, ["SpiRob"])
 
 
-def _unseen() -> str:
+def _points(name: str) -> str:
     """The set points of each robot by their number, because each robot has its own."""
-    cells = _cells("unseen")
+    cells = _cells(name)
     points: dict[str, dict[str, int]] = {}
     found = {}
     for label, cell in cells.items():
@@ -373,9 +373,8 @@ def _far(pairs: list[tuple[float, Distribution]]) -> str:
 
 
 def _same(log: float, run: Distribution) -> bool:
-    low, high = run.range
     near = abs(run.nominal - log) <= max(SAME_SHARE * log, SAME_CM)
-    return near or (run.moves and low <= log <= high)
+    return near or (run.moves and run.range[0] <= log <= run.range[1])
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
@@ -392,7 +391,8 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "mpc": lambda: _beyond("mpc"),
     "robustness": _robustness,
     "set-points": _set_points,
-    "unseen": _unseen,
+    "unseen": lambda: _points("unseen"),
+    "rigs": lambda: _points("rigs"),
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,

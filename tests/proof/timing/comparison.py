@@ -23,9 +23,7 @@ from softdyn.validation.tables import Table
 from tests.proof.timing import checkout
 
 HERE = Path(softdyn.__file__).resolve().parents[1]
-# limits of the ratios of new to old, and of `best` to the controller without a horizon
-LIMIT, HORIZON_LIMIT = 1.03, 1.15
-BASE, OVER_HORIZON = "soft-id-clf-qp", "best"
+LIMIT = 1.03  # of the ratio of new to old
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 COLUMNS = (
     ("robot", "robot", ""),
@@ -52,7 +50,7 @@ def compare(
     rounds: int = 5,
     tick: Callable[[], Any] = lambda: None,
 ) -> list[dict[str, Any]]:
-    """A row per robot and controller, and for `best` relative to its base in the new processes.
+    """A row per robot and controller.
 
     Parameters
     ----------
@@ -91,10 +89,6 @@ def compare(
             one, two = (times(root, robot, law) for root in (old, HERE))
             rows.append({"robot": robot, "controller": law, "against": "old"}
                         | ratio(one, two, LIMIT))  # fmt: skip
-        if {BASE, OVER_HORIZON} <= set(laws):
-            one, two = (times(HERE, robot, law) for law in (BASE, OVER_HORIZON))
-            rows.append({"robot": robot, "controller": OVER_HORIZON, "against": BASE}
-                        | ratio(one, two, HORIZON_LIMIT))  # fmt: skip
     return rows
 
 
