@@ -13,9 +13,9 @@ EPILOG = """\
 OLD is a folder with another version of softdyn, one that has its packages beside softdyn/ included.
 Both step through the same recorded states, those of step_time.py, in processes that alternate: old,
 new, new, old. A row is the ratio of the medians and its 95 % bootstrap interval over pairs of
-processes; the last rows set `best` against soft-id-clf-qp in the same processes of this checkout.
+processes.
 
-exit codes: 0 no interval above its limit (1.03; 1.15 for `best`); 1 some; 2 bad input.
+exit codes: 0 no interval above its limit of 1.03; 1 some; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)

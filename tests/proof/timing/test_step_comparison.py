@@ -50,11 +50,9 @@ def test_processes_alternate_and_the_first_pair_only_warms(tmp_path, monkeypatch
     monkeypatch.setattr(comparison, "measure", sample)
     rows = comparison.compare(old, {"r": tmp_path}, ["soft-id-clf-qp", "best"], pairs=3)
     assert order == [False, True, True, False, False, True, True, False]
-    assert [(row["against"], row["ratio"]) for row in rows] == [
-        ("old", 0.5), ("old", 1.0), ("soft-id-clf-qp", 1.1),
-    ]  # fmt: skip
+    assert [(row["against"], row["ratio"]) for row in rows] == [("old", 0.5), ("old", 1.0)]
     assert all(row["passed"] for row in rows)
-    assert len(comparison.comparison_table(rows).lines) == 4
+    assert len(comparison.comparison_table(rows).lines) == 3
 
 
 def test_the_interval_is_of_the_ratio_of_pairs():
