@@ -10,5 +10,6 @@
 """
 
 from softdyn.actuation.winches import Winches
+from softdyn.description.rig import CommandKind
 
-__all__ = ["Winches"]
+__all__ = ["CommandKind", "Winches"]

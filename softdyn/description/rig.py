@@ -117,9 +117,9 @@ class SensorKind(Enum):
     TENSION = "tension"
     """The tension in a tendon (N): its actuators' pull, its spring and its damper."""
     POSITION = "position"
-    """A link's point in the root link's frame (m), three components."""
+    """A link's point in the world (m), three components."""
     POSE = "pose"
-    """A frame on a link in the root link's frame. The errors have six components: position (m),
+    """A frame on a link in the world. The errors have six components: position (m),
     then rotation vector in the sensor's frame (rad)."""
     GYRO = "gyro"
     """Angular velocity in the sensor's frame (rad/s), three components."""

@@ -6,7 +6,8 @@
 Noise, bias, latency, rate and resolution belong to the rig. The model does not add them.
 """
 
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.sensing.measurement import Components, Measurement
 from softdyn.sensing.sensors import Sensors
 
-__all__ = ["Components", "Measurement", "Sensors"]
+__all__ = ["Components", "Measurement", "Sensor", "SensorKind", "Sensors"]

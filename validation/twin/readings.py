@@ -59,6 +59,11 @@ class Readings:
             for field in ("noise", "bias", "resolution")
         )  # fmt: skip
         self._sampled = np.repeat(np.array([s.rate > 0 for s in self.sensors], bool), sizes)
+        begins = np.cumsum([0, *sizes])[:-1]
+        kinds = [sensor.kind for sensor in self.sensors]
+        self._turns = [
+            int(k) + 3 for k, kind in zip(begins, kinds, strict=True) if kind is SensorKind.POSE
+        ]
         self._before = self._true = np.full(len(self.names), np.nan)
 
     def __call__(self) -> tuple[np.ndarray, np.ndarray]:
@@ -67,6 +72,8 @@ class Readings:
         fresh = ~self._sampled | (true != self._true)
         errors = self._random.normal(size=len(true)) * self._noise + self._bias
         measured = true + errors
+        for k in self._turns:
+            measured[k : k + 3] = _turned(true[k : k + 3], errors[k : k + 3])
         rounded = np.round(measured / np.where(self._step > 0, self._step, 1.0)) * self._step
         measured = np.where(self._step > 0, rounded, measured)
         self._before = np.where(fresh, measured, self._before)
@@ -97,3 +104,15 @@ class Readings:
             mujoco.mju_quat2Vel(turned, data[adr[1] : adr[1] + 4], 1.0)
             return np.concatenate((data[adr[0] : adr[0] + 3], turned))
         return np.array(data[adr[0] : adr[0] + sensor.kind.size])
+
+
+def _turned(rotation: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """The rotation vector (3,) of a rotation followed by an error in the turned frame."""
+    quaternions, product, found = np.empty((2, 4)), np.empty(4), np.empty(3)
+    for quaternion, vector in zip(quaternions, (rotation, error), strict=True):
+        angle = float(np.linalg.norm(vector))
+        axis = vector / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
+        mujoco.mju_axisAngle2Quat(quaternion, axis, angle)
+    mujoco.mju_mulQuat(product, *quaternions)
+    mujoco.mju_quat2Vel(found, product, 1.0)
+    return found

@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import softdyn
@@ -17,6 +18,7 @@ from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.validation import Rig, Twin, simulate
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.loop.log import Log
+from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
 
 MASS = """<robot name="mass">
@@ -158,3 +160,17 @@ def test_a_rig_needs_the_twin() -> None:
     model = softdyn.load("finger")
     with pytest.raises(InputError, match="rig"):
         simulate(model, lambda s, r: np.zeros(2), softdyn.SetPoint([0, 0, 0]), rig="mine")
+
+
+def test_the_error_of_a_pose_is_in_the_sensors_frame() -> None:
+    """A bias turns the reading about the sensor's own axes: R exp(bias), by Pinocchio."""
+    model = softdyn.load("finger")
+    bias = (0.0, 0.0, 0.0, 0.1, -0.2, 0.3)
+    sensor = Sensor("mark", SensorKind.POSE, link=model.robot.task, rpy=(0.3, 0.2, 0.1), bias=bias)
+    twin = Twin(replace(model.robot, sensors=(sensor,)), rig=True)
+    twin.advance(np.full(2, 0.5), 200)
+    mujoco.mj_forward(twin.model, twin.data)
+    measured, true = Readings(twin, 0)()
+    expected = pin.exp3(true[3:]) @ pin.exp3(np.array(bias[3:]))
+    assert pin.exp3(measured[3:]) == pytest.approx(expected, abs=1e-12)
+    assert measured[:3] == pytest.approx(true[:3], abs=1e-15)
