@@ -207,7 +207,7 @@ def _table(cells: Mapping[str, Distribution], titles: list[str]) -> str:
 def _robustness() -> str:
     """A row for each change, a column for each robot and target."""
     cells = {}
-    for label, cell in _cells("robustness").items():
+    for label, cell in {**_cells("robustness"), **_cells("noise")}.items():
         robot, _, change, target = label.split("/")
         cells[f"{change}/{robot} {target}"] = cell
     return _table(cells, ["change"])
