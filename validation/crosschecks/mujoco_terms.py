@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from softdyn.validation.mjcf.scene import Scene
+from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
 from softdyn.validation.twin.settings import INTEGRATORS, disabled
 from softdyn.validation.twin.state_map import StateMap
@@ -20,7 +21,7 @@ from softdyn.validation.twin.twin import Twin, check_warnings
 
 
 class MujocoTerms:
-    """A twin stripped to its smooth dynamics: no limits, contacts, friction or input clamp.
+    """A twin stripped to its smooth dynamics: no limits, contacts, friction, input clamp or servos.
 
     Parameters
     ----------
@@ -44,8 +45,10 @@ class MujocoTerms:
         self._body, self._point = twin.task
         self._inputs, self._tendons = twin.inputs, twin.tendons
         self._slack = np.asarray(getattr(twin, "slack", ()), int)  # a scene has none
-        idle = np.setdiff1d(np.flatnonzero(~twin.inputs.any(axis=1)), self._slack)
+        driven = twin.inputs[self._model.actuator_ctrladr].any(axis=1)
+        idle = np.setdiff1d(np.flatnonzero(~driven), self._slack)
         self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0
+        as_forces(self._model, np.flatnonzero(driven))
         self._data = mujoco.MjData(self._model)
         off = disabled(limits=False, contacts=False, friction=False)
         off |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)

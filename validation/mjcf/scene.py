@@ -19,6 +19,7 @@ from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
 from softdyn.validation.mjcf.comparison.side import Side
 from softdyn.validation.mjcf.scene_inputs import map_cables, map_inputs
+from softdyn.validation.mjcf.servos import Servos, obstacle
 from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.twin.bodies import TwinJoint
 from softdyn.validation.twin.state_map import StateMap
@@ -31,7 +32,8 @@ class Scene:
     Everything in the file acts: its contacts, objects, servos, gravity, integrator. States and
     inputs are mapped by the result of `compare`: joints by name or kinematics, with sense and zero,
     and inputs by the force that they make. Objects, and joints that the model does not have, begin
-    at the file's ``qpos0``. Actuators that no input drives stay at zero.
+    at the file's ``qpos0``. Actuators that no input drives stay at zero. A position or velocity
+    servo gets the command that makes the asked force at the state of the command; see `Servos`.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ class Scene:
     states : StateMap
         The model's states ↔ MuJoCo's.
     inputs : np.ndarray, (MuJoCo's nu, nu)
-        ctrl = inputs @ u.
+        ctrl = inputs @ u; for a servo without its bias.
     idle : tuple[str, ...]
         Actuators that no input drives.
     joint_names, followers, floating, rest, task, tendons
@@ -107,8 +109,7 @@ class Scene:
         called = {ours: number[other] for ours, other in matched.items()}
         self._zero = model.q0
         self.states = StateMap(model, self, called, self.comparison.turns)
-        found = map_inputs(ours, theirs, matched, self.comparison.turns)
-        self.inputs, self.idle = found.matrix, found.idle
+        self._drive(ours, theirs)
         self.tendons = map_cables(ours, theirs, matched, self.comparison.turns)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         if timestep is not None:
@@ -137,11 +138,13 @@ class Scene:
         self.data.qpos[:] = array("qpos", qpos, (self.model.nq,))
         self.data.qvel[:] = array("qvel", qvel, (self.model.nv,))
         mujoco.mj_forward(self.model, self.data)
+        self._servos.hold(self.data, self._no_force)
         check_warnings(self.data)
 
     def advance(self, u: np.ndarray, steps: int = 1) -> None:
         """Integrate under a held input of the model, as in `Twin.advance`."""
-        self.data.ctrl[:] = self.inputs @ u
+        ctrl = self.inputs @ u
+        self.data.ctrl[:] = self._servos.commands(self.data, ctrl, steps * self.timestep)
         mujoco.mj_step(self.model, self.data, steps)
         check_warnings(self.data)
 
@@ -158,6 +161,22 @@ class Scene:
     def __str__(self) -> str:
         idle = f"\nactuators at zero: {', '.join(self.idle)}" if self.idle else ""
         return f"{self.comparison}{idle}"
+
+    def _drive(self, ours: Neutral, theirs: Neutral) -> None:
+        """Map the inputs."""
+        model, numbers = self.model, [motor.number for motor in theirs.motors]
+        found = map_inputs(
+            ours, theirs, self.comparison.matched, self.comparison.turns,
+            [obstacle(model, k) for k in numbers],
+        )  # fmt: skip
+        self.inputs, self.idle = np.zeros((model.nu, len(ours.motors))), found.idle
+        driven = [k for k, row in zip(numbers, found.matrix, strict=True) if row.any()]
+        for motor, row in zip(theirs.motors, found.matrix, strict=True):
+            gain = model.actuator_gainprm[motor.number, 0] if motor.law and row.any() else 1.0
+            self.inputs[model.actuator_ctrladr[motor.number]] = row / gain
+        self._servos = Servos(model, np.array(driven, int))
+        lower, upper = np.array([(motor.lower, motor.upper) for motor in ours.motors] or [(0, 0)]).T
+        self._no_force = self.inputs @ np.clip(0.0, lower, upper)[: len(ours.motors)]
 
     def _find_task(self, ours: Neutral, called: dict[str, int]) -> tuple[int, np.ndarray]:
         """The body that carries our task frame, and the frame's origin in it, found at our zero."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +14,21 @@ from softdyn.validation.mjcf.comparison.neutral import Motor, Neutral, NeutralTe
 
 @dataclass(frozen=True, eq=False)
 class InputMap:
-    """ctrl = matrix u, (theirs, ours); `idle` names the actuators that no input drives."""
+    """Input or force = matrix u, (theirs, ours); `idle` names the actuators that no input drives.
+
+    The result is the input of an actuator without a law, and the force of any other.
+    """
 
     matrix: np.ndarray
     idle: tuple[str, ...]
 
 
 def map_inputs(
-    ours: Neutral, theirs: Neutral, matched: dict[str, str], turns: dict[str, tuple[float, float]]
+    ours: Neutral,
+    theirs: Neutral,
+    matched: dict[str, str],
+    turns: dict[str, tuple[float, float]],
+    obstacles: Sequence[str],
 ) -> InputMap:
     """Find for each input of the model the actuator of the scene, and the scale between them.
 
@@ -33,11 +41,13 @@ def map_inputs(
         The model's file, and the scene.
     matched, turns : dict
         Joints that match, and their senses, from a comparison.
+    obstacles : sequence of str
+        For each of the scene's actuators the reason why it cannot make a given force, or "".
 
     Raises
     ------
     InputError
-        The scene has no actuator for an input, or the actuator's force is not its input.
+        The scene has no actuator for an input, or the actuator cannot make a given force.
     """
     matrix = np.zeros((len(theirs.motors), len(ours.motors)))
     joints = {b: a for a, b in matched.items()}
@@ -50,17 +60,20 @@ def map_inputs(
             for i, other in enumerate(theirs.motors)
             if _ratio(own[motor.name], found[other.name]) is not None
         ]
-        fits.sort(key=lambda i: (plain_name(theirs.motors[i].name) != plain_name(motor.name), i))
+        fits.sort(
+            key=lambda i: (
+                plain_name(theirs.motors[i].name) != plain_name(motor.name), bool(obstacles[i]), i
+            )
+        )  # fmt: skip
         free = [i for i in fits if not matrix[i].any()]
         where = f"{theirs.path}: actuator for {motor.name!r}"
         if not free:
             names = ", ".join(m.name for m in theirs.motors) or "none"
             raise InputError(where, f"one on {motor.target}", names)
         chosen = theirs.motors[free[0]]
-        if chosen.law:
-            raise InputError(
-                where, "a motor, whose force is its input", f"{chosen.name!r}, {chosen.law}"
-            )
+        if obstacle := obstacles[free[0]]:
+            expected = "an actuator whose force is linear in its command, as a motor's or a servo's"
+            raise InputError(where, expected, f"{chosen.name!r}, {obstacle}")
         matrix[free[0], k] = _ratio(own[motor.name], found[chosen.name])
     idle = tuple(m.name for i, m in enumerate(theirs.motors) if not matrix[i].any())
     return InputMap(matrix, idle)

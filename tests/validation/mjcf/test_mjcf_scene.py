@@ -131,9 +131,21 @@ def undriven(root) -> None:
     root.remove(root.find("actuator"))
 
 
-def servos(root) -> None:
-    root.find("actuator/motor").tag = "position"
-    root.find("actuator/position").attrib.pop("gear", None)
+def damper(root) -> None:
+    root.find("actuator/motor").set("ctrlrange", "0 2")
+    root.find("actuator/motor").tag = "damper"
+
+
+def disabled(root) -> None:
+    root.find("option").set("actuatorgroupdisable", "2")
+    root.find("actuator/motor").set("group", "2")
+
+
+def still(root) -> None:
+    root.find("actuator/motor").tag = "general"
+    root.find("actuator/general").attrib.update(
+        {"gear": "0.1", "gainprm": "0", "biastype": "affine"}
+    )
 
 
 def afloat(root) -> None:
@@ -148,7 +160,9 @@ def afloat(root) -> None:
     [
         (shorter, "none for joint4"),
         (undriven, "one on tendon:tendon_a, got none"),
-        (servos, "a motor, whose force is its input, got 'servo_1', gain"),
+        (damper, "linear in its command, as a motor's or a servo's, got 'servo_1', gain affine"),
+        (disabled, "got 'servo_1', its group disabled"),
+        (still, "got 'servo_1', gain 0"),
         (afloat, "expected a fixed base, as the model's, got a floating one"),
     ],
 )

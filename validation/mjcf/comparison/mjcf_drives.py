@@ -137,7 +137,7 @@ def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
         more |= {"opt.disableactuator": (1.0,)}
     target, axes, frames = _target(place, k, np.reshape(gear, (-1, 6)))
     name = place.name(OBJECTS.mjOBJ_ACTUATOR, k)
-    return Motor(name, target, force, lower, upper, law, axes, frames, more)
+    return Motor(name, target, force, lower, upper, law, axes, frames, more, k)
 
 
 def _law(model: mujoco.MjModel, k: int) -> str:

@@ -146,6 +146,8 @@ class Motor:
         Frames of the sites on which it acts.
     more : dict[str, Numbers]
         Its other properties in the file, by MuJoCo's name of the field.
+    number : int
+        Its number among MuJoCo's actuators.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Motor:
     axes: Numbers = ()
     frames: tuple[Frame, ...] = ()
     more: dict[str, Numbers] = field(default_factory=dict)
+    number: int = -1
 
     @property
     def end(self) -> tuple[str, str]:
