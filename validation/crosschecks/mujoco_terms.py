@@ -44,7 +44,7 @@ class MujocoTerms:
         self._model = copy.copy(twin.model)
         self._body, self._point = twin.task
         self._inputs, self._tendons = twin.inputs, twin.tendons
-        self._slack = np.asarray(getattr(twin, "slack", ()), int)  # a scene has none
+        self._slack = twin.slack
         driven = twin.inputs[self._model.actuator_ctrladr].any(axis=1)
         idle = np.setdiff1d(np.flatnonzero(~driven), self._slack)
         self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0

@@ -17,7 +17,7 @@ from softdyn.validation.mjcf.comparison.finding import beyond_urdf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import Neutral, NeutralTendon, Numbers, Part
 from softdyn.validation.mjcf.comparison.result import Comparison
-from softdyn.validation.mjcf.comparison.side import neutral
+from softdyn.validation.mjcf.comparison.side import Side, neutral
 from softdyn.validation.mjcf.to_mjcf import lost, to_mjcf
 from softdyn.validation.mjcf.to_urdf import to_urdf
 
@@ -78,11 +78,17 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
     UrdfError
         The file cannot be used, or a URDF cannot describe the robot; the message says why.
     """
-    robot = neutral(source)
-    converted = to_urdf(robot, Path(find(source)).stem)
+    side = Side.of(source)
+    robot = side.neutral
+    sensors = side.mjcf.sensors if side.is_mjcf else [sensor.name for sensor in side.robot.sensors]
+    converted = to_urdf(robot, side.path.stem)
     write_text(str(target), write(converted.robot))
     floating = any(part.kind == "free" for part in robot.parts)
-    return _compared(robot, neutral(target, floating=floating)), (*converted.lost, *unsaid(robot))
+    return _compared(robot, neutral(target, floating=floating)), (
+        *converted.lost,
+        *unsaid(robot),
+        *(f"sensor {name!r}" for name in sensors),
+    )
 
 
 def unsaid(robot: Neutral) -> Iterator[str]:

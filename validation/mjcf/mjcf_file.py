@@ -37,12 +37,13 @@ PICTURES = ("texture", "material", "skin", "camera", "light")
 
 @dataclass(frozen=True)
 class Mjcf:
-    """A checked file: its text, and the content of the meshes that it needs, by name."""
+    """A checked file: its text, the content of the meshes that it needs, and its sensors' names."""
 
     path: Path
     text: str
     meshes: dict[str, bytes]
     attached: tuple[Attached, ...] = ()
+    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,10 @@ def _read(path: Path, reading: _Reading) -> Mjcf:
     reading = replace(reading, wrapped=reading.wrapped | _wrapped(root.node))
     attached = tuple(_attached(main, replace(reading, above=(*reading.above, path.resolve()))))
     folder, strip = _mesh_folder(root.node)
+    sensors = tuple(node.get("name", str(node.tag)) for node in root.node.iterfind("sensor/*"))
     _strip(root.node, reading)
     meshes = _meshes(main, folder, strip, reading.contents)
-    return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached)
+    return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached, sensors)
 
 
 def _attached(root: Element, reading: _Reading) -> Iterator[Attached]:

@@ -60,6 +60,8 @@ class Scene:
         ctrl = inputs @ u; for a servo without its bias.
     idle : tuple[str, ...]
         Actuators that no input drives.
+    slack : np.ndarray
+        Actuators that are the springs and dampers of slack tendons, as in `Twin`.
     joint_names, followers, floating, rest, task, tendons
         As in `Twin`; -1 for a tendon that the scene does not have.
 
@@ -170,9 +172,14 @@ class Scene:
             [obstacle(model, k) for k in numbers],
         )  # fmt: skip
         self.inputs, self.idle = np.zeros((model.nu, len(ours.motors))), found.idle
+        self.slack = np.setdiff1d(np.arange(model.nactuator), numbers)
         driven = [k for k, row in zip(numbers, found.matrix, strict=True) if row.any()]
         for motor, row in zip(theirs.motors, found.matrix, strict=True):
-            gain = model.actuator_gainprm[motor.number, 0] if motor.law and row.any() else 1.0
+            gain = (
+                model.actuator_gainprm[motor.number, 0]
+                if row.any() and not motor.takes_force
+                else 1.0
+            )
             self.inputs[model.actuator_ctrladr[motor.number]] = row / gain
         self._servos = Servos(model, np.array(driven, int))
         lower, upper = np.array([(motor.lower, motor.upper) for motor in ours.motors] or [(0, 0)]).T

@@ -23,11 +23,13 @@ from softdyn.description.visuals import (
 )
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import WORLD, Neutral
+from softdyn.validation.mjcf.rig_to_mjcf import add_motor, add_sensors, lost_rig
 from softdyn.validation.mjcf.transform import Transform
 from softdyn.validation.mjcf.xml_text import Names, add, text
 from softdyn.validation.twin.bodies import Shape as Collision
 from softdyn.validation.twin.bodies import Tree, read_bodies
 from softdyn.validation.twin.build import neighbours
+from softdyn.validation.twin.drives import LARGEST_FORCE, UNBOUNDED, frame_name, slack_name
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 
 NEGLIGIBLE = 1e-12  # kg, and kg·m²: for a massless body that cannot be merged with another
@@ -112,7 +114,8 @@ class _Writer:
         self._apart(root)
         self._cables(root)
         self._ties(root)
-        self._motors(root)
+        self._motors(root, timestep)
+        add_sensors(root, self._robot, timestep)
         self._rest(root)
         if len(self._asset) == 0:
             root.remove(self._asset)
@@ -127,6 +130,7 @@ class _Writer:
         used |= self._shapes.keys() | self._hulls.keys()
         used |= {point.part for cable in self._neutral.cables for point in cable.path}
         used.add(self._place[self._robot.task][0])
+        used |= {self._place[sensor.link][0] for sensor in self._robot.sensors if sensor.link}
         massless = not part.inertia.mass and not part.inertia.tensor.any()
         return massless and part.kind != "free" and len(below) == 1 and k not in used
 
@@ -202,6 +206,12 @@ class _Writer:
             if frame.part == k:
                 add(body, "site", name=self._sites.new(name), pos=frame.pose.translation - origin,
                     quat=_quaternion(frame.pose.rotation), size=0.002)  # fmt: skip
+        for sensor in self._robot.sensors:
+            if sensor.link and (place := self._place[sensor.link])[0] == k:
+                at = place[1] @ Transform(sensor.origin.rotation, np.array(sensor.xyz))
+                name = self._sites.new(frame_name(sensor))
+                add(body, "site", name=name, pos=at.translation - origin, size=0.002,
+                    quat=_quaternion(at.rotation))  # fmt: skip
         for visual in self._shapes.get(k, ()) if shapes else ():
             self._shape(body, visual, origin)
         for hull, pose in self._hulls.get(k, ()):
@@ -261,10 +271,14 @@ class _Writer:
             return
         tendon = add(root, "tendon")
         for cable in self._neutral.cables:
+            rest = AT_MINUS_ONE if cable.rest == AUTOMATIC else cable.rest
+            acts = not (cable.slack and cable.damping)  # if not, an actuator does
+            if cable.slack and acts:
+                rest = min(0.0, rest[1]) if cable.path else -UNBOUNDED, rest[1]
             node = add(
                 tendon, "fixed" if cable.terms else "spatial", name=cable.name, limited="false",
-                stiffness=cable.stiffness or None, damping=cable.damping or None,
-                springlength=AT_MINUS_ONE if cable.rest == AUTOMATIC else cable.rest,
+                stiffness=(acts and cable.stiffness) or None, springlength=rest,
+                damping=(acts and cable.damping) or None,
             )  # fmt: skip
             for joint, coefficient in cable.terms.items():
                 add(node, "joint", joint=joint, coef=coefficient)
@@ -279,13 +293,16 @@ class _Writer:
                     polycoef=(tie.offset, tie.multiplier, 0, 0, 0),
                     solref=STIFF_SOLREF, solimp=STIFF_SOLIMP)  # fmt: skip
 
-    def _motors(self, root: Element) -> None:
-        if self._neutral.motors:
-            actuator = add(root, "actuator")
-            for motor in self._neutral.motors:
-                _, _, tendon = motor.target.partition(":")
-                add(actuator, "motor", name=motor.name, tendon=tendon, gear=motor.gear,
-                    ctrllimited="true", ctrlrange=(motor.lower, motor.upper))  # fmt: skip
+    def _motors(self, root: Element, timestep: float) -> None:
+        pulls = [cable for cable in self._neutral.cables if cable.slack and cable.damping]
+        actuator = add(root, "actuator") if self._neutral.motors or pulls else root
+        for motor in self._neutral.motors:
+            add_motor(actuator, motor, timestep)
+        for cable in pulls:
+            k, d = cable.stiffness, cable.damping
+            add(actuator, "general", name=slack_name(cable.name), tendon=cable.name, gear=-1.0,
+                gainprm=0.0, biastype="affine", biasprm=(-k * cable.rest[1], -k, -d),
+                forcelimited="true", forcerange=(0.0, LARGEST_FORCE))  # fmt: skip
 
     def _rest(self, root: Element) -> None:
         """q = 0, followers at their offsets, in the order of the bodies."""
@@ -332,7 +349,7 @@ def tree_of(robot: Robot) -> Tree:
 
 def lost(robot: Robot) -> list[str]:
     """The properties of the URDF that the MJCF does not state."""
-    notes = [*visuals(robot)[1], *tree_of(robot).skipped]
+    notes = [*visuals(robot)[1], *tree_of(robot).skipped, *lost_rig(robot)]
     for part in from_urdf(robot).parts:
         moments = np.linalg.eigvalsh(part.inertia.tensor)
         excess = moments[2] - moments[1] - moments[0]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softdyn.description.rig import CommandKind
 from softdyn.description.robot import (
     ZERO,
     Actuator,
@@ -141,12 +142,23 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
             lost.append(f"tendon {cable.name!r}: pulleys, or shapes that it wraps")
             continue
         slack, taut = cable.rest
+        slackens = cable.slack and not _pushed(source, cable.name)
+        if cable.slack and not slackens:
+            lost.append(f"tendon {cable.name!r}: that it can be slack, as an actuator pushes on it")
         if slack != taut and cable.stiffness:
             lost.append(f"tendon {cable.name!r}: that its spring is slack between two lengths")
         terms = [JointTerm(joint, coefficient) for joint, coefficient in cable.terms.items()]
         sites = [Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path]
         rest = taut if cable.stiffness else None
-        yield Tendon(cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest)
+        yield Tendon(
+            cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens
+        )
+
+
+def _pushed(source: Neutral, cable: str) -> bool:
+    """Whether an actuator lengthens a tendon."""
+    pulls = (m for m in source.motors if m.target == f"tendon:{cable}" and not m.law)
+    return any(max(m.gear * m.lower, m.gear * m.upper) > 0 for m in pulls)
 
 
 def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Iterator[Actuator]:
@@ -160,13 +172,22 @@ def _actuators(source: Neutral, tendons: list[Tendon], lost: list[str]) -> Itera
             lost.append(f"actuator {motor.name!r} on {motor.target}{law}")
             continue
         if not (math.isfinite(motor.lower) and math.isfinite(motor.upper)):
-            lost.append(f"actuator {motor.name!r}: an input without bounds")
+            unbounded = "a servo" if "command" in motor.rig else "an input"
+            lost.append(f"actuator {motor.name!r}: {unbounded} without bounds")
             continue
         kind, _, target = motor.target.partition(":")
+        rig = dict(motor.rig)
+        if (unit := rig.pop("unit", 1.0)) != 1.0:
+            lost.append(f"actuator {motor.name!r}: that {unit:g} in its command is 1 m")
+        if "command" in rig:
+            rig["command"] = CommandKind(rig["command"])
+            if max(motor.gear * motor.lower, motor.gear * motor.upper) > 0:
+                lost.append(f"actuator {motor.name!r}: a servo that pushes")
+                continue
         if kind == "joint":
             tendons.append(Tendon(names.new(f"{target}_drive"), (JointTerm(target, 1.0),)))
             target = tendons[-1].name
-        yield Actuator(motor.name, target, motor.gear, motor.lower, motor.upper)
+        yield Actuator(motor.name, target, motor.gear, motor.lower, motor.upper, **rig)
 
 
 def _angles(rotation: np.ndarray) -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot, Tendon
 
 LARGEST_FORCE = 1e15  # stands for no bound
+UNBOUNDED = 1e10  # m, N: a larger bound counts as none
 SPARE = 2  # entries of a history beyond those that its delay spans
 
 _SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
@@ -57,7 +58,7 @@ def parts(robot: Robot, sensor: Sensor) -> list[Part]:
 
 def pulling(robot: Robot, tendon: str) -> list[str]:
     """Names of the actuators along a tendon."""
-    slack = [slack_name(t) for t in robot.tendons if t.slack and t.name == tendon]
+    slack = [slack_name(t.name) for t in robot.tendons if t.slack and t.name == tendon]
     return [a.name for a in robot.actuators if a.tendon == tendon] + slack
 
 
@@ -111,12 +112,12 @@ def add_inputs(spec: mujoco.MjSpec, robot: Robot, timestep: float | None) -> Non
             _rig(motor, actuator, timestep)
     for tendon in robot.tendons:
         if tendon.slack:
-            _add_actuator(spec, slack_name(tendon), tendon.name, -1.0)
+            _add_actuator(spec, slack_name(tendon.name), tendon.name, -1.0)
 
 
-def slack_name(tendon: Tendon) -> str:
+def slack_name(tendon: str) -> str:
     """Name of the actuator that is a slack tendon's spring and damper."""
-    return f"slack:{tendon.name}"
+    return f"slack:{tendon}"
 
 
 def _add_actuator(spec: mujoco.MjSpec, name: str, tendon: str, gear: float) -> mujoco.MjsActuator:
@@ -191,7 +192,7 @@ def finish(model: mujoco.MjModel, robot: Robot, lengths: np.ndarray, rigged: boo
         rest = lengths[index] if tendon.rest is None else tendon.rest
         model.tendon_lengthspring[index] = rest
         if tendon.slack:
-            index = model.actuator(slack_name(tendon)).id
+            index = model.actuator(slack_name(tendon.name)).id
             k, d = tendon.stiffness, tendon.damping
             model.actuator_gainprm[index, 0] = 0.0
             model.actuator_biastype[index] = mujoco.mjtBias.mjBIAS_AFFINE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -35,6 +36,11 @@ from softdyn.validation.mjcf.comparison.terms import States, lengths
 FRAMES = 1e-6  # m
 ONLY = "only in one file"
 LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
+TIMING = ("lag", "delay", "rate")  # fields of `Motor.rig`
+CABLE = ("stiffness", "damping", "length_lower", "length_upper", "unit")
+ABSENT = {
+    "rate": math.inf, "length_lower": -math.inf, "length_upper": math.inf, "unit": 1.0,
+}  # fmt: skip
 Named = TypeVar("Named", NeutralTendon, Motor)
 
 
@@ -100,6 +106,11 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
             yield Finding(
                 "tendon", one.name, (list(one.rest), list(other.rest)), "rest length",
                 _with_tendon(other.name, rest=one.rest), 1.0,
+            )  # fmt: skip
+        if one.slack != other.slack:
+            yield Finding(
+                "tendon", one.name, (one.slack, other.slack), "slack",
+                _with_tendon(other.name, slack=one.slack), 1.0,
             )  # fmt: skip
         for field, values, size in told_apart(one.more, other.more, urdf=urdf):
             repair = _with_tendon(other.name, more=one.more)
@@ -198,6 +209,7 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
         if plain_name(one.target) != plain_name(other.target):
             first, second = _on_joint(one, a), _on_joint(other, b)
         found = _motor_differences(first, second, turns, urdf)
+        yield from _beyond_mjcf(one, other, alone=a.format != b.format)
         if found:
             ours, theirs = ("; ".join(filter(None, words)) for words in zip(
                 *((p, q) for _, p, q, _ in found), strict=True
@@ -230,11 +242,42 @@ def _motor_differences(
         moved = float(np.linalg.norm(p.pose.translation - q.pose.translation))
         if p.part != q.part or moved > FRAMES or turned > FRAMES:
             found.append(("site", "", f"site {1e3 * moved:.4g} mm, {turned:.3g} apart", 1.0))
+    found += [
+        (name, f"{name} {p}", f"{name} {q}", size) for name, p, q, size in _rig_apart(one, other)
+    ]
     for field, values, size in told_apart(one.more, other.more, urdf=urdf):
         name = field.removeprefix("actuator_")
         ours, theirs = (_row(name, value) for value in values)
         found.append(("another law" if name in LAW else name, ours, theirs, size))
     return found
+
+
+def _rig_apart(one: Motor, other: Motor) -> Iterator[tuple[str, str, str, float]]:
+    """Differing parts of two rigs: name, both values in words, and relative difference.
+
+    A winch's cable and its bounds are compared only if both are winches of one kind.
+    """
+    commands = [motor.rig.get("command", "force") for motor in (one, other)]
+    if commands[0] != commands[1]:
+        yield "command", *commands, 1.0
+    for name in TIMING if commands[0] != commands[1] else (*TIMING, *CABLE):
+        p, q = (motor.rig.get(name, ABSENT.get(name, 0.0)) for motor in (one, other))
+        if (size := differ(p, q)) > SAME and name not in _unsaid_in_mjcf(one, other):
+            yield name, f"{p:.9g}", f"{q:.9g}", size
+
+
+def _unsaid_in_mjcf(one: Motor, other: Motor) -> tuple[str, ...]:
+    """The bound of a command's rate, and the lag before an integrator."""
+    driven = "velocity" in (one.rig.get("command"), other.rig.get("command"))
+    return ("rate", "lag") if driven else ("rate",)
+
+
+def _beyond_mjcf(one: Motor, other: Motor, *, alone: bool) -> Iterator[Finding]:
+    """Findings on the parts of a URDF's rig that MJCF cannot state, one-sided if `alone`."""
+    for name in _unsaid_in_mjcf(one, other):
+        p, q = (motor.rig.get(name) for motor in (one, other))
+        if p != q:
+            yield Finding("actuator", one.name, (p, q), name, lambda robot: robot, 1.0, alone)
 
 
 def _on_joint(motor: Motor, robot: Neutral) -> Motor:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import MISSING, fields
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from softdyn.description.inertia import Inertia
+from softdyn.description.rig import Actuator
 from softdyn.description.robot import Robot, children, moving_link_of, poses
 from softdyn.validation.mjcf.comparison.neutral import (
     WORLD,
@@ -83,10 +86,14 @@ def from_urdf(robot: Robot) -> Neutral:
             rest = float(sum(np.linalg.norm(b.xyz - a.xyz) for a, b in pairwise(path)))
         terms = {term.joint: term.coef for term in tendon.terms}
         cables.append(
-            NeutralTendon(tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest))
-        )
+            NeutralTendon(
+                tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest),
+                slack=tendon.slack and (tendon.stiffness or tendon.damping) > 0,
+            )
+        )  # fmt: skip
     motors = tuple(
-        Motor(a.name, f"tendon:{a.tendon}", a.gear, a.lower, a.upper) for a in robot.actuators
+        Motor(a.name, f"tendon:{a.tendon}", a.gear, a.lower, a.upper, rig=_rig(a))
+        for a in robot.actuators
     )
     couplings = tuple(
         Coupling(j.name, j.mimic.leader, j.mimic.multiplier, j.mimic.offset)
@@ -99,6 +106,13 @@ def from_urdf(robot: Robot) -> Neutral:
     return Neutral(
         robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders
     )
+
+
+def _rig(actuator: Actuator) -> dict[str, Any]:
+    """The fields that are not those of an ideal actuator."""
+    values = ((f.name, getattr(actuator, f.name), f.default) for f in fields(actuator))
+    found = {name: value for name, value, ideal in values if ideal not in (MISSING, value)}
+    return found | ({"command": actuator.command.value} if actuator.is_winch else {})
 
 
 def _depth_first(root: str, below: dict[str, list[str]]) -> list[str]:

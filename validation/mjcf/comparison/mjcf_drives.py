@@ -21,6 +21,7 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Point,
 )
 from softdyn.validation.mjcf.compiled_fields import value_of
+from softdyn.validation.mjcf.compiled_rig import bound, rig_of, slack_of, spring_of
 from softdyn.validation.mjcf.transform import Transform
 
 AXIS = 0.1  # m along a cylinder's axis to the second point, which gives its direction
@@ -111,14 +112,21 @@ def efforts_of(model: mujoco.MjModel) -> dict[int, float]:
 
 
 def motors_of(place: Places, told: Told) -> tuple[Motor, ...]:
-    """All actuators, with their fields from `told`."""
+    """All actuators but those of `slack_of`, with their fields from `told`."""
+    pulls = slack_of(place.model).values()
+    for k in pulls:
+        told.pop(("actuator", k), None)
     return tuple(
-        _motor(place, k, told.pop(("actuator", k), {})) for k in range(place.model.nactuator)
+        _motor(place, k, told.pop(("actuator", k), {}))
+        for k in range(place.model.nactuator)
+        if k not in pulls
     )
 
 
 def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
-    model, law = place.model, _law(place.model, k)
+    model, law, rig = place.model, "", rig_of(place.model, k, more)
+    if rig is None:
+        rig, law = {}, _law(place.model, k)
     lower, upper = -math.inf, math.inf
     if value_of(model, "actuator_ctrllimited", k)[0]:
         lower, upper, *others = value_of(model, "actuator_ctrlrange", k)
@@ -126,10 +134,14 @@ def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
             more |= {"actuator_ctrlrange": (lower, upper, *others)}
     gear = value_of(model, "actuator_gear", k)
     force = gear[0]
-    if not law:  # the input is the force, so its range is combined with the force's
+    if "command" in rig:
+        bound(rig, more, (lower, upper))
+        more.pop("actuator_gainprm", None)
+        lower, upper = more.pop("actuator_forcerange", (-math.inf, math.inf))
+    elif not law:  # the input is the force, so its range is combined with the force's
         gain = more.pop("actuator_gainprm", (1.0,))[0]
         force *= gain
-        if (limits := more.pop("actuator_forcerange", ())) and gain:
+        if "lag" not in rig and (limits := more.pop("actuator_forcerange", ())) and gain:
             ends = sorted(limit / gain for limit in limits)
             lower, upper = max(lower, ends[0]), min(upper, ends[1])
     group = int(model.actuator_group[k])
@@ -137,7 +149,7 @@ def _motor(place: Places, k: int, more: dict[str, Numbers]) -> Motor:
         more |= {"opt.disableactuator": (1.0,)}
     target, axes, frames = _target(place, k, np.reshape(gear, (-1, 6)))
     name = place.name(OBJECTS.mjOBJ_ACTUATOR, k)
-    return Motor(name, target, force, lower, upper, law, axes, frames, more, k)
+    return Motor(name, target, force, lower, upper, law, axes, frames, more, rig, k)
 
 
 def _law(model: mujoco.MjModel, k: int) -> str:
@@ -191,7 +203,7 @@ def _clean(values: np.ndarray) -> Numbers:
 
 def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon, ...]:
     """All tendons, with the armature and damping of the actuators that pull them."""
-    model, wraps = place.model, mujoco.mjtWrap
+    model, wraps, pulls = place.model, mujoco.mjtWrap, slack_of(place.model)
     found = []
     for t in range(model.ntendon):
         terms: dict[str, float] = {}
@@ -207,14 +219,14 @@ def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon
             else:
                 path += _wrapped(place, w)
         armature, damping = shares.get(("tendon", t), (0.0, np.zeros(3)))
-        damping = damping + np.array([model.tendon_damping[t], *model.tendon_dampingpoly[t]])
+        stiffness, own, rest, slack = spring_of(model, t, pulls)
+        damping = damping + np.array([own, *model.tendon_dampingpoly[t]])
         found.append(
             NeutralTendon(
                 place.name(OBJECTS.mjOBJ_TENDON, t), terms, tuple(path),
-                float(model.tendon_stiffness[t]), float(damping[0]),
-                pair_of(model.tendon_lengthspring[t]), float(model.tendon_armature[t]) + armature,
+                stiffness, float(damping[0]), rest, float(model.tendon_armature[t]) + armature,
                 pair_of(model.tendon_stiffnesspoly[t]), pair_of(damping[1:]),
-                told.pop(("tendon", t), {}),
+                told.pop(("tendon", t), {}), slack,
             )
         )  # fmt: skip
     return tuple(found)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,7 +115,11 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class NeutralTendon:
-    """A tendon: fixed (`terms`: joint → coefficient) or along `path`; other fields as in `Part`."""
+    """A tendon: fixed (`terms`: joint → coefficient) or along `path`; other fields as in `Part`.
+
+    The spring acts outside the lengths `rest`. If the tendon is `slack`, spring and damper act in
+    tension only.
+    """
 
     name: str
     terms: dict[str, float]
@@ -126,6 +131,7 @@ class NeutralTendon:
     stiffness_curve: Numbers = (0.0, 0.0)
     damping_curve: Numbers = (0.0, 0.0)
     more: dict[str, Numbers] = field(default_factory=dict)
+    slack: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +143,18 @@ class Motor:
     target : str
         Its target: ``tendon:name``, ``joint:name``, …
     gear, lower, upper : float
-        Force of a unit input, and the input's range.
+        Force of a unit input, and the input's range; of a winch its force's.
     law : str
-        The force as a function of the input, if they are not equal.
+        The force as a function of the input, if they are not equal, for what `rig` cannot state.
     axes : Numbers
         The full gear if it has directions: in the root's axes for a joint, in its own for a site.
     frames : tuple of Frame
         Frames of the sites on which it acts.
     more : dict[str, Numbers]
         Its other properties in the file, by MuJoCo's name of the field.
+    rig : dict[str, Any]
+        Its command, lag, …: fields of `Actuator` that are not those of an ideal one. A ``unit``
+        other than 1 is the command of a winch per metre.
     number : int
         Its number among MuJoCo's actuators.
     """
@@ -159,7 +168,13 @@ class Motor:
     axes: Numbers = ()
     frames: tuple[Frame, ...] = ()
     more: dict[str, Numbers] = field(default_factory=dict)
+    rig: dict[str, Any] = field(default_factory=dict)
     number: int = -1
+
+    @property
+    def takes_force(self) -> bool:
+        """Whether its input is a force; `gear` then contains the gain."""
+        return not self.law and "command" not in self.rig
 
     @property
     def end(self) -> tuple[str, str]:

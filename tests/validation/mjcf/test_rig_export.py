@@ -1,0 +1,205 @@
+"""The rig of a URDF in an exported MJCF, read back, compared, and driven as a plant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.actuation import Winches
+from softdyn.description.rig import CommandKind
+from softdyn.validation import Twin, compare, crosscheck, simulate
+from softdyn.validation.mjcf import export
+from softdyn.validation.mjcf.scene import Scene
+from softdyn.validation.twin.drives import part_name, parts
+
+RIGS: list[dict[str, Any]] = [
+    {"lag": 0.02, "delay": 0.004},
+    {"command": "length", "stiffness": 900.0, "lag": 0.01, "delay": 0.0041},
+    {"command": "length", "stiffness": 900.0, "damping": 3.0, "length_lower": 0.1},
+    {"command": "velocity", "stiffness": 900.0, "length_lower": 0.1, "length_upper": 0.36},
+]
+
+
+ARM = """<robot name="arm"><link name="world"/>
+<link name="upper"><inertial><origin xyz="0.01 0 -0.1"/><mass value="0.3"/>
+<inertia ixx="2e-3" ixy="1e-4" ixz="0" iyy="2e-3" iyz="0" izz="1e-3"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0 0 -0.1"/><mass value="0.2"/>
+<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>
+<joint name="a" type="revolute"><parent link="world"/><child link="upper"/><axis xyz="0 1 0"/>
+<dynamics damping="0.02"/><limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+<joint name="b" type="revolute"><parent link="upper"/><child link="lower"/>
+<origin xyz="0 0 -0.2"/><axis xyz="0.6 0.8 0"/><dynamics damping="0.02"/>
+<limit lower="-2" upper="2" effort="9" velocity="9"/></joint>
+<softdyn version="1">
+<tendon name="left" {spring}><site link="world" xyz="0.05 0 0.02"/>
+<site link="upper" xyz="0.05 0 -0.1"/><site link="lower" xyz="0.05 0.01 -0.1"/></tendon>
+<tendon name="right"><site link="world" xyz="-0.05 0 0"/>
+<site link="lower" xyz="-0.05 0 -0.1"/></tendon>
+<tendon name="band" stiffness="2" rest="0.05" slack="true"><joint name="b" coef="-1"/></tendon>
+<actuator name="u1" tendon="left" gear="-2" lower="0" upper="30" {motor}/>
+<actuator name="u2" tendon="right" gear="-1" lower="0" upper="60" {motor}/>
+<sensor name="cable" type="length" tendon="right" latency="0.003"/>
+<sensor name="pull" type="tension" tendon="left"/>
+<sensor name="camera" type="pose" link="lower" xyz="0 0 -0.2" rpy="1 2 3" rate="100"
+  latency="0.01" noise="0.01"/>
+<sensor name="gyro" type="gyro" link="upper"/><sensor name="encoder" type="joint" joint="b"/>
+</softdyn></robot>"""
+SLACK = 'stiffness="300" rest="0.33" slack="true" damping="{}"'
+
+
+def arm(folder: Path, rig: dict[str, Any], damping: float = 0.0) -> Path:
+    """An arm with two cables and a band; both motors have the rig."""
+    motor = " ".join(f'{name}="{value}"' for name, value in rig.items())
+    path = folder / "arm.urdf"
+    path.write_text(ARM.format(spring=SLACK.format(damping), motor=motor), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: " ".join(rig))
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_plain_mujoco_moves_the_exported_rig_as_the_twin(tmp_path, rig, damping):
+    """Trajectory, forces and sensors of the file and of the twin, two writers of one rig."""
+    source = arm(tmp_path, rig, damping)
+    result, lost = export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
+    assert result.passed, str(result)
+    assert {c.kind for c in result.causes} <= {"effort", "limit"}
+    assert "sensor 'camera': its noise" in lost
+    twin = Twin(source, rig=True)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data = mujoco.MjData(model)
+    names = [model.joint(k).name for k in range(model.njnt)]
+    order = [names.index(joint) for joint in twin.joint_names]
+    rate = rig.get("command") == "velocity"
+    start = np.array([0.31, 0.29]) if "command" in rig else np.zeros(2)
+    held = 0 * start if rate else start
+    twin.hold(held, start)
+    for k in range(2):
+        if samples := int(model.actuator_history[k, 0]):
+            past = np.full((samples, 1), held[k])
+            mujoco.mj_initCtrlHistory(model, data, k, None, past)
+        if model.actuator_actadr[k] >= 0:
+            data.act[model.actuator_actadr[k]] = start[k]
+    for k in range(200):
+        change = 0.02 * np.sin(0.05 * k + np.arange(2))
+        u = change if rate else start + (change if "command" in rig else 3 + 100 * change)
+        data.ctrl[:2] = u
+        mujoco.mj_step(model, data)
+        twin.advance(u)
+    np.testing.assert_allclose(data.qpos[order], twin.qpos, atol=1e-9)
+    assert np.abs(twin.qpos).min() > 1e-3
+    for one in ((model, data), (twin.model, twin.data)):
+        mujoco.mj_forward(*one)
+    forces = (d.actuator_force[:2] for d in (data, twin.data))
+    np.testing.assert_allclose(*forces, atol=1e-7)
+    springs = {"pull:3"} if not damping else set()  # MuJoCo has no sensor of a tendon's spring
+    for sensor in twin.robot.sensors:
+        for name in {part_name(sensor, k) for k in range(len(parts(twin.robot, sensor)))} - springs:
+            one, other = (d.sensor(name).data for d in (twin.data, data))
+            turned = len(one) == 4 and one @ other < 0  # a quaternion of the other sign
+            np.testing.assert_allclose(one, -other if turned else other, atol=1e-8, err_msg=name)
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: " ".join(rig))
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_the_rig_comes_back(tmp_path, rig, damping):
+    """URDF → MJCF → URDF: the same actuators and slack tendons; sensors are named as lost."""
+    source = arm(tmp_path, rig | {"rate": 5.0}, damping)
+    result, lost = export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
+    assert result.passed
+    assert "actuator 'u1': the bound 5/s of its command's rate" in lost
+    assert [c.one_sided for c in result.causes if c.detail == "rate"] == [True] * 2
+    result, lost = export.write_urdf(tmp_path / "arm.xml", tmp_path / "back.urdf")
+    assert result.passed
+    assert "sensor 'camera:0'" in lost
+    there, back = (softdyn.load(path).robot for path in (source, tmp_path / "back.urdf"))
+    for one, other in zip(there.actuators, back.actuators, strict=True):
+        assert other.command is one.command
+        for name in ("stiffness", "damping", "length_lower", "length_upper", "lag", "delay"):
+            assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-12), name
+    assert [t.slack for t in back.tendons] == [True, False, True]
+    assert [back.tendons[k].rest for k in (0, 2)] == pytest.approx([0.33, 0.05])
+
+
+def test_a_user_s_servos_in_a_urdf(tmp_path):
+    """A pulling servo becomes a winch, with its unit named; one that pushes is lost."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="h" range="-1 1" limited="true"/><geom size="0.1"/>'
+        '</body></worldbody><tendon><fixed name="t"><joint joint="h" coef="1"/></fixed></tendon>'
+        '<actuator><position name="winch" tendon="t" kp="50" kv="2" gear="-1" timeconst="0.03" '
+        'forcelimited="true" forcerange="0 9" ctrllimited="true" ctrlrange="-0.4 0.2"/>'
+        '<position name="servo" joint="h" kp="5" forcelimited="true" forcerange="-3 3"/>'
+        '<velocity name="speed" joint="h" kv="5"/></actuator></mujoco>'
+    )
+    _, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert "actuator 'winch': that -1 in its command is 1 m" in lost
+    assert "actuator 'servo': a servo that pushes" in lost
+    assert any("'speed' on joint:h (gain 5, 0, 0; bias 0, 0, -5)" in line for line in lost)
+    (winch,) = softdyn.load(tmp_path / "out.urdf").robot.actuators
+    assert (winch.command, winch.stiffness, winch.damping) == (CommandKind.LENGTH, 50.0, 2.0)
+    assert (winch.length_lower, winch.length_upper, winch.lag) == (-0.2, 0.4, 0.03)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.qvel[0], data.act[0] = 0.3, 0.5, -0.25
+    mujoco.mj_forward(model, data)
+    ours = softdyn.load(tmp_path / "out.urdf")
+    u = Winches(ours).tensions(ours.state([0.3], [0.5]), [0.25])
+    assert data.actuator_force[0] == pytest.approx(u[0])  # MuJoCo's own
+
+
+CHANGES = [
+    ({}, {"lag": 0.02}, "lag", "lag 0; lag 0.02"),
+    ({"delay": 0.01}, {"delay": 0.005}, "delay", "delay 0.01; delay 0.005"),
+    ({}, RIGS[2], "command", "command force; command length"),
+    (RIGS[2], RIGS[2] | {"stiffness": 800.0}, "stiffness", "stiffness 900; stiffness 800"),
+    (RIGS[3], RIGS[2], "command", "command velocity; command length"),
+]
+
+
+@pytest.mark.parametrize(("ours", "theirs", "detail", "words"), CHANGES)
+def test_compare_names_what_differs_in_two_rigs(tmp_path, ours, theirs, detail, words):
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    a, b = arm(tmp_path / "a", ours), arm(tmp_path / "b", theirs)
+    export.write_mjcf(b, tmp_path / "b.xml", shapes=False)
+    for file in (b, tmp_path / "b.xml"):
+        result = compare(a, file, samples=1)
+        causes = [c for c in result.causes if c.kind == "actuator"]
+        assert [(c.where, detail in c.detail) for c in causes] == [("u1", True), ("u2", True)]
+        first, _, second = words.partition("; ")
+        assert first in causes[0].a
+        assert second in causes[0].b
+        assert not result.passed
+
+
+def test_compare_names_a_slack_tendon(tmp_path):
+    slack, taut = arm(tmp_path, {}), tmp_path / "taut.urdf"
+    taut.write_text(slack.read_text().replace(' slack="true"', ""))
+    export.write_mjcf(slack, tmp_path / "slack.xml")
+    for file in (slack, tmp_path / "slack.xml"):
+        causes = [c for c in compare(taut, file, samples=1).causes if not c.one_sided]
+        found = [(c.kind, c.where, c.detail, c.a, c.b) for c in causes]
+        assert found == [("tendon", name, "slack", False, True) for name in ("left", "band")]
+
+
+def test_an_exported_rig_is_the_same_plant(tmp_path):
+    """A controller's forces through `Winches` and the twin, and through MuJoCo's gain and bias."""
+    source = arm(tmp_path, RIGS[2], 2.0)
+    export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
+    model = softdyn.load(source)
+    plant = Scene(model, tmp_path / "arm.xml")
+    assert crosscheck(model, plant, samples=2).passed  # with the slack tendons' K and D
+
+    def law(state: Any, reference: Any) -> Any:
+        return 5 + 3 * np.sin(30 * state.q + np.arange(2))
+
+    options = {"reference": softdyn.SetPoint([0, 0, 0]), "duration": 0.1, "period": 0.005}
+    scene = simulate(model, law, plant=plant, **options)
+    twin = simulate(model, law, rig="file", **options)
+    np.testing.assert_allclose(scene.q, twin.q, atol=1e-9)
+    assert np.abs(twin.q).max() > 1e-3

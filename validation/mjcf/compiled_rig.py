@@ -1,0 +1,130 @@
+"""The rig in a compiled MJCF: commands, lag and delay of its actuators, slack tendons.
+
+A winch of the format is MuJoCo's position actuator, or its integrating velocity actuator. With gear
+a, gain G and bias slope b its free length is c = -G w / (a b) for the input or activation w, its
+stiffness -a² b. So its command is w = unit · c with unit = -a b / G.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softdyn.description.rig import CommandKind
+from softdyn.validation.mjcf.compiled_fields import value_of
+from softdyn.validation.twin.drives import UNBOUNDED
+
+Numbers = tuple[float, ...]
+ROUNDING = 1e-9
+DIGITS = 8  # of a delay in seconds; files may state a hair less than whole steps
+# fields of an actuator that its command and lag state
+STATED = ("actuator_biastype", "actuator_biasprm", "actuator_dyntype", "actuator_dynprm")
+WINDS = (int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtTrn.mjTRN_JOINT))
+COMMANDS = {
+    int(mujoco.mjtDyn.mjDYN_NONE): CommandKind.LENGTH,
+    int(mujoco.mjtDyn.mjDYN_FILTEREXACT): CommandKind.LENGTH,
+    int(mujoco.mjtDyn.mjDYN_INTEGRATOR): CommandKind.VELOCITY,
+}
+
+
+def rig_of(model: mujoco.MjModel, k: int, more: dict[str, Numbers]) -> dict[str, Any] | None:
+    """Command, lag and delay of an actuator, as `Motor.rig`; None for one with another law.
+
+    The fields that they state are removed from `more`.
+    """
+    found = _command(model, k)
+    if found is None:
+        return None
+    for field in STATED if found else ():
+        more.pop(field, None)
+    if "actuator_delay" in more and not any(more.get("actuator_history", (0.0,))[1:]):
+        more.pop("actuator_history", None)  # without interpolation it is only the delay's memory
+        found["delay"] = round(more.pop("actuator_delay")[0], DIGITS)
+    return found
+
+
+def _command(model: mujoco.MjModel, k: int) -> dict[str, Any] | None:
+    """Command and lag of an actuator; None for one with another law."""
+    gear, gain = value_of(model, "actuator_gear", k)[0], float(model.actuator_gainprm[k, 0])
+    dynamics, bias = model.actuator_dyntype[k], model.actuator_biastype[k]
+    fixed = model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+    unbiased, still = bias == mujoco.mjtBias.mjBIAS_NONE, dynamics == mujoco.mjtDyn.mjDYN_NONE
+    if fixed and unbiased and still:
+        return {}
+    if not fixed or model.actuator_ctrlnum[k] != 1:
+        return None
+    found: dict[str, Any] = {}
+    if dynamics == mujoco.mjtDyn.mjDYN_FILTEREXACT:
+        found["lag"] = float(model.actuator_dynprm[k, 0])
+    if unbiased:
+        return found or None
+    constant, slope, brake, *others = map(float, model.actuator_biasprm[k])
+    winds = model.actuator_trntype[k] in WINDS and not any(others)
+    affine = bias == mujoco.mjtBias.mjBIAS_AFFINE
+    if not (winds and affine and gain and gear and not constant and slope < 0 and brake <= 0):
+        return None
+    if int(dynamics) not in COMMANDS:
+        return None
+    own = {
+        "stiffness": -slope * gear**2, "damping": -brake * gear**2, "unit": -slope * gear / gain,
+    }  # fmt: skip
+    stated = {n: x for n, x in own.items() if abs(x - (n == "unit")) > ROUNDING}
+    return found | {"command": COMMANDS[int(dynamics)].value} | stated
+
+
+def bound(rig: dict[str, Any], more: dict[str, Numbers], inputs: tuple[float, float]) -> None:
+    """Add the bounds of a winch's free length; those of a velocity are told as the field."""
+    lengths = inputs
+    if rig["command"] == CommandKind.VELOCITY.value:
+        lengths = more.pop("actuator_actrange", (-math.inf, math.inf))  # type: ignore[assignment]
+        if np.isfinite(inputs).any():
+            more["actuator_ctrlrange"] = inputs
+    for name, length in zip(("lower", "upper"), sorted(x / rig.get("unit", 1.0) for x in lengths),
+                            strict=True):  # fmt: skip
+        if abs(length) < UNBOUNDED:
+            rig[f"length_{name}"] = length
+
+
+def slack_of(model: mujoco.MjModel) -> dict[int, int]:
+    """Tendon → the actuator that is its spring and damper in tension, as the twin has them."""
+    found: dict[int, int] = {}
+    for k in range(model.nactuator):
+        tendon, bias = int(model.actuator_trnid[k, 0]), model.actuator_biasprm[k]
+        own = model.tendon_stiffness, model.tendon_stiffnesspoly, model.tendon_damping
+        if (
+            model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_TENDON
+            and model.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+            and model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_NONE
+            and not (model.actuator_gainprm[k, 0] or bias[3:].any())
+            and max(bias[1], bias[2]) <= 0 > min(bias[1], bias[2])
+            and value_of(model, "actuator_gear", k)[0] == -1
+            and model.actuator_forcelimited[k]
+            and model.actuator_forcerange[k, 0] == 0
+            and model.actuator_forcerange[k, 1] >= UNBOUNDED
+            and not any(values[tendon].any() for values in own)
+            and not model.tendon_dampingpoly[tendon].any()
+        ):
+            found[tendon] = k
+    return found
+
+
+def spring_of(
+    model: mujoco.MjModel, t: int, pulls: dict[int, int]
+) -> tuple[float, float, tuple[float, float], bool]:
+    """Stiffness, damping, rest lengths of a tendon, and whether it can be slack."""
+    if t in pulls:
+        constant, slope, brake = map(float, model.actuator_biasprm[pulls[t], :3])
+        rest = constant / slope if slope else 0.0
+        return -slope, -brake, (rest, rest), True
+    stiffness, damping = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
+    low, high = map(float, model.tendon_lengthspring[t])
+    path = model.wrap_type[model.tendon_adr[t]] != mujoco.mjtWrap.mjWRAP_JOINT
+    slack = (
+        stiffness > 0 and not damping and low < high and low <= (0.0 if path else -UNBOUNDED)
+        and not model.tendon_stiffnesspoly[t].any()
+    )  # fmt: skip
+    return stiffness, damping, (high, high) if slack else (low, high), slack
