@@ -305,8 +305,11 @@ class ClosedLoop:
         (not_solved, fallbacks, violation), fault = self._counts.told()
         reason = self.reason or fault
         steps = self.steps if self.done else max(self.steps - 1, 0)
+        recorded: dict[str, Any] = {**self._record.arrays(steps)}
+        if self._rig is not None:
+            recorded |= self._rig.columns()
         return Log(
-            **self._record.arrays(steps),
+            **recorded,
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
@@ -331,7 +334,6 @@ class ClosedLoop:
             versions=dict(package_versions()),
             source=LoggedRobot.of(model),
             plant=self.plant_file,
-            sensor_names=() if self._rig is None else self._rig.readings.names,
         )
 
     def _see(self, k: int, state: State) -> State:

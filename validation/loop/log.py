@@ -92,6 +92,8 @@ class Log:
         With a rig: the readings of its sensors.
     sensor_names : tuple[str, ...]
         The columns of `measured`, e.g. ``camera.x``.
+    command_units, sensor_units : tuple[str, ...]
+        The units of the columns of `command` and `measured`.
     """
 
     t: np.ndarray
@@ -137,6 +139,8 @@ class Log:
     v_seen: np.ndarray | None = None
     measured: np.ndarray | None = None
     sensor_names: tuple[str, ...] = ()
+    command_units: tuple[str, ...] = ()
+    sensor_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -360,7 +364,7 @@ class Log:
             np.savez_compressed(file, about=np.array(text), **arrays)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write t, u, q, v, tip and target as CSV (see `log_csv`), complete or not at all.
+        """Write the run as CSV (see `log_csv`), complete or not at all.
 
         Raises
         ------
@@ -385,10 +389,12 @@ class Log:
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
         if isinstance(about, dict) and about.get("format") == FORMAT:
-            about = {"plant": None, "sensor_names": []} | about  # older logs lack these keys
+            units: dict[str, Any] = {"command_units": [], "sensor_units": []}
+            # older logs lack these keys
+            about = {"plant": None, "sensor_names": []} | units | about
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
-        for name in ("joint_names", "sensor_names"):
+        for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):
             about[name] = tuple(about[name])
         about["source"] = LoggedRobot(**about["source"])
         return cls(**content, **about)

@@ -82,6 +82,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
     if about["failed"] != (about["reason"] is not None):
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
     _check_shapes(where, arrays, len(about["joint_names"]), len(about["sensor_names"]))
+    _check_units(where, arrays, about)
     _check_values(where, arrays, about)
 
 
@@ -98,6 +99,14 @@ def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int, sensors: i
         dtype = arrays[name].dtype
         if dtype.kind != "U" if name == "status" else dtype != FLOAT:
             raise InputError(where, f"{name} of its own type", f"type {dtype}")
+
+
+def _check_units(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
+    """Refuse units that are not one for each column; older logs have none."""
+    sizes = {"command_units": arrays["u_min"].size, "sensor_units": len(about["sensor_names"])}
+    for name, size in sizes.items():
+        if len(about[name]) not in (0, size):
+            raise InputError(where, f"{size} of {name}", f"{len(about[name])}")
 
 
 def _check_values(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
@@ -143,7 +152,11 @@ def _is_count(value: Any) -> bool:
 
 
 def _is_names(value: Any) -> bool:
-    return isinstance(value, list) and all(map(_is_text, value)) and len({*value}) == len(value)
+    return _is_units(value) and len({*value}) == len(value)
+
+
+def _is_units(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
 
 
 def _is_versions(value: Any) -> bool:
@@ -179,6 +192,8 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "length": _or_none(_is_positive),
     "joint_names": _is_names,
     "sensor_names": _is_names,
+    "command_units": _is_units,
+    "sensor_units": _is_units,
     "contacts": _is_flag,
     "complete": _is_flag,
     "failed": _is_flag,

@@ -22,8 +22,11 @@ RATES = {"rad": "rad/s", "m": "m/s", "": ""}
 def csv_text(log: Log) -> str:
     """Every sample of a run as a row: time, inputs, coordinates, velocities, tip and target.
 
-    The last row is the final state. No input begins there, so the row repeats the last input and
-    all columns have the same length.
+    A run with a rig has further columns: the commands, the inputs that act as forces, the sensors'
+    readings, and the q and v that the controller saw.
+
+    The last row is the final state. No input begins there, so the row repeats the last input, the
+    last command and the last state that the controller saw.
 
     Raises
     ------
@@ -39,17 +42,26 @@ def csv_text(log: Log) -> str:
     if model.nq != model.nv:
         place = [(f"base.{name}", "m" if name in BASE[:3] else "") for name in BASE]
         coordinates = [*place, *coordinates[6:]]
-    inputs = zip((a.name for a in model.robot.actuators), input_units(model.robot), strict=True)
+    names = [actuator.name for actuator in model.robot.actuators]
+    inputs = list(zip(names, input_units(model.robot), strict=True))
     axes = [(axis, "m") for axis in "xyz"]
-    columns = [("t", "s")] + [
-        (f"{kind}.{name}", unit)
-        for kind, named in (("u", inputs), ("q", coordinates), ("v", rates), ("tip", axes),
-                            ("target", axes))
-        for name, unit in named
+    commands, readings = (
+        list(zip(named, units or [""] * len(named), strict=True))
+        for named, units in ((names, log.command_units), (log.sensor_names, log.sensor_units))
+    )
+    groups = [
+        ("u", inputs, log.u), ("q", coordinates, log.q), ("v", rates, log.v), ("tip", axes, log.y),
+        ("target", axes, log.y_ref), ("command", commands, log.command),
+        ("acting", inputs, log.acting), ("measured", readings, log.measured),
+        ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
     ]  # fmt: skip
-    u = np.concatenate([log.u, log.u[-1:]])
+    there = [(kind, named, values) for kind, named, values in groups if values is not None]
+    columns = [("t", "s")] + [
+        (f"{kind}.{name}", unit) for kind, named, _ in there for name, unit in named
+    ]
+    samples = [np.concatenate([values, values[-1:]])[: len(log.t)] for _, _, values in there]
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow([f"{name} ({unit})" if unit else name for name, unit in columns])
-    rows.writerows(np.column_stack([log.t, u, log.q, log.v, log.y, log.y_ref]).tolist())
+    rows.writerows(np.column_stack([log.t, *samples]).tolist())
     return text.getvalue()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from softdyn.description.rig import Sensor, SensorKind
+from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.robot import Robot, input_units, sums_angles
 from softdyn.validation.twin.drives import part_name, parts, pulling
 from softdyn.validation.twin.twin import Twin
 
@@ -22,6 +23,38 @@ def component_names(sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
     return tuple(
         sensor.name + component for sensor in sensors for component in COMPONENTS[sensor.kind.size]
     )
+
+
+def component_units(robot: Robot) -> tuple[str, ...]:
+    """The unit of every number that a robot's sensors read."""
+    angular = {tendon.name: sums_angles(robot, tendon) for tendon in robot.tendons}
+    slides = {joint.name for joint in robot.joints if joint.kind == "prismatic"}
+    units: list[str] = []
+    for sensor in robot.sensors:
+        turns = angular[sensor.tendon] if sensor.tendon else sensor.joint not in slides
+        units += {
+            SensorKind.LENGTH: ("rad" if turns else "m",),
+            SensorKind.TENSION: ("N m" if turns else "N",),
+            SensorKind.JOINT: ("rad" if turns else "m",),
+            SensorKind.POSITION: ("m",) * 3,
+            SensorKind.POSE: ("m",) * 3 + ("rad",) * 3,
+            SensorKind.GYRO: ("rad/s",) * 3,
+            SensorKind.ACCELEROMETER: ("m/s²",) * 3,
+        }[sensor.kind]
+    return tuple(units)
+
+
+def command_units(robot: Robot) -> tuple[str, ...]:
+    """The unit of every input's command: that of u, or of a winch's free length or its rate."""
+    angular = {tendon.name: sums_angles(robot, tendon) for tendon in robot.tendons}
+    units = []
+    for actuator, force in zip(robot.actuators, input_units(robot), strict=True):
+        length = "rad" if angular[actuator.tendon] else "m"
+        units.append({
+            CommandKind.FORCE: force, CommandKind.LENGTH: length,
+            CommandKind.VELOCITY: f"{length}/s",
+        }[actuator.command])  # fmt: skip
+    return tuple(units)
 
 
 class Readings:

@@ -17,7 +17,7 @@ from softdyn.checks import did_you_mean, number, whole
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.robot import Robot
 from softdyn.validation.twin.plant_errors import PlantErrors
-from softdyn.validation.twin.readings import Readings
+from softdyn.validation.twin.readings import Readings, command_units, component_units
 from softdyn.validation.twin.twin import Twin
 
 FROM_FILE = "file"
@@ -222,6 +222,15 @@ class RiggedPlant:
         self._noise = Noise(rig.noise, period, rig.seed + 1) if rig.noise > 0 else None
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
+
+    def columns(self) -> dict[str, Any]:
+        """The fields of a log that name the columns of `command` and `measured`."""
+        robot = self.twin.robot
+        return {
+            "sensor_names": self.readings.names,
+            "sensor_units": component_units(robot),
+            "command_units": command_units(robot),
+        }
 
     def start(self, state: State) -> None:
         """Begin at the twin's present state with zero input, or the one nearest to it."""

@@ -16,9 +16,9 @@ from softdyn import InputError, SetPoint
 from softdyn.controllers import Impedance
 from softdyn.description.robot import input_unit
 from softdyn.identification.data import read_csv
-from softdyn.validation import Log, paper, simulate
+from softdyn.validation import Log, Rig, paper, simulate
 from softdyn.validation.loop.log_csv import csv_text
-from tests.support import micro
+from tests.support import micro, winched
 from tests.support.cart import TARGET, steer
 
 
@@ -246,3 +246,34 @@ def test_a_floating_robot_s_log_as_csv(tmp_path):
     assert len(lines[0].split(",")) == len(lines[1].split(","))
     assert "q.base.qw" in lines[0]
     assert lines[0].count("q.") == model.nq
+
+
+def test_a_rigged_run_as_csv_has_its_commands_and_readings(tmp_path):
+    """A winch's command is in metres, and the columns are the log's arrays."""
+    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    rig = Rig(command="velocity", stiffness=500.0, latency=0.004, noise=1e-4)
+    made = simulate(model, lambda state, _: np.full(2, 3.0), SetPoint(np.zeros(3)), duration=0.02,
+                    rig=rig)  # fmt: skip
+    made.save(tmp_path / "run.npz")
+    log = Log.load(tmp_path / "run.npz")
+    log.to_csv(tmp_path / "run.csv")
+    lines = [line.split(",") for line in (tmp_path / "run.csv").read_text().splitlines()]
+    table = dict(zip(lines[0], np.array(lines[1:], float).T, strict=True))
+    for title, column in {
+        "command.flexor (m/s)": log.command[:, 0],
+        "acting.extensor (N)": log.acting[:, 1],
+        "measured.load (N)": log.measured[:, log.sensor_names.index("load")],
+        "measured.camera.rz (rad)": log.measured[:, log.sensor_names.index("camera.rz")],
+        "measured.imu.y (m/s²)": log.measured[:, log.sensor_names.index("imu.y")],
+        "q_seen.elbow (rad)": log.q_seen[:, 1],
+        "v_seen.elbow (rad/s)": log.v_seen[:, 1],
+    }.items():
+        np.testing.assert_array_equal(table[title][: len(column)], column)
+    assert np.ptp(log.command[:, 0]) > 0
+    read = read_csv(tmp_path / "run.csv", model)  # identify skips the columns of the rig
+    assert "tip.x" in read.names
+    old = replace(log, sensor_units=(), command_units=())
+    assert "command.flexor,command.extensor,acting.flexor (N)" in csv_text(old)
+    replace(log, command_units=("m",)).save(tmp_path / "bad.npz")
+    with pytest.raises(InputError, match="2 of command_units"):
+        Log.load(tmp_path / "bad.npz")
