@@ -12,7 +12,8 @@ ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotate
 of a robot of example-robot-data.
 
 At random states inside the limits each quantity is computed by both engines, and
-error = max|a - b| / max(|a|, |b|, scale). Limits, contacts and dry friction are off.
+error = max|a - b| / max(|a|, |b|, scale). Limits, contacts and dry friction are off. If the file
+has a rig, winches, tensions, sensors and a trajectory with lag and delay are compared too.
 
 exit codes: 0 everything agrees; 1 something differs; 2 bad input.
 """

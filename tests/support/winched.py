@@ -13,7 +13,7 @@ SITES = """<site link="base" xyz="-0.02 0 {z}"/><site link="upper" xyz="0.1 0 {z
 WINCH = 'command="length" stiffness="600" damping="4" lag="0.02" delay="0.0041"'
 MOTOR = 'lag="0.01" delay="0.003"'
 
-ARM = f"""<robot name="winched"><link name="base"/>
+ARM = f"""<robot name="winched">{LINK.format(name="base")}
 {LINK.format(name="upper")}{LINK.format(name="fore")}<link name="tip"/>
 {JOINT.format(name="shoulder", parent="base", child="upper", x=0)}
 {JOINT.format(name="elbow", parent="upper", child="fore", x=0.2)}

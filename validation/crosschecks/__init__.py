@@ -6,6 +6,8 @@ crosscheck
     `crosscheck`: every quantity at random states, with its tolerance.
 mujoco_terms
     MuJoCo's own answer to each term of the dynamics.
+rigged
+    Winches, tensions, sensors and a trajectory of a robot with a rig.
 trajectories
     Trajectories in both engines, and how they converge when the step is halved.
 result

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,13 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.crosschecks.result import Check, CrossCheck, StepLadder, TrajectoryRun
+from softdyn.validation.crosschecks.rigged import (
+    RIG_SCALES,
+    RIG_TOLERANCES,
+    RigStates,
+    compare_motion,
+    quantities_of,
+)
 from softdyn.validation.crosschecks.trajectories import compare_trajectories, input_window
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.twin.state_map import StateMap
@@ -73,7 +81,8 @@ class Tally:
             whose = "twin" if np.isfinite(a).all() else "model"
             self.fail(f"a number of the {whose} is not finite", quantity)
         elif quantity not in self.reasons:
-            self.errors[quantity] = max(self.errors[quantity], relative_error(a, b, scale))
+            before = self.errors.get(quantity, 0.0)
+            self.errors[quantity] = max(before, relative_error(a, b, scale))
 
     @contextmanager
     def guard(self, *quantities: str) -> Iterator[None]:
@@ -158,14 +167,47 @@ def crosscheck(
                 errors = [run.max_error for run in runs]
                 errors += [rung.engine_error for ladder in ladders for rung in ladder.rungs]
                 tally.errors["trajectory"] = float(np.max(errors))
-    tolerances = _tolerances(model)
+    tolerances = _tolerances(model) | RIG_TOLERANCES
+    names = QUANTITIES if trajectories else QUANTITIES[:-1]
+    if isinstance(twin, Twin):
+        rig = [name for name in quantities_of(model) if trajectories or name != "rigged"]
+        runs += _compare_rigs(tally, model, twin, rig, samples, seed, report)
+        names += tuple(rig)
+    scales = SCALES | RIG_SCALES
     checks = tuple(
-        Check(name, tally.errors[name], tolerances[name], SCALES[name], tally.reasons.get(name, ""))
-        for name in (QUANTITIES if trajectories else QUANTITIES[:-1])
+        Check(name, tally.errors[name], tolerances[name], scales[name], tally.reasons.get(name, ""))
+        for name in names
     )
     return CrossCheck(
         model.name, model.nv, model.nu, samples, seed, checks, tally.condition, runs, ladders
     )
+
+
+def _compare_rigs(
+    tally: Tally,
+    model: SoftModel,
+    twin: Twin,
+    rig: list[str],
+    samples: int,
+    seed: int,
+    report: Callable[[str], None],
+) -> tuple[TrajectoryRun, ...]:
+    """Compare the quantities of the rig, at random states and along a trajectory."""
+    rng = np.random.default_rng((seed, 1))
+    states = [name for name in rig if name != "rigged"]
+    with tally.guard(*states):
+        judges = [RigStates(model, twin.robot)] if states else []
+        for judge, k in product(judges, range(samples)):
+            report(f"state {k + 1} of {samples} with the rig")
+            for comparison in judge.compare(*random_state(model, rng), rng):
+                tally.compare(*comparison)
+    if "rigged" not in rig:
+        return ()
+    with tally.guard("rigged"):
+        run = compare_motion(model, twin.robot, rng, report)
+        tally.errors["rigged"] = run.max_error
+        return (run,)
+    return ()
 
 
 def _tolerances(model: SoftModel) -> dict[str, float]:

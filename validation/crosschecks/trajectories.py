@@ -10,7 +10,7 @@ converge to the same motion, at the order of the scheme. Agreement at one step c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
@@ -106,15 +106,15 @@ def compare_trajectories(
     SimulationError, InputError, LinAlgError
         A trajectory is no longer finite.
     """
-    start = _start(model, rng)
-    race = _Race(model, judge, start, _rates(model, *start), circles(model))
+    start = random_start(model, rng)
+    race = Race(model, judge, start, rates_of(model, *start), circles(model))
     # MuJoCo's implicit schemes drop damping between branches. For a free body that carries nothing
     # they treat the gyroscopic force implicitly. So both engines share no implicit scheme there.
     alone = model.robot.floating and not model.robot.moving_joints
     none = alone or damping_couples_branches(model, *start)
     runs, ladders = [], []
     for scheme in (RK4,) if none else (IMPLICIT, RK4):
-        for name, share in (("free", 0.0), ("forced", _share(model, *start))):
+        for name, share in (("free", 0.0), ("forced", share_of(model, *start))):
             if share or name == "free":
                 report(f"{name} trajectory, {scheme.name}")
                 runs.append(race.run(name, scheme, share, rng))
@@ -123,10 +123,13 @@ def compare_trajectories(
     return tuple(runs), tuple(ladders)
 
 
-def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> bool:
+def damping_couples_branches(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, more: Mapping[str, float] | None = None
+) -> bool:
     """Whether tendon damping couples two joints on different branches.
 
-    MuJoCo's implicit schemes store M + h D in the sparsity of M and drop such terms.
+    MuJoCo's implicit schemes store M + h D in the sparsity of M and drop such terms. `more` is
+    damping by tendon that acts beside the tendons' own.
     """
     if model.robot.followers:  # `MujocoTerms` integrates a robot with followers, and drops nothing
         return False
@@ -134,7 +137,9 @@ def damping_couples_branches(model: SoftModel, q: np.ndarray, v: np.ndarray) -> 
     free = model.nv - len(parents.keys() & set(model.joint_names))  # the floating base's own
     names = model.joint_names[free:]
     below = [{joint.name for joint in model.robot.chain(parents[name])} for name in names]
-    D = model.state(q, v).D[free:, free:]
+    state = model.state(q, v)
+    added = [t.slack * t.damping + (more or {}).get(t.name, 0.0) for t in model.robot.tendons]
+    D = (state.D + (state.moment_arms.T * added) @ state.moment_arms)[free:, free:]
     return any(
         D[i, j] != 0.0 and names[i] not in below[j] and names[j] not in below[i]
         for i in range(len(names))
@@ -162,7 +167,7 @@ def input_window(model: SoftModel) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def _start(model: SoftModel, rng: np.random.Generator) -> Start:
+def random_start(model: SoftModel, rng: np.random.Generator) -> Start:
     """A random state in the middle half of the limits, within ±π/4, with small velocities."""
     lower, upper = np.maximum(model.lower, -np.pi / 4), np.minimum(model.upper, np.pi / 4)
     lower, upper = np.minimum(lower, upper), np.maximum(lower, upper)
@@ -172,17 +177,20 @@ def _start(model: SoftModel, rng: np.random.Generator) -> Start:
     return q, reach * rng.uniform(-1, 1, model.nv)
 
 
-def _rates(model: SoftModel, q: np.ndarray, v: np.ndarray) -> Rates:
-    """The rates of damping and of springs, gravity and speed at one state."""
+def rates_of(
+    model: SoftModel, q: np.ndarray, v: np.ndarray, winches: np.ndarray | float = 0.0
+) -> Rates:
+    """The rates of damping, and of springs, `winches` (nv, nv), gravity and speed at one state."""
     state = model.state(q, v)
     damping = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, state.D))).max()
-    springs = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, model.tangent_stiffness(q)))).max()
+    stiffness = model.tangent_stiffness(q) + winches
+    springs = np.abs(np.linalg.eigvals(np.linalg.solve(state.M, stiffness))).max()
     pull = np.abs(np.linalg.solve(state.M, state.bias + state.K)).max()
     motion = max(np.sqrt(springs), np.sqrt(pull), np.abs(v).max(), 1.0)
     return Rates(float(damping), float(motion), bool((np.diag(state.D) > 0).all()))
 
 
-def _share(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
+def share_of(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
     """Share of the input range (at most 1) that about doubles the acting forces."""
     if not model.nu:
         return 0.0
@@ -192,8 +200,17 @@ def _share(model: SoftModel, q: np.ndarray, v: np.ndarray) -> float:
     return float(min(1.0, max(pull, 1e-3) / max(most.max(), 1e-300)))
 
 
+def plan(scheme: Scheme, rates: Rates) -> tuple[float, list[int], int]:
+    """Step (s), steps of every hold, and the number of steps of the whole horizon."""
+    fastest = rates.motion if scheme is IMPLICIT else max(rates.damping, rates.motion)
+    step = min(STEP, 0.5 / fastest)
+    wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
+    total = min(wanted, scheme.most_steps)
+    return step, [min(HOLD, total - done) for done in range(0, total, HOLD)], wanted
+
+
 @dataclass(frozen=True, eq=False)
-class _Race:
+class Race:
     """One robot in both engines, from one state (q, v)."""
 
     model: SoftModel
@@ -206,15 +223,22 @@ class _Race:
         self, name: str, scheme: Scheme, share: float, rng: np.random.Generator
     ) -> TrajectoryRun:
         """Follow one trajectory in both engines, input by input."""
-        model, rates, start = self.model, self.rates, self.start
-        fastest = rates.motion if scheme is IMPLICIT else max(rates.damping, rates.motion)
-        step = min(STEP, 0.5 / fastest)
-        wanted = math.ceil((HORIZON if rates.damped else HORIZON_UNDAMPED) / step)
-        total = min(wanted, scheme.most_steps)
-        holds = [min(HOLD, total - done) for done in range(0, total, HOLD)]
-        lower, upper = input_window(model)
+        step, holds, wanted = plan(scheme, self.rates)
+        lower, upper = input_window(self.model)
         inputs = [share * rng.uniform(lower, upper) for _ in holds]
+        return self.compare(name, scheme, step, holds, inputs, wanted)
 
+    def compare(
+        self,
+        name: str,
+        scheme: Scheme,
+        step: float,
+        holds: list[int],
+        inputs: list[np.ndarray],
+        wanted: int,
+    ) -> TrajectoryRun:
+        """Follow one trajectory under given inputs; `wanted` steps are the whole horizon."""
+        model, start = self.model, self.start
         nudged = model.integrate(start[0], np.full(model.nv, NUDGE)), start[1] + NUDGE
         marks, shadow = (
             _until_failure(self._theirs(scheme, step, inputs, holds, begin))
@@ -235,7 +259,7 @@ class _Race:
         if reach < len(holds):
             why = f"beyond it the motion amplifies rounding more than {GROWTH:g} times"
         else:
-            why = "whole horizon" if total == wanted else "as many steps as the time allows"
+            why = "whole horizon" if sum(holds) == wanted else "as many steps as the time allows"
         return TrajectoryRun(name, scheme.name, step, sum(holds[:reach]) * step, error, why)
 
     def ladder(self, scheme: Scheme) -> StepLadder:

@@ -139,7 +139,7 @@ def _rig(motor: mujoco.MjsActuator, actuator: Actuator, timestep: float) -> None
         motor.delay, motor.nsample = (steps - 0.5) * timestep, steps + SPARE
     if actuator.command is CommandKind.VELOCITY:
         motor.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
-        bounded = np.isfinite((actuator.length_lower, actuator.length_upper)).all()
+        bounded = np.isfinite((actuator.length_lower, actuator.length_upper)).any()
         motor.actlimited, motor.actrange = int(bounded), (-1.0, 1.0)
     elif actuator.lag > 0:
         motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT

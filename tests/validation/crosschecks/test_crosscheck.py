@@ -14,7 +14,7 @@ from softdyn import InputError
 from softdyn.validation.crosschecks import trajectories
 from softdyn.validation.crosschecks.crosscheck import QUANTITIES, crosscheck, relative_error
 from softdyn.validation.crosschecks.result import CrossCheck, TrajectoryRun
-from softdyn.validation.crosschecks.trajectories import _rates, damping_couples_branches
+from softdyn.validation.crosschecks.trajectories import damping_couples_branches, rates_of
 from softdyn.validation.twin.twin import Twin
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.command import command
@@ -209,7 +209,7 @@ def test_how_fast_a_falling_rod_moves(tmp_path):
         '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
     ) + joint("j", "revolute", "base", "rod", xyz="0 0 0", rpy="0 0 0")  # fmt: skip
     model = softdyn.load(write(tmp_path, level))
-    rates = _rates(model, model.q0, np.zeros(1))
+    rates = rates_of(model, model.q0, np.zeros(1))
     assert rates.motion == pytest.approx((2 * 9.81 * 0.1 / (1e-3 + 2 * 0.1**2)) ** 0.5)
     assert (rates.damping, rates.damped) == (0.0, False)
 

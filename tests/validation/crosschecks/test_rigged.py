@@ -1,0 +1,128 @@
+"""The cross-check of rigs: both engines have the same rig, and every difference is seen."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import SoftModel
+from softdyn.actuation import Winches
+from softdyn.description.rig import CommandKind
+from softdyn.validation import Twin, crosscheck
+from softdyn.validation.crosschecks import crosscheck as judged
+from softdyn.validation.crosschecks.rigged import RIG_SCALES, RigMotion, quantities_of
+from tests.support import micro, rigged, winched
+from tests.support.command import command
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> SoftModel:
+    return softdyn.load(micro.write(tmp_path, winched.ARM))
+
+
+def errors(model: SoftModel, twin: SoftModel | None = None, seed: int = 0) -> dict[str, float]:
+    """Errors of the rig's quantities in the same order as a report has them."""
+    tally, wanted = judged.Tally(), list(quantities_of(model))
+    judge = Twin(model if twin is None else twin, limits=False)
+    judged._compare_rigs(tally, model, judge, wanted, 3, seed, lambda _text: None)
+    assert not tally.reasons
+    return {name: tally.errors[name] for name in wanted}
+
+
+def changed(model: SoftModel, **fields: Any) -> SoftModel:
+    """The robot with other actuators."""
+    actuators = tuple(replace(actuator, **fields) for actuator in model.robot.actuators)
+    return softdyn.build(replace(model.robot, actuators=actuators))
+
+
+def speeds(model: SoftModel) -> SoftModel:
+    return changed(model, command=CommandKind.VELOCITY, stiffness=400.0, length_upper=0.38)
+
+
+@pytest.mark.parametrize("make", [lambda m: m, speeds])
+def test_both_engines_have_the_same_rig(arm: SoftModel, make: Any) -> None:
+    """Winches with lag and delay, slack, every kind of sensor, and a bound of one side only."""
+    found = errors(make(arm))
+    assert list(found) == [*RIG_SCALES]
+    assert max(found.values()) < 1e-12
+
+
+def test_a_floating_robot_with_a_rig(tmp_path: Path) -> None:
+    model = softdyn.load(micro.write(tmp_path, winched.ARM), floating=True)
+    found = errors(model)
+    assert "rigged" in found
+    assert max(found.values()) < 1e-11
+
+
+def test_accelerometers_of_a_robot_with_followers(tmp_path: Path) -> None:
+    """MuJoCo's accelerations lack the ties; a trajectory with the rig is not compared."""
+    found = errors(rigged.measured(softdyn.load(micro.write(tmp_path, micro.GRIPPER))))
+    assert list(found) == ["tension", "sensors"]
+    assert max(found.values()) < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("fields", "seen"),
+    [
+        ({"stiffness": 610.0}, {"inputs", "tension", "sensors", "rigged"}),
+        ({"damping": 4.1}, {"inputs", "tension", "sensors", "rigged"}),
+        ({"upper": 10.0}, {"inputs", "tension", "sensors", "rigged"}),
+        ({"lag": 0.021}, {"rigged"}),
+        ({"delay": 0.0046}, {"rigged"}),  # one step more
+        ({"delay": 0.0042}, set()),  # the same steps
+    ],
+)
+def test_a_rig_that_differs_is_seen(arm: SoftModel, fields: Any, seen: set[str]) -> None:
+    first, *others = arm.robot.actuators
+    actuators = (replace(first, **fields), *others)
+    other = softdyn.build(replace(arm.robot, actuators=actuators))
+    found = errors(arm, other)
+    assert {name for name, error in found.items() if error > 1e-8} == seen
+
+
+@pytest.mark.parametrize("place", range(8))
+def test_a_sensor_that_differs_is_seen(arm: SoftModel, place: int) -> None:
+    sensors = list(arm.robot.sensors)
+    moved = sensors[place]
+    if moved.link:
+        sensors[place] = replace(moved, xyz=(0.0, 0.02, 0.03), rpy=(0.2, 0.1, 0.0))
+    elif moved.tendon:
+        sensors[place] = replace(moved, tendon={"above": "below"}.get(moved.tendon, "above"))
+    else:
+        sensors[place] = replace(moved, joint="shoulder")
+    found = errors(arm, softdyn.build(replace(arm.robot, sensors=tuple(sensors))))
+    assert {name for name, error in found.items() if error > 1e-8} == {"sensors"}
+
+
+def test_a_motion_has_the_closed_form_of_lag_and_delay(arm: SoftModel) -> None:
+    """The extensor's acting force after a step: delay of 3 steps, then 1 - e^(-t/λ)."""
+    h = 1e-3
+    start, held = (arm.q0, np.zeros(arm.nv)), np.array([1.0, 0.0])  # the flexor stays slack
+    motion = RigMotion(Winches(arm), start, held, h)
+    for k in range(40):
+        motion.step(np.array([1.0, 5.0]))
+        expected = 5.0 * (1.0 - math.exp(-max(k - 2, 0) * h / 0.01))
+        assert motion._held[1] == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_command_reports_the_rig(arm: SoftModel, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    path = str(arm.robot.path)
+    found = command("crosscheck", path, "--samples", 2, "--states-only", "--json", report)
+    assert found.code == 0, found.err
+    names = [check["quantity"] for check in json.loads(report.read_text())["checks"]]
+    assert names[-3:] == ["inputs", "tension", "sensors"]
+
+
+def test_a_robot_without_a_rig_has_no_such_quantities() -> None:
+    for name in ("finger", "spirob"):
+        assert quantities_of(softdyn.load(name)) == ()
+    result = crosscheck(softdyn.load("finger"), samples=1, trajectories=False)
+    assert tuple(check.quantity for check in result.checks) == judged.QUANTITIES[:-1]

@@ -1,0 +1,292 @@
+"""The rig in both engines: inputs of winches, tensions, sensors and a trajectory.
+
+MuJoCo has the rig as actuators with bias, activation and delay, and as sensors. The model has it as
+`Winches`, `SoftModel.measure` and `RigMotion`. A bound on a command's rate, and the lag of a
+commanded velocity, are in neither: the loop computes them.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+import softdyn
+from softdyn.actuation import Winches
+from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.robot import Robot
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.validation.crosschecks import trajectories
+from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
+from softdyn.validation.crosschecks.result import TrajectoryRun
+from softdyn.validation.crosschecks.trajectories import IMPLICIT, Race, Scheme, Start
+from softdyn.validation.twin.free_base import FreeBase
+from softdyn.validation.twin.readings import Readings
+from softdyn.validation.twin.state_map import StateMap
+from softdyn.validation.twin.twin import Twin
+
+RIG_SCALES = {
+    "inputs": "largest stiffness of a winch's cable times the length of the robot",
+    "tension": "largest stiffness of a cable times the length of the robot",
+    "sensors": "1 of each unit, length of the robot, tension as above, largest q̈ times length",
+    "rigged": "1 rad and 1 rad/s",
+}
+RIG_TOLERANCES = {"inputs": 1e-10, "tension": 1e-10, "sensors": 1e-10, "rigged": 1e-8}
+Comparison = tuple[str, np.ndarray, np.ndarray, float]  # quantity, model's, twin's, scale
+
+
+def quantities_of(model: SoftModel) -> tuple[str, ...]:
+    """Those of `RIG_SCALES` that the robot's file has."""
+    robot = model.robot
+    winds = any(actuator.is_winch for actuator in robot.actuators)
+    moved = winds or any(actuator.lag or actuator.delay for actuator in robot.actuators)
+    # MuJoCo integrates no follower without a constraint, and no damping between branches
+    apart = robot.followers or trajectories.damping_couples_branches(
+        model, model.q0, np.zeros(model.nv), _winch_damping(robot)
+    )
+    there = winds, bool(_pulled(robot)), bool(robot.sensors), moved and not apart
+    return tuple(name for name, has in zip(RIG_SCALES, there, strict=True) if has)
+
+
+def _winch_damping(robot: Robot) -> dict[str, float]:
+    """Damping of the winches on each tendon."""
+    found = {tendon.name: 0.0 for tendon in robot.tendons}
+    for actuator in robot.actuators:
+        found[actuator.tendon] += actuator.damping
+    return found
+
+
+def _pulled(robot: Robot) -> list[str]:
+    """Tendons that can be slack, or that a winch pulls."""
+    wound = {actuator.tendon for actuator in robot.actuators if actuator.is_winch}
+    return [tendon.name for tendon in robot.tendons if tendon.slack or tendon.name in wound]
+
+
+class RigTerms(MujocoTerms):
+    """MuJoCo's terms of a robot with its rig; `place` is followed by `hold`.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The model.
+    robot : Robot
+        The twin's description.
+    timestep : float
+        The step (s) in which delays are counted.
+    """
+
+    def __init__(self, model: SoftModel, robot: Robot, timestep: float) -> None:
+        twin = Twin(robot, limits=False, rig=True, timestep=timestep)
+        super().__init__(twin, StateMap(model, twin))
+        self._twin = copy.copy(twin)  # with the model and data of the terms
+        self._twin.model, self._twin.data = self._model, self._data
+        self._readings = Readings(self._twin, 0)
+
+    def hold(self, commands: np.ndarray, lengths: np.ndarray) -> None:
+        """Begin with commands (nu,), and free lengths (nu,) of winches that a velocity commands."""
+        self._twin.hold(commands, lengths)
+
+    def acting(self) -> np.ndarray:
+        """The inputs (nu,) that act."""
+        return self._data.actuator_force[: self.nu].copy()
+
+    def readings(self, commands: np.ndarray) -> np.ndarray:
+        """The sensors' readings (k,) without errors."""
+        if self._tied:  # MuJoCo's own accelerations lack the followers' constraints
+            self._data.qacc[:] = self._map @ self.qdd(commands) + self._rate @ self._v
+            mujoco.mj_rnePostConstraint(self._model, self._data)
+            mujoco.mj_sensorAcc(self._model, self._data)
+        return self._readings.ideal()
+
+
+class RigStates:
+    """Comparisons of inputs, tensions and readings at single states.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The model.
+    robot : Robot
+        The twin's description.
+    """
+
+    def __init__(self, model: SoftModel, robot: Robot) -> None:
+        self.model = softdyn.build(_observed(model.robot))
+        self.judge = RigTerms(self.model, _observed(robot), trajectories.STEP)
+        self.winches = Winches(self.model)
+
+    def compare(
+        self, q: np.ndarray, v: np.ndarray, rng: np.random.Generator
+    ) -> Iterator[Comparison]:
+        """The quantities at a state, under random commands."""
+        model, judge = self.model, self.judge
+        state, length = model.state(q, v), model.robot.length or 1.0
+        commands = random_commands(self.winches, state, rng)
+        judge.place(q, v)
+        judge.hold(commands, commands)
+        u = self.winches.tensions(state, commands)
+        gears = np.array([abs(actuator.gear) for actuator in model.robot.actuators])
+        stiff = self.winches.stiffness.max(initial=0.0)
+        yield "inputs", gears * u, gears * judge.acting(), stiff * length
+        found = model.measure(state, u)
+        theirs = found.values + found.errors_of(judge.readings(commands))
+        stiff = max([stiff, 1.0, *(tendon.stiffness for tendon in model.robot.tendons)])
+        scales = dict.fromkeys(SensorKind, max(length, 1.0)) | {SensorKind.TENSION: stiff * length}
+        moved = float(np.abs(model.forward_dynamics(q, v, u)).max(initial=1.0))
+        scales[SensorKind.ACCELEROMETER] = moved * length
+        own, first = len(self.model.robot.sensors) - len(_pulled(model.robot)), 0
+        for k, sensor in enumerate(model.robot.sensors):
+            rows = slice(first, first := first + sensor.kind.size)
+            quantity = "sensors" if k < own else "tension"
+            yield quantity, found.values[rows], theirs[rows], scales[sensor.kind]
+
+
+def _observed(robot: Robot) -> Robot:
+    """The robot with prompt sensors, and one more on every tendon that can be slack."""
+    prompt = [replace(sensor, rate=0.0, latency=0.0) for sensor in robot.sensors]
+    more = [Sensor(f"tension:{name}", SensorKind.TENSION, tendon=name) for name in _pulled(robot)]
+    return replace(robot, sensors=(*prompt, *more))
+
+
+def random_commands(
+    winches: Winches, state: State, rng: np.random.Generator, share: float = 1.2
+) -> np.ndarray:
+    """Inputs (nu,) within a share of their bounds, and free lengths that give them or slack."""
+    lower, upper = trajectories.input_window(winches.model)
+    u = rng.uniform(lower, upper)
+    gears = np.array([abs(actuator.gear) for actuator in winches.model.robot.actuators])
+    tensions = share * (1.5 * gears * np.abs(u) - 0.5 * gears * np.maximum(-lower, upper))
+    stiffness = np.where(winches.winds, winches.stiffness, 1.0)
+    lengths = winches.commands(state, np.clip(0.0, lower, upper)) - tensions / stiffness
+    lengths = np.clip(lengths, winches.lower, winches.upper)
+    return np.where(winches.winds, lengths, min(share, 1.0) * u)
+
+
+class RigMotion:
+    """The model behind its rig, in MuJoCo's semi-implicit steps.
+
+    Delays last whole steps. The lag of a command is exact over a step, in which the command at its
+    begin acts. The winches' damping is implicit where neither of their bounds acts.
+
+    Parameters
+    ----------
+    winches : Winches
+        The winches.
+    start : tuple of ndarray
+        q and v.
+    held : ndarray, (nu,)
+        The commands before the first step; free lengths of winches that a velocity commands.
+    h : float
+        Step (s).
+    """
+
+    def __init__(self, winches: Winches, start: Start, held: np.ndarray, h: float) -> None:
+        self._winches, self._h, (self.q, self.v) = winches, h, start
+        actuators = winches.model.robot.actuators
+        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
+        lags = np.array([a.lag for a in actuators])
+        self._lagging = (lags > 0) & ~self._speeds
+        self._gain = 1.0 - np.exp(-h / np.where(lags > 0, lags, 1.0))
+        self._held, waiting = held.copy(), np.where(self._speeds, 0.0, held)
+        late = [math.ceil(a.delay / h - 1e-9) for a in actuators]
+        self._waiting = [deque([c] * n) for c, n in zip(waiting, late, strict=True)]
+
+    def step(self, commands: np.ndarray) -> None:
+        """Advance q and v by one step under new commands (nu,)."""
+        winches, model, h = self._winches, self._winches.model, self._h
+        for queue, command in zip(self._waiting, commands, strict=True):
+            queue.append(command)
+        arrived = np.array([queue.popleft() for queue in self._waiting])
+        delayed = self._lagging | self._speeds
+        state = model.state(self.q, self.v)
+        acting = winches.derivatives(state, np.where(delayed, self._held, arrived))
+        D = state.D - state.B @ acting.v
+        a = np.linalg.solve(state.M + h * D, state.B @ acting.value - state.h)
+        if model.robot.floating:
+            free = FreeBase(model)
+            w = free.from_velocity(self.q, self.v) + h * free.acceleration(self.q, self.v, a)
+            self.q = free.integrate(self.q, h * w)
+            self.v = free.velocity(self.q, w)
+        else:
+            self.v = self.v + h * a
+            self.q = model.integrate(self.q, h * self.v)
+        wound = np.clip(self._held + h * arrived, winches.lower, winches.upper)
+        lagged = self._held + self._gain * (arrived - self._held)
+        self._held = np.where(self._speeds, wound, lagged)
+
+
+@dataclass(frozen=True, eq=False)
+class RigRace(Race):
+    """One robot with its rig in both engines, from one state (q, v) with commands long held."""
+
+    winches: Winches
+    held: np.ndarray
+    speeds: np.ndarray
+
+    def _ours(
+        self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]
+    ) -> Iterator[Start]:
+        motion = RigMotion(self.winches, self.start, self.held, step)
+        for commands, steps in zip(inputs, holds, strict=False):
+            for _ in range(steps):
+                motion.step(commands)
+            yield self.model.coordinates(motion.q), motion.v
+
+    def _theirs(
+        self,
+        scheme: Scheme,
+        step: float,
+        inputs: Sequence[np.ndarray],
+        holds: Sequence[int],
+        start: Start | None = None,
+    ) -> Iterator[Start]:
+        judge = self.judge
+        assert isinstance(judge, RigTerms)
+        judge.start(*(start or self.start), scheme.integrator, step)
+        judge.hold(np.where(self.speeds, 0.0, self.held), self.held)
+        return judge.follow(inputs, holds)
+
+
+def compare_motion(
+    model: SoftModel, robot: Robot, rng: np.random.Generator, report: Callable[[str], None]
+) -> TrajectoryRun:
+    """One trajectory under random commands.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The model.
+    robot : Robot
+        The twin's description.
+    rng : Generator
+        Draws the initial state and the commands.
+    report : callable
+        Called with a short text about the current step.
+
+    Raises
+    ------
+    SimulationError, InputError, LinAlgError
+        The trajectory is no longer finite.
+    """
+    report("trajectory with the rig")
+    start, winches = trajectories.random_start(model, rng), Winches(model)
+    state = model.state(*start)
+    arms = state.B / np.array([actuator.gear for actuator in model.robot.actuators])
+    rates = trajectories.rates_of(model, *start, (arms * winches.stiffness) @ arms.T)
+    step, holds, wanted = trajectories.plan(IMPLICIT, rates)
+    share = trajectories.share_of(model, *start)
+    held = random_commands(winches, state, rng, share)
+    speeds = np.array([a.command is CommandKind.VELOCITY for a in model.robot.actuators], bool)
+    lengths = (random_commands(winches, state, rng, share) for _ in holds)
+    # a commanded velocity leads to a drawn length within a hold
+    inputs = [np.where(speeds, (c - held) / (trajectories.HOLD * step), c) for c in lengths]
+    race = RigRace(
+        model, RigTerms(model, robot, step), start, rates, trajectories.circles(model), winches,
+        held, speeds,
+    )  # fmt: skip
+    return race.compare("rig", IMPLICIT, step, holds, inputs, wanted)
