@@ -13,7 +13,9 @@ from softdyn.commands import cli
 EPILOG = """\
 ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotated URDF, or the name
 of a robot of example-robot-data. The first CONTROLLER acts (best by default); each further one, a
-class of your own as FILE.py:CLASS, joins the registry's in the page's menu. --gains is as for run.
+class of your own as FILE.py:CLASS, joins the registry's in the page's menu. --gains and --rig are
+as for run. With a rig the page shows the inputs that act, and its delay and noise replace the
+rig's unless they are 0.
 
 The plant runs in real time in this process, the pages' server in another. So a slow page loses
 frames, but delays nothing. The page lists its keys on "?". The printed address contains a random
@@ -40,6 +42,10 @@ parser.add_argument("--period", type=cli.positive, metavar="S", help="control pe
 parser.add_argument(
     "--gains", metavar="FILE", help="TOML: of the first CONTROLLER, or a table for each by its name"
 )
+parser.add_argument(
+    "--rig", nargs="?", const="file", metavar="FILE",
+    help="with the rig of the robot's file; FILE changes it",
+)  # fmt: skip
 parser.add_argument(
     "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
 )
@@ -81,6 +87,7 @@ def warn(text: str) -> None:
 
 def make_session(arguments: cli.Arguments) -> Any:
     """Make the session for the command line."""
+    from softdyn.commands.run import make_rig
     from softdyn.validation import paper
     from softdyn.validation.live.session import Session, menu_of
     from softdyn.view.live.messages import OPEN_LOOP
@@ -95,7 +102,10 @@ def make_session(arguments: cli.Arguments) -> Any:
     note = cli.best_note(model, law, arguments.gains)
     if note:
         print(note, file=sys.stderr, flush=True)
-    return Session(model, menu, law, period=arguments.period, target=arguments.target)
+    return Session(
+        model, menu, law, period=arguments.period, target=arguments.target,
+        rig=make_rig(arguments.rig),
+    )  # fmt: skip
 
 
 def controllers_of(arguments: cli.Arguments, first: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 from softdyn import InputError, SoftdynError, SoftModel
 from softdyn.validation.live.session import Make, Session, menu_of
 from softdyn.validation.loop.arguments import name_of
+from softdyn.validation.twin.rig import Rig
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.messages import OPEN_LOOP, SetController
 from softdyn.view.live.pacing import IDLE, RATE, Clock, Kept
@@ -159,6 +160,8 @@ class Play:
         Control period (s).
     target : array_like, (3,), optional
         The first target (m).
+    rig : Rig or str, optional
+        The rig between controller and plant, as in `ClosedLoop`.
     port : int, optional
         By default a free one from 7000 on.
     """
@@ -172,6 +175,7 @@ class Play:
         law: str | None = None,
         period: float | None = None,
         target: Any = None,
+        rig: Rig | str | None = None,
         port: int | None = None,
     ) -> None:
         own: dict[str, Make] = {}
@@ -179,7 +183,7 @@ class Play:
             law = name or name_of(controller)
             own[law] = lambda _model: controller
         menu = menu_of(model, own)
-        self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target)
+        self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig)
         self._channel = open_play_page(self.session, port)
         self.url = self._channel.url
         self._over, self._closed = threading.Event(), False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import copy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatchmethod
 from inspect import signature
 from time import perf_counter_ns
@@ -23,6 +23,7 @@ from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 from softdyn.view.live import messages
@@ -78,6 +79,9 @@ class Session:
         Control period (s); by default the paper's, or 2 ms.
     target : ndarray, (3,), optional
         The first target (m); by default the tip at rest.
+    rig : Rig or str, optional
+        The rig between controller and plant, as in `ClosedLoop`. The page's factors multiply the
+        rig's, and its delay and noise replace the rig's unless they are 0.
 
     Attributes
     ----------
@@ -104,8 +108,10 @@ class Session:
         *,
         period: float | None = None,
         target: Any = None,
+        rig: Rig | str | None = None,
     ) -> None:
-        self.model, self._menu = model, dict(menu)
+        self.model, self._menu, self._wanted = model, dict(menu), rig_of(rig)
+        self._rig: RiggedPlant | None = None
         self.period = setup_of(model).period if period is None else period
         self._grid = TimeGrid.plan(self.period, self.period)
         size = Figure.of(model).size
@@ -126,7 +132,9 @@ class Session:
         self._by_hand = self._u = self._zero
         self._V = np.nan
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
-        self._plant, self._map = self._built(self._mismatch, *self._at_rest(), 0.0)
+        self._plant, self._map, self._rig = self._built(
+            self._mismatch, *self._at_rest(), 0.0, self._zero
+        )
         self._state = model.state(*self._q_v())
         if target is None:
             target = self._state.y
@@ -167,9 +175,9 @@ class Session:
 
     @_do.register
     def _(self, message: messages.Mismatch) -> None:
-        plant = self._built(message, *self._q_v(), self.t)
+        plant = self._built(message, *self._q_v(), self.t, self._u)
         self._law = self._connected(self._inner, message)
-        self._plant, self._map = plant
+        self._plant, self._map, self._rig = plant
         self._mismatch = message
         self.shown.mismatch = asdict(message)
 
@@ -201,9 +209,9 @@ class Session:
 
     @_do.register
     def _(self, _message: messages.Reset) -> None:
-        plant = self._built(self._mismatch, *self._at_rest(), 0.0)
+        plant = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
         self._law = self._connected(self._inner, self._mismatch)
-        self._plant, self._map = plant
+        self._plant, self._map, self._rig = plant
         self._release()
         if self._ghost is not None:
             self._ghost = self._new_ghost()
@@ -233,11 +241,13 @@ class Session:
         """Run one control period; return the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
-            self._state = self.model.state(*self._q_v())
+            self._state = seen = self.model.state(*self._q_v())
+            if self._rig is not None:
+                seen = self._rig.see(seen)
             if self._law is None:
                 self._u = self._by_hand
             else:
-                answer = self._law(self._state, self._reference)
+                answer = self._law(seen, self._reference)
                 self._u = self._guard.admit(getattr(answer, "u", answer))
                 self._V = getattr(answer, "V", np.nan)
         except Exception as error:  # a user's controller may raise anything
@@ -254,7 +264,8 @@ class Session:
             self._state = self.model.state(*self._q_v())
         state = self._state
         values: dict[str, Any] = {
-            "t": self.t, "q": self.model.coordinates(state.q), "u": self._u, "y": state.y,
+            "t": self.t, "q": self.model.coordinates(state.q), "y": state.y,
+            "u": self._u if self._rig is None else self._rig.acting,
             "y_ref": self._reference.y, "V": self._V,
         }  # fmt: skip
         if hand is not None:
@@ -271,7 +282,7 @@ class Session:
         try:
             if self._hand is not None:
                 self._hand.pull(self._plant)
-            self._plant.advance(self._u, steps)
+            (self._rig or self._plant).advance(self._u, steps)
         except SimulationError as error:
             self._fault(f"the plant stopped: {error.reason}")
             return
@@ -292,18 +303,26 @@ class Session:
         return self._map.from_twin(self._plant.data.qpos, self._plant.data.qvel)
 
     def _built(
-        self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float
-    ) -> tuple[Twin, StateMap]:
-        """A new plant in a given state."""
-        options = _part(PlantErrors, said).options()
-        make = _part(SignalPath, said).between(options.pop("twin"))
-        twin = make(self.model.robot, timestep=self._grid.timestep, **options)
+        self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float, u: np.ndarray
+    ) -> tuple[Twin, StateMap, RiggedPlant | None]:
+        """A new plant in a given state; behind a rig the input u has been held for long."""
+        rig = None
+        if self._wanted is None:
+            options = _part(PlantErrors, said).options()
+            make = _part(SignalPath, said).between(options.pop("twin"))
+            twin = make(self.model.robot, timestep=self._grid.timestep, **options)
+        else:
+            wanted = _changed(self._wanted, said)
+            rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep)
+            twin = rig.twin
         states = StateMap(self.model, twin)
         try:
             twin.set_state(*states.to_twin(q, v), t)
         except SimulationError as error:
             raise InputError("state", "one that MuJoCo can start from", error.reason) from None
-        return twin, states
+        if rig is not None:
+            rig.start(self.model.state(q, v), u)
+        return twin, states, rig
 
     def _choose(self, name: str) -> None:
         inner = None
@@ -336,7 +355,8 @@ class Session:
         """A controller behind its signal path, after a reset."""
         if inner is None:
             return None
-        law = _part(SignalPath, said).around(inner, self.period)
+        path = SignalPath() if self._wanted is not None else _part(SignalPath, said)
+        law = path.around(inner, self.period)
         if hasattr(law, "reset"):
             law.reset(self.period)
         return law
@@ -347,6 +367,17 @@ class Session:
 
     def _new_ghost(self) -> Ghost:
         return Ghost(self.model, *self._q_v(), self._grid.timestep)
+
+
+def _changed(rig: Rig, said: messages.Mismatch) -> Rig:
+    """The rig with the page's differences."""
+    plant = replace(
+        rig.plant,
+        contacts=rig.plant.contacts or said.contacts,
+        **{k: getattr(rig.plant, k) * getattr(said, k) for k in ("mass", "stiffness", "damping")},
+    )
+    signals = {name: getattr(said, name) for name in ("delay", "noise") if getattr(said, name) > 0}
+    return replace(rig, plant=plant, **signals)
 
 
 def _part(cls: Callable[..., T], said: messages.Mismatch) -> T:

@@ -232,9 +232,12 @@ class RiggedPlant:
             "command_units": command_units(robot),
         }
 
-    def start(self, state: State) -> None:
-        """Begin at the twin's present state with zero input, or the one nearest to it."""
-        lengths = self._winches.commands(state, self._zero)
+    def start(self, state: State, u: np.ndarray | None = None) -> None:
+        """Begin at the twin's present state, with the input u (nu,) long held.
+
+        By default u is zero, or the bound nearest to it.
+        """
+        lengths = self._winches.commands(state, self._zero if u is None else u)
         self.command = np.where(self._speeds, 0.0, lengths)
         self._limited = self.command.copy()
         self.twin.hold(self.command, lengths)
@@ -251,8 +254,12 @@ class RiggedPlant:
     def sample(self) -> tuple[np.ndarray, np.ndarray]:
         """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
         mujoco.mj_forward(self.twin.model, self.twin.data)
-        acting = self.twin.data.actuator_force[: self.twin.nu].copy()
-        return acting, self.readings()[0]
+        return self.acting, self.readings()[0]
+
+    @property
+    def acting(self) -> np.ndarray:
+        """The inputs (nu,) that act, as forces; after `advance` those of one plant step before."""
+        return self.twin.data.actuator_force[: self.twin.nu].copy()
 
     def advance(self, u: np.ndarray, steps: int) -> np.ndarray:
         """Integrate under the command for the force u (nu,); returns the last command (nu,)."""

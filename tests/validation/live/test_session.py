@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, statics
+from softdyn import InputError, SetPoint, statics
 from softdyn.commands import play
+from softdyn.validation import Rig, Twin, simulate
 from softdyn.validation.live.playing import drive, period_note
 from softdyn.validation.live.session import Session, menu_of
+from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.view.live import messages as m
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, Kept
+from tests.support import micro, winched
 
 
 @pytest.fixture(scope="module")
@@ -261,3 +264,71 @@ def test_play_takes_gains(tmp_path, monkeypatch):
     made = play.controllers_of(play.parser.parse_args(words), "soft-id-clf-qp")
     with pytest.raises(InputError, match=r"g.toml: gains: expected any of Kp"):
         made["soft-id-clf-qp"](softdyn.load("finger"))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return softdyn.load(micro.write(tmp_path_factory.mktemp("arm"), winched.ARM))
+
+
+def law(state, reference):
+    return np.array([8.0 + 5.0 * state.v[0], 6.0 - 20.0 * state.q[1]])
+
+
+def rigged_session(arm, rig):
+    session = Session(arm, {"law": lambda _model: law}, "law", period=0.004, rig=rig)
+    session.apply(m.SetTarget(arm.state(arm.q0, np.zeros(2)).y))
+    return session
+
+
+@pytest.mark.parametrize("rig", ["file", Rig(latency=0.008, noise=1e-4, seed=4, delay=0.002)])
+def test_play_behind_a_rig_is_the_run_behind_it(arm, rig):
+    """Winch, lag, delay, latency and noise: the same states to the bit, and the acting inputs."""
+    session = rigged_session(arm, rig)
+    rest = statics.rest(arm).q
+    reference = SetPoint(arm.state(arm.q0, np.zeros(2)).y)
+    log = simulate(arm, law, reference, duration=0.2, period=0.004, q0=rest, rig=rig)
+    for k in range(50):
+        np.testing.assert_array_equal(session._q_v()[0], log.q[k])
+        session.step()
+    assert np.abs(log.acting - np.vstack([log.u, log.u[-1:]])).max() > 1.0
+    shown = part(session, "u")
+    session._rig.sample()  # a frame has them one plant step late
+    np.testing.assert_allclose(session._rig.acting, log.acting[-1], atol=1e-12)
+    assert np.abs(shown - log.acting[-1]).max() < 1.0
+
+
+def test_the_page_s_differences_change_the_rig(arm):
+    """Sliders multiply the rig's plant, replace its delay and noise, and keep what acts."""
+    session = rigged_session(arm, Rig(plant=PlantErrors(mass=2.0)))
+    run(session, 0.4)
+    before, acting = session._q_v(), session._rig.acting
+    session.apply(m.Mismatch(mass=1.5, delay=0.05, noise=1e-3))
+    np.testing.assert_array_equal(session._q_v(), before)
+    assert session.t == pytest.approx(0.4)
+    assert session._plant.model.body_mass.sum() == pytest.approx(
+        3.0 * Twin(arm).model.body_mass.sum()
+    )
+    assert session._rig.twin.robot.actuators[0].delay == 0.05
+    np.testing.assert_allclose(session._rig.acting, acting, atol=4.0)
+    session.step()
+    assert 0 < np.abs(session._rig._seen.q - before[0]).max() < 0.1  # noise
+    session.apply(m.Reset())
+    run(session, 0.048)
+    held = session._rig.acting
+    assert held[1] == 0.0  # the delay after a reset to zero input
+    session.apply(m.SetController(OPEN_LOOP))
+    session.apply(m.SetInputs(np.array([0.0, 7.0])))
+    run(session, 0.3)
+    assert session._rig.acting[1] == pytest.approx(7.0, abs=1e-6)
+
+
+def test_play_takes_a_rig_from_the_command_line(arm, tmp_path):
+    file = tmp_path / "rig.toml"
+    file.write_text("latency = 0.008\n[plant]\npayload = 0.02\n", encoding="utf-8")
+    path = str(arm.robot.path)
+    for words, payload in (([], None), (["--rig"], 0.0), (["--rig", str(file)], 0.02)):
+        arguments = play.parser.parse_args([path, OPEN_LOOP, *words])
+        session = play.make_session(arguments)
+        found = None if session._wanted is None else session._wanted.plant.payload
+        assert found == payload
