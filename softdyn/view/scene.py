@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from softdyn.description.robot import Joint, Robot, levels, poses
+from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.skin import skins
@@ -37,6 +37,10 @@ class DrawnCable:
 
     Its tension is ``weights · u``, positive if it pulls, at most `limit`. A signed input may stand
     for two antagonists. Each of them shows one sign of the tension: `side` is +1 or -1, else 0.
+
+    A cable with `slackens` is drawn slack while no input pulls it and its length is at most `rest`.
+    The length is that of the polyline, or Σ coef · q over `terms`, pairs (index of q, coef). A
+    winch's cable has no spring of its own, and no `rest`.
     """
 
     name: str
@@ -44,6 +48,9 @@ class DrawnCable:
     weights: np.ndarray
     limit: float
     side: int
+    slackens: bool = False
+    rest: float | None = None
+    terms: tuple[tuple[int, float], ...] = ()
 
     def part(self, u: np.ndarray) -> float:
         """Tension over full tension, in [-1, 1], under the input u (nu,)."""
@@ -239,7 +246,7 @@ def _packed(mesh: Mesh) -> dict[str, Any]:
 def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
     robot = model.robot
     for tendon in robot.tendons:
-        spatial = bool(tendon.sites)
+        spatial, slackness = bool(tendon.sites), _slackness(model, tendon)
         # A spatial tendon pulls with -gear u. A fixed one is drawn on the side where gear u pulls.
         weights = np.array(
             [(-a.gear if spatial else a.gear) * (a.tendon == tendon.name) for a in robot.actuators]
@@ -249,7 +256,7 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
         limit = max(-low, high)
         if spatial:
             path = [(site.link, np.array(site.xyz)) for site in tendon.sites]
-            yield DrawnCable(tendon.name, path, weights, limit, 0)
+            yield DrawnCable(tendon.name, path, weights, limit, 0, *slackness)
             continue
         for side in (1, -1):
             if (limit == 0 and side < 0) or (side > 0 and high <= 0 < limit) or (side < 0 <= low):
@@ -257,7 +264,27 @@ def _cables(model: SoftModel, shapes: Sequence[Visual]) -> Iterator[DrawnCable]:
             pair = low < 0 < high  # two antagonists; of one cable the pull is positive
             pull = weights if pair else side * weights
             for path in fixed_path(robot, tendon, shapes, side):
-                yield DrawnCable(tendon.name, path, pull, limit, side if pair else 0)
+                yield DrawnCable(tendon.name, path, pull, limit, side if pair else 0, *slackness)
+
+
+def _slackness(
+    model: SoftModel, tendon: Tendon
+) -> tuple[bool, float | None, tuple[tuple[int, float], ...]]:
+    """`slackens`, `rest` and `terms` of a tendon's `DrawnCable`."""
+    robot = model.robot
+    winds = any(a.is_winch and a.tendon == tendon.name for a in robot.actuators)
+    if not tendon.slack:
+        return winds and not tendon.stiffness, None, ()
+    rest = tendon.rest
+    if rest is None:
+        rest = float(model.tendon_lengths(model.q0)[robot.tendons.index(tendon)])
+    order = {name: i for i, name in enumerate(model.joint_names)}
+    joints, terms = {joint.name: joint for joint in robot.joints}, []
+    for term in tendon.terms:
+        turned = _coordinate(joints[term.joint], order)
+        terms.append((turned["index"], term.coef * turned["gain"]))
+        rest -= term.coef * turned["offset"]
+    return True, rest, tuple(terms)
 
 
 def _sticks(robot: Robot) -> Iterator[Visual]:

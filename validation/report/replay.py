@@ -115,7 +115,10 @@ def track(
     t = log.t
     # the input held from each sample on; the last sample repeats the one before
     u = log.u[np.minimum(kept, log.steps - 1)] if log.steps else np.zeros((len(kept), model.nu))
+    if log.acting is not None:  # the last sample of a run that ended early may have none
+        u = np.where(np.isfinite(log.acting[kept]), log.acting[kept], u)
     said = [f"in {log.plant}"] if log.plant else []
+    said += ["inputs as they act, behind the rig"] if log.acting is not None else []
     said += [f"failed: {log.reason}"] if log.failed else []
     return Track(
         figure,

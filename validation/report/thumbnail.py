@@ -66,6 +66,8 @@ def _draw_robot(axes: Axes, log: Log, figure: Figure, k: int) -> None:
         list(flat), facecolors=colour[order], edgecolors=colour[order], linewidths=0.15, zorder=3
     ))  # fmt: skip
     u = log.u[min(k, log.steps - 1)] if log.steps else np.zeros(figure.model.nu)
+    if log.acting is not None and np.isfinite(log.acting[k]).all():
+        u = log.acting[k]
     for cable in figure.cables:
         sites = np.array([placed[link][:3, :3] @ xyz + placed[link][:3, 3]
                           for link, xyz in cable.sites])  # fmt: skip

@@ -170,6 +170,20 @@ class Skin {
   }
 }
 
+// Whether no input pulls a cable that can be slack, and it is no longer than its spring's rest.
+function isSlack(cable, q, pull) {
+  if (!cable.slackens || Math.abs(pull) > 1e-6 * cable.limit) return false;
+  const length = cable.terms.length
+    ? cable.terms.reduce((sum, [index, coef]) => sum + coef * q[index], 0)
+    : cable.points.slice(1).reduce((sum, p, i) => sum + p.distanceTo(cable.points[i]), 0);
+  return cable.rest === null || length <= cable.rest;
+}
+
+function dim(material, opacity) {
+  if (material.opacity != opacity)
+    Object.assign(material, {opacity, transparent: opacity < 1, needsUpdate: true});
+}
+
 // A robot: a tree of groups that the joints move.
 class Figure {
   constructor(data, look) {
@@ -256,11 +270,14 @@ class Figure {
       let pull = cable.weights.reduce((sum, weight, i) => sum + weight * u[i], 0);
       if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
       const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
+      const slack = isSlack(cable, q, pull);
+      dim(cable.material, slack ? 0.35 : 1);
+      cable.hidden.opacity = slack ? 0.15 : 0.45;
       cable.material.color.setRGB(...shade(part));
       cable.hidden.color.copy(cable.material.color);
       cable.sites.slice(1).forEach((_, i) => {
         lay(LAID, cable.points[i], cable.points[i + 1],
-          cable.radius * (0.75 + 0.5 * Math.abs(part)));
+          cable.radius * (slack ? 0.3 : 0.75 + 0.5 * Math.abs(part)));
         LAID.updateMatrix();
         cable.rods[0].setMatrixAt(i, LAID.matrix);
       });
