@@ -72,7 +72,7 @@ def test_slack_cables_of_a_page_have_no_tension(arm: SoftModel, log: Log, tmp_pa
     rng = np.random.default_rng(2)
     q = rng.uniform(-0.5, 0.5, (12, gripper.nq))
     none, y = np.zeros((len(q), gripper.nu)), np.zeros((len(q), 3))
-    moved = Track(0, frames(gripper, np.arange(12.0), q, none, y, y))
+    moved = Track(0, frames(gripper, np.arange(12.0), q, none, y, y), "")
     pages = (
         (arm, replay(log, arm)),
         (gripper, Page("gripper", (Figure.of(gripper),), (PlayedRun("", (moved,)),))),

@@ -106,11 +106,11 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
         if step is None:
             break
         if clock.frame(RATE):
-            state, output = step.state, step.output
+            state, output = step.plant, step.output
             channel.frame(
                 columns.frame(
                     t=step.t, q=model.coordinates(state.q), y=state.y,
-                    u=step.u, y_ref=loop.reference(step.t).y,
+                    u=step.acting, y_ref=loop.reference(step.t).y,
                     V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
                     step_us=clock.worst_step, wake_us=clock.worst_wake,
                 )

@@ -55,13 +55,19 @@ class ControlStep:
     output : ControllerOutput
         The controller's answer to it.
     u : ndarray, (nu,)
-        The input that acts: the controller's, clipped to the robot's bounds.
+        The controller's answer, clipped to the robot's bounds. It acts at once without a rig.
+    plant : State
+        The plant's state, which is `state` without a rig.
+    acting : ndarray, (nu,)
+        The inputs that act at t, which are `u` without a rig.
     """
 
     t: float
     state: State
     output: ControllerOutput
     u: np.ndarray
+    plant: State
+    acting: np.ndarray
 
 
 class ClosedLoop:
@@ -251,7 +257,8 @@ class ClosedLoop:
         if fault is not None:
             self._end(verdict.no_input(t, fault))
             return None
-        return ControlStep(t, seen, output, record.u[k])
+        acting = record.u[k] if self._rig is None else self._rig.acting
+        return ControlStep(t, seen, output, record.u[k], state, acting)
 
     def advance(self) -> None:
         """Integrate the plant over a control period under the input of the last `control`."""

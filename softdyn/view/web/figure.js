@@ -271,13 +271,13 @@ class Figure {
       if (cable.side) pull = cable.side * Math.max(0, cable.side * pull);
       const part = cable.limit > 0 ? scaled(pull / cable.limit) : 0;
       const slack = isSlack(cable, q, pull);
-      dim(cable.material, slack ? 0.35 : 1);
-      cable.hidden.opacity = slack ? 0.15 : 0.45;
+      dim(cable.material, slack ? 0.6 : 1);
+      cable.hidden.opacity = slack ? 0.25 : 0.45;
       cable.material.color.setRGB(...shade(part));
       cable.hidden.color.copy(cable.material.color);
       cable.sites.slice(1).forEach((_, i) => {
         lay(LAID, cable.points[i], cable.points[i + 1],
-          cable.radius * (slack ? 0.3 : 0.75 + 0.5 * Math.abs(part)));
+          cable.radius * (slack ? 0.4 : 0.75 + 0.5 * Math.abs(part)));
         LAID.updateMatrix();
         cable.rods[0].setMatrixAt(i, LAID.matrix);
       });

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,11 @@ from softdyn.commands import play
 from softdyn.validation import Rig, Twin, simulate
 from softdyn.validation.live.playing import drive, period_note
 from softdyn.validation.live.session import Session, menu_of
+from softdyn.validation.live.watching import watch
+from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.view.live import messages as m
+from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, Kept
 from tests.support import micro, winched
@@ -332,3 +337,19 @@ def test_play_takes_a_rig_from_the_command_line(arm, tmp_path):
         session = play.make_session(arguments)
         found = None if session._wanted is None else session._wanted.plant.payload
         assert found == payload
+
+
+def test_a_watched_run_with_a_rig_shows_its_plant_and_what_acts(arm):
+    """The state that the controller sees is late and noisy; the page shows the plant's."""
+    sent = []
+    channel = SimpleNamespace(frame=sent.append, state=lambda _: None, dropped=0)
+    reference = SetPoint(arm.state(arm.q0, np.zeros(2)).y)
+    rig = Rig(latency=0.02, noise=1e-2)
+    loop = ClosedLoop(arm, law, reference, duration=0.4, period=0.004, rig=rig)
+    log, _ = watch(loop, channel, speed=10.0)
+    places = Columns(arm).places
+    assert sent
+    for row in sent:
+        k = int(np.searchsorted(log.t, row[0] - 1e-6))
+        np.testing.assert_allclose(row[places["q"]], log.q[k], atol=1e-6)
+        np.testing.assert_allclose(row[places["u"]], log.acting[k], rtol=1e-6, atol=1e-6)
