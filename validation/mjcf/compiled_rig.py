@@ -68,11 +68,12 @@ def _command(model: mujoco.MjModel, k: int) -> dict[str, Any] | None:
         return None
     if int(dynamics) not in COMMANDS:
         return None
-    own = {
-        "stiffness": -slope * gear**2, "damping": -brake * gear**2, "unit": -slope * gear / gain,
-    }  # fmt: skip
-    stated = {n: x for n, x in own.items() if abs(x - (n == "unit")) > ROUNDING}
-    return found | {"command": COMMANDS[int(dynamics)].value} | stated
+    found |= {"command": COMMANDS[int(dynamics)].value, "stiffness": -slope * gear**2}
+    if brake:
+        found["damping"] = -brake * gear**2
+    if abs((unit := -slope * gear / gain) - 1) > ROUNDING:
+        found["unit"] = unit
+    return found
 
 
 def bound(rig: dict[str, Any], more: dict[str, Numbers], inputs: tuple[float, float]) -> None:
@@ -113,9 +114,12 @@ def slack_of(model: mujoco.MjModel) -> dict[int, int]:
 
 
 def spring_of(
-    model: mujoco.MjModel, t: int, pulls: dict[int, int]
+    model: mujoco.MjModel, t: int, pulls: dict[int, int], damped: bool
 ) -> tuple[float, float, tuple[float, float], bool]:
-    """Stiffness, damping, rest lengths of a tendon, and whether it can be slack."""
+    """Stiffness, damping, rest lengths of a tendon, and whether it can be slack.
+
+    A damper of MuJoCo's own, such as an actuator's (`damped`), acts on a slack tendon too.
+    """
     if t in pulls:
         constant, slope, brake = map(float, model.actuator_biasprm[pulls[t], :3])
         rest = constant / slope if slope else 0.0
@@ -124,7 +128,7 @@ def spring_of(
     low, high = map(float, model.tendon_lengthspring[t])
     path = model.wrap_type[model.tendon_adr[t]] != mujoco.mjtWrap.mjWRAP_JOINT
     slack = (
-        stiffness > 0 and not damping and low < high and low <= (0.0 if path else -UNBOUNDED)
+        stiffness > 0 and not (damping or damped) and low < high and low <= (0.0 if path else -UNBOUNDED)
         and not model.tendon_stiffnesspoly[t].any()
     )  # fmt: skip
     return stiffness, damping, (high, high) if slack else (low, high), slack

@@ -219,7 +219,7 @@ def tendons_of(place: Places, shares: Shares, told: Told) -> tuple[NeutralTendon
             else:
                 path += _wrapped(place, w)
         armature, damping = shares.get(("tendon", t), (0.0, np.zeros(3)))
-        stiffness, own, rest, slack = spring_of(model, t, pulls)
+        stiffness, own, rest, slack = spring_of(model, t, pulls, bool(damping.any()))
         damping = damping + np.array([own, *model.tendon_dampingpoly[t]])
         found.append(
             NeutralTendon(
