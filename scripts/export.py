@@ -12,7 +12,9 @@ EPILOG = """\
 links are massless, and sites, tendons, actuators, stiff stops, shapes and a keyframe at rest.
 Collision shapes are in group 3; they touch with --contacts (or <flag contact="enable"/> in the
 file).
---urdf writes an MJCF's tree as an annotated URDF, and lists on stderr what a URDF cannot state.
+The file's rig is written too: winches, lags, delays, slack tendons, sensors.
+--urdf writes an MJCF's tree as an annotated URDF. Both list on stderr what the other format cannot
+state.
 --csv writes a saved run with a row per sample and units in the header.
 
 exit codes: 0 written, and compared with the source: they agree; 1 they do not; 2 bad input.

@@ -5,7 +5,7 @@
 - `mjcf_file`: an MJCF read strictly, before MuJoCo sees it;
 - `compiled_fields`: which fields of a compiled model are read, which have no effect and why;
 - `compiled_rig`: commands, lag and delay of its actuators, and slack tendons;
-- `export`: a robot written in the other format and read back (`to_mjcf`,
+- `export`: a robot written in the other format and read back (`to_mjcf` with
   `rig_to_mjcf`, `to_urdf`, `xml_text`);
 - `scene`: a user's own MJCF as the plant; `scene_inputs` maps our inputs to its actuators,
   `servos` gives servos their commands, `scenery` gives the scene's shapes;

@@ -127,8 +127,6 @@ def spring_of(
     stiffness, damping = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
     low, high = map(float, model.tendon_lengthspring[t])
     path = model.wrap_type[model.tendon_adr[t]] != mujoco.mjtWrap.mjWRAP_JOINT
-    slack = (
-        stiffness > 0 and not (damping or damped) and low < high and low <= (0.0 if path else -UNBOUNDED)
-        and not model.tendon_stiffnesspoly[t].any()
-    )  # fmt: skip
+    slack = low < high and low <= (0.0 if path else -UNBOUNDED) and stiffness > 0
+    slack &= not (damping or damped or model.tendon_stiffnesspoly[t].any())
     return stiffness, damping, (high, high) if slack else (low, high), slack
