@@ -110,6 +110,7 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
     limited = math.isfinite(part.lower) or math.isfinite(part.upper)
     kind = "prismatic" if part.kind == "slide" else "revolute"
     led = any(part.name in (c.joint, c.leader) for c in source.couplings)
+    led |= part.name in _sprung(source)
     if part.kind == "hinge" and not limited and not part.stiffness and not led:
         kind = "continuous"
     elif not limited and part.name not in {tie.joint for tie in source.couplings}:
@@ -133,6 +134,14 @@ def _moving(joint: Joint, source: Neutral, part: Part, lost: list[str]) -> Joint
         rest=part.rest if part.stiffness else 0.0, damping=part.damping, armature=part.armature,
         friction=part.friction, mimic=mimic,
     )  # fmt: skip
+
+
+def _sprung(source: Neutral) -> set[str]:
+    """Joints of a tendon's spring or of a winch, which cannot be continuous."""
+    winds = {motor.target for motor in source.motors if "command" in motor.rig}
+    cables = (c for c in source.cables if c.stiffness or f"tendon:{c.name}" in winds)
+    found = {joint for cable in cables for joint in cable.terms}
+    return found | {target.removeprefix("joint:") for target in winds}
 
 
 def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Iterator[Tendon]:

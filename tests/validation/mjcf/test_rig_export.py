@@ -129,14 +129,17 @@ def test_a_user_s_servos_in_a_urdf(tmp_path):
     """A pulling servo becomes a winch, with its unit named; one that pushes is lost."""
     path = tmp_path / "arm.xml"
     path.write_text(
-        '<mujoco><worldbody><body><joint name="h" range="-1 1" limited="true"/><geom size="0.1"/>'
+        '<mujoco><worldbody><body><joint name="h"/><geom size="0.1"/>'
         '</body></worldbody><tendon><fixed name="t"><joint joint="h" coef="1"/></fixed></tendon>'
         '<actuator><position name="winch" tendon="t" kp="50" kv="2" gear="-1" timeconst="0.03" '
         'forcelimited="true" forcerange="0 9" ctrllimited="true" ctrlrange="-0.4 0.2"/>'
         '<position name="servo" joint="h" kp="5" forcelimited="true" forcerange="-3 3"/>'
         '<velocity name="speed" joint="h" kv="5"/></actuator></mujoco>'
     )
-    _, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    result, lost = export.write_urdf(path, tmp_path / "out.urdf")
+    assert result.passed  # without a limit the joint still has a position
+    units = [(c.where, c.a, c.b) for c in result.causes if c.detail == "unit"]
+    assert units == [("winch", -1.0, None)]
     assert "actuator 'winch': that -1 in its command is 1 m" in lost
     assert "actuator 'servo': a servo that pushes" in lost
     assert any("'speed' on joint:h (gain 5, 0, 0; bias 0, 0, -5)" in line for line in lost)

@@ -208,8 +208,13 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
         first, second = one, other
         if plain_name(one.target) != plain_name(other.target):
             first, second = _on_joint(one, a), _on_joint(other, b)
+        alone = _of_one_format(one, other) if a.format != b.format else ()
+        for name in alone:
+            p, q = (motor.rig.get(name) for motor in (one, other))
+            if p != q:
+                yield Finding("actuator", one.name, (p, q), name, lambda robot: robot, 1.0, True)
         found = _motor_differences(first, second, turns, urdf)
-        yield from _beyond_mjcf(one, other, alone=a.format != b.format)
+        found += _rig_differences(one, other, alone)
         if found:
             ours, theirs = ("; ".join(filter(None, words)) for words in zip(
                 *((p, q) for _, p, q, _ in found), strict=True
@@ -242,9 +247,6 @@ def _motor_differences(
         moved = float(np.linalg.norm(p.pose.translation - q.pose.translation))
         if p.part != q.part or moved > FRAMES or turned > FRAMES:
             found.append(("site", "", f"site {1e3 * moved:.4g} mm, {turned:.3g} apart", 1.0))
-    found += [
-        (name, f"{name} {p}", f"{name} {q}", size) for name, p, q, size in _rig_apart(one, other)
-    ]
     for field, values, size in told_apart(one.more, other.more, urdf=urdf):
         name = field.removeprefix("actuator_")
         ours, theirs = (_row(name, value) for value in values)
@@ -252,32 +254,27 @@ def _motor_differences(
     return found
 
 
-def _rig_apart(one: Motor, other: Motor) -> Iterator[tuple[str, str, str, float]]:
-    """Differing parts of two rigs: name, both values in words, and relative difference.
+def _rig_differences(
+    one: Motor, other: Motor, alone: tuple[str, ...]
+) -> Iterator[tuple[str, str, str, float]]:
+    """As `_motor_differences`, of two rigs; without the parts `alone`, which one format states.
 
     A winch's cable and its bounds are compared only if both are winches of one kind.
     """
     commands = [motor.rig.get("command", "force") for motor in (one, other)]
     if commands[0] != commands[1]:
-        yield "command", *commands, 1.0
+        yield "command", f"command {commands[0]}", f"command {commands[1]}", 1.0
     for name in TIMING if commands[0] != commands[1] else (*TIMING, *CABLE):
         p, q = (motor.rig.get(name, ABSENT.get(name, 0.0)) for motor in (one, other))
-        if (size := differ(p, q)) > SAME and name not in _unsaid_in_mjcf(one, other):
-            yield name, f"{p:.9g}", f"{q:.9g}", size
+        if (size := differ(p, q)) > SAME and name not in alone:
+            yield name, f"{name} {p:.9g}", f"{name} {q:.9g}", size
 
 
-def _unsaid_in_mjcf(one: Motor, other: Motor) -> tuple[str, ...]:
-    """The bound of a command's rate, and the lag before an integrator."""
-    driven = "velocity" in (one.rig.get("command"), other.rig.get("command"))
-    return ("rate", "lag") if driven else ("rate",)
-
-
-def _beyond_mjcf(one: Motor, other: Motor, *, alone: bool) -> Iterator[Finding]:
-    """Findings on the parts of a URDF's rig that MJCF cannot state, one-sided if `alone`."""
-    for name in _unsaid_in_mjcf(one, other):
-        p, q = (motor.rig.get(name) for motor in (one, other))
-        if p != q:
-            yield Finding("actuator", one.name, (p, q), name, lambda robot: robot, 1.0, alone)
+def _of_one_format(one: Motor, other: Motor) -> tuple[str, ...]:
+    """A URDF's rates and lags before an integrator, and the unit of an MJCF's winch."""
+    commands = one.rig.get("command"), other.rig.get("command")
+    lag = ("lag",) if "velocity" in commands else ()
+    return ("rate", *lag, *(("unit",) if commands[0] == commands[1] else ()))
 
 
 def _on_joint(motor: Motor, robot: Neutral) -> Motor:
