@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from softdyn import SetPoint, SoftModel
+from softdyn.validation import Log, Rig, simulate
+
 LINK = """<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="0.3"/>
 <inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>
 <visual><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.02 0.02"/></geometry></visual></link>"""
@@ -34,3 +39,14 @@ ARM = f"""<robot name="winched">{LINK.format(name="base")}
 <sensor name="gyro" type="gyro" link="tip"/>
 <sensor name="encoder" type="joint" joint="elbow"/>
 </softdyn></robot>"""
+
+
+def turns(model: SoftModel) -> Log:
+    """A run in which the two motors pull in turn."""
+
+    def law(state: object, reference: object) -> np.ndarray:
+        calls.append(1)
+        return np.array([20.0, 0.0] if len(calls) % 100 < 50 else [0.0, 15.0])
+
+    calls: list[int] = []
+    return simulate(model, law, SetPoint(np.zeros(3)), duration=0.4, rig=Rig(latency=0.002))

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import softdyn
 from softdyn import design
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
 from softdyn.view.server import Viewer
-from tests.support import ROOT
+from tests.support import ROOT, micro, rigged, winched
 from tests.support.arms import RUBBER, loaded
 from tests.support.browser import Browser, required
 
@@ -300,3 +302,49 @@ def test_a_skin_moves_with_the_joints(browser, tmp_path):
     browser.run("softdyn.tracks[0].figure.look(1, true)")
     assert all(browser.run(shown))
     assert not browser.run(f"{skin}.mesh.visible")
+
+
+SLACK = (
+    "softdyn.tracks[0].figure.cables.map("
+    "c => [c.name, c.material.opacity < 1 && c.hidden.opacity < 0.3])"
+)
+
+
+def tense(model, q, u):
+    """Whether every tendon has a tension, from sensors of the model at rest."""
+    sensors = tuple(Sensor(t.name, SensorKind.TENSION, tendon=t.name) for t in model.robot.tendons)
+    seen = softdyn.build(replace(model.robot, sensors=sensors))
+    found = seen.measure(seen.state(q, np.zeros(model.nv)), u)
+    return dict(zip(found.names, np.abs(found.values) > 1e-6, strict=True))
+
+
+def test_slack_cables_of_a_page_have_no_tension(browser, tmp_path):
+    """A winch's cable and a brace with a spring, along a run; a fixed tendon over followers."""
+    arm = softdyn.load(micro.write(tmp_path, winched.ARM))
+    log = winched.turns(arm)
+    gripper = rigged.slackened(softdyn.load(micro.write(tmp_path, micro.GRIPPER)))
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-0.5, 0.5, (12, gripper.nq))
+    none, y = np.zeros((len(q), gripper.nu)), np.zeros((len(q), 3))
+    moved = Track(0, frames(gripper, np.arange(12.0), q, none, y, y), "")
+    pages = (
+        (arm, replay(log, arm)),
+        (gripper, Page("gripper", (Figure.of(gripper),), (PlayedRun("", (moved,)),))),
+    )
+    for model, page in pages:
+        file = tmp_path / f"{model.name}.html"
+        page.save(file)
+        browser.open(file.as_uri() + "#pause")
+        shown = browser.run("softdyn.tracks[0].frames.map(f => Array.from(f))")
+        seen: dict[str, set[bool]] = {}
+        for frame in shown[:: max(1, len(shown) // 12)]:
+            browser.run(f"(softdyn.seek({frame[0]}), 1)")
+            at = np.array(frame[1 : 1 + model.nv]), np.array(frame[1 + model.nv :][: model.nu])
+            expected = tense(model, *at)
+            for name, slack in browser.run(SLACK):
+                assert slack != expected[name], (name, frame[0])
+                seen.setdefault(name, set()).add(slack)
+        assert {True, False} in seen.values()
+        if model is arm:
+            assert all(both == {True, False} for both in seen.values())
+        assert browser.console == []
