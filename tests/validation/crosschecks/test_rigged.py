@@ -17,7 +17,13 @@ from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind
 from softdyn.validation import Twin, crosscheck
 from softdyn.validation.crosschecks import crosscheck as judged
-from softdyn.validation.crosschecks.rigged import RIG_SCALES, RigMotion, quantities_of
+from softdyn.validation.crosschecks.rigged import (
+    RIG_SCALES,
+    RIG_TOLERANCES,
+    RigMotion,
+    quantities_of,
+)
+from tests.proof.crosschecks.random_robots import write_robot
 from tests.support import micro, rigged, winched
 from tests.support.command import command
 
@@ -69,6 +75,17 @@ def test_accelerometers_of_a_robot_with_followers(tmp_path: Path) -> None:
     found = errors(rigged.measured(softdyn.load(micro.write(tmp_path, micro.GRIPPER))))
     assert list(found) == ["tension", "sensors"]
     assert max(found.values()) < 1e-11
+
+
+def test_random_robots_with_random_rigs(tmp_path: Path) -> None:
+    followed = 0
+    for seed in range(1, 13):
+        model = rigged.random_rig(softdyn.load(write_robot(seed, tmp_path)), seed)
+        found = errors(model, seed=seed)
+        followed += "rigged" in found
+        assert all(found[name] < RIG_TOLERANCES[name] for name in found)
+        assert "sensors" in found
+    assert followed >= 2
 
 
 @pytest.mark.parametrize(
