@@ -424,9 +424,12 @@ class Live {
       () => this.often({do: "joints", x: this.joints.map(one => Number(one.range.value))})));
   }
   showInputs(u) {
+    // by hand the sliders keep the commands, because behind a rig other inputs act
+    const open = this.scene.mode == "play" && this.state.law == this.scene.open;
     u.forEach((value, i) => {
       const {name, range, value: out, full} = this.inputs[i];
-      if (document.activeElement != range) range.value = Math.cbrt(value / full);
+      const said = open ? this.state.inputs[i] ?? value : value;
+      if (document.activeElement != range) range.value = Math.cbrt(said / full);
       name.style.borderColor = css(scaled(value / full));
       out.value = digits(value);
     });
