@@ -12,11 +12,11 @@ from tornado.websocket import websocket_connect
 
 import softdyn
 from softdyn.controllers import SoftIdClfQp
-from softdyn.validation import paper
+from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
-from tests.support import SCRIPTS
+from tests.support import SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 
 pytestmark = required()
@@ -275,3 +275,19 @@ def test_sliders_explore_rests(other, tmp_path):
     y = model.state(np.array([0, 0.5, 0, 0]), np.zeros(4)).y
     np.testing.assert_allclose(tip, y, atol=1e-5)
     assert page.console == []
+
+
+def test_sliders_keep_the_commands_while_a_lag_acts(other, tmp_path):
+    """Behind a rig, open loop: the sliders show what was asked for, the numbers what acts."""
+    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    with play(model, rig=Rig(lag=1000.0)) as live:
+        other.open(live.url)
+        other.until("softdyn.leads && softdyn.frames > 5")
+        other.run('(softdyn.say({do: "inputs", u: [0, 7.5]}), 1)')
+        other.until("softdyn.state.inputs[1] == 7.5 && softdyn.frames > 20")
+        part = "Array.from(document.querySelectorAll('#inputs {}'), e => Number(e.value))"
+        asked = np.array(other.run(part.format("input"))) ** 3 * 60
+        acting = other.run(part.format("output"))
+        np.testing.assert_allclose(asked, [0.0, 7.5], atol=1e-6)
+        assert max(acting) < 5.0
+        assert other.console == []
