@@ -30,6 +30,8 @@ class MujocoTerms:
         and actuators that no input drives do nothing.
     states : StateMap
         The convention map from the model's states to the twin's.
+    drives : bool
+        Whether servos and lags stay, which are else replaced by forces.
 
     Attributes
     ----------
@@ -39,7 +41,7 @@ class MujocoTerms:
         Mass of all moving bodies (kg).
     """
 
-    def __init__(self, twin: Twin | Scene, states: StateMap) -> None:
+    def __init__(self, twin: Twin | Scene, states: StateMap, *, drives: bool = False) -> None:
         self.states = states
         self._model = copy.copy(twin.model)
         self._body, self._point = twin.task
@@ -48,7 +50,8 @@ class MujocoTerms:
         driven = twin.inputs[self._model.actuator_ctrladr].any(axis=1)
         idle = np.setdiff1d(np.flatnonzero(~driven), self._slack)
         self._model.actuator_gainprm[idle] = self._model.actuator_biasprm[idle] = 0.0
-        as_forces(self._model, np.flatnonzero(driven))
+        if not drives:
+            as_forces(self._model, np.flatnonzero(driven))
         self._data = mujoco.MjData(self._model)
         off = disabled(limits=False, contacts=False, friction=False)
         off |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)

@@ -82,7 +82,7 @@ class RigTerms(MujocoTerms):
 
     def __init__(self, model: SoftModel, robot: Robot, timestep: float) -> None:
         twin = Twin(robot, limits=False, rig=True, timestep=timestep)
-        super().__init__(twin, StateMap(model, twin))
+        super().__init__(twin, StateMap(model, twin), drives=True)
         self._twin = copy.copy(twin)  # with the model and data of the terms
         self._twin.model, self._twin.data = self._model, self._data
         self._readings = Readings(self._twin, 0)

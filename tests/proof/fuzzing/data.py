@@ -175,15 +175,14 @@ def read_log(data: bytes, path: Path) -> str:
     with np.load(path) as file:
         about = json.loads(str(file["about"]))
         arrays = {name: file[name] for name in SHAPES}
-    log.report()
-    log.summary()
-    log.save(path)
+    log.report(), log.summary(), log.save(path)
     again = Log.load(path)
     for name, value in arrays.items():
         for read in (log, again):
             if not _same_bytes(getattr(read, name), value):
                 return name
-    about |= {name: tuple(about.get(name, ())) for name in ("joint_names", "sensor_names")}
+    for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):
+        about[name] = tuple(about.get(name, ()))
     about["source"] = LoggedRobot(**about["source"])
     for name in about.keys() - {"format"}:
         for read in (log, again):

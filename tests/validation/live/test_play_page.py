@@ -285,6 +285,7 @@ def test_sliders_keep_the_commands_while_a_lag_acts(other, tmp_path):
         other.until("softdyn.leads && softdyn.frames > 5")
         other.run('(softdyn.say({do: "inputs", u: [0, 7.5]}), 1)')
         other.until("softdyn.state.inputs[1] == 7.5 && softdyn.frames > 20")
+        other.until("Number(document.querySelectorAll('#inputs input')[1].value) > 0")  # next frame
         part = "Array.from(document.querySelectorAll('#inputs {}'), e => Number(e.value))"
         asked = np.array(other.run(part.format("input"))) ** 3 * 60
         acting = other.run(part.format("output"))

@@ -231,7 +231,9 @@ def test_options_stand_in_the_place_of_a_file_s(folder: Path) -> None:
 
 def test_a_file_comes_before_a_name(folder: Path) -> None:
     assert len(read_sweep("periods").robots) == 3
-    with pytest.raises(InputError, match="horizon, periods, robustness, set_points, got neither"):
+    with pytest.raises(
+        InputError, match="periods, robustness, set_points, got neither"
+    ):
         read_sweep("perods")
     Path("periods").write_text(ONE)
     assert read_sweep("periods").robots == ("finger",)
@@ -240,7 +242,7 @@ def test_a_file_comes_before_a_name(folder: Path) -> None:
     assert str(shipped()["horizon"]) in done.out
     done = command("sweep")
     assert (done.code, done.out) == (2, "")
-    assert done.err.startswith("error: FILE: expected a TOML file, or one of horizon, periods")
+    assert done.err.startswith("error: FILE: expected a TOML file, or one of horizon, noise")
 
 
 # -- the table of all cases ------------------------------------------------------------------------

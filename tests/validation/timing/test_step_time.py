@@ -107,8 +107,9 @@ def test_parts_and_floor(finger, states):
         assert (found.law > 0).all()
         assert (found.engine > 0).all()
         solves = name != "ic"
-        assert ((found.solve > 0) == solves).all()
-        assert ((found.native > 0) == solves).all()
+        if name not in BEYOND:  # those polish their guess, often without ProxQP
+            assert ((found.solve > 0) == solves).all()
+            assert ((found.native > 0) == solves).all()
         row = found.row()
         parts = row["dynamics_us"] + row["assembly_us"] + row["solve_us"]
         assert parts == pytest.approx(row["median_us"], rel=0.5)
