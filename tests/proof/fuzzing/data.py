@@ -175,12 +175,13 @@ def read_log(data: bytes, path: Path) -> str:
     with np.load(path) as file:
         about = json.loads(str(file["about"]))
         arrays = {name: file[name] for name in SHAPES}
-    log.report(), log.summary(), log.save(path)
+    log.report()
+    log.summary()
+    log.save(path)
     again = Log.load(path)
     for name, value in arrays.items():
-        for read in (log, again):
-            if not _same_bytes(getattr(read, name), value):
-                return name
+        if not all(_same_bytes(getattr(read, name), value) for read in (log, again)):
+            return name
     for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):
         about[name] = tuple(about.get(name, ()))
     about["source"] = LoggedRobot(**about["source"])

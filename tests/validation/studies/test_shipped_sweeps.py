@@ -231,9 +231,7 @@ def test_options_stand_in_the_place_of_a_file_s(folder: Path) -> None:
 
 def test_a_file_comes_before_a_name(folder: Path) -> None:
     assert len(read_sweep("periods").robots) == 3
-    with pytest.raises(
-        InputError, match="periods, robustness, set_points, got neither"
-    ):
+    with pytest.raises(InputError, match="periods, robustness, set_points, got neither"):
         read_sweep("perods")
     Path("periods").write_text(ONE)
     assert read_sweep("periods").robots == ("finger",)
