@@ -22,7 +22,7 @@ them, and the residuals give the intervals.
 - `rewrite`: the robot's file with the new numbers.
 """
 
-from softdyn.identification.data import MAX_ROWS as MAX_ROWS
+from softdyn.csv_columns import MAX_ROWS as MAX_ROWS
 from softdyn.identification.data import Measurements as Measurements
 from softdyn.identification.data import read_csv as read_csv
 from softdyn.identification.output_error import Fit as Fit

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +9,10 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from softdyn.checks import array, did_you_mean, in_degrees, instances, length, whole
+from softdyn.csv_columns import columns, numbers, once
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, errors_in
-from softdyn.files import as_path, read_bytes
 
-MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
-UNIT = re.compile(r"\s*\(([^()]*)\)$")  # the unit after a column's name, as in a log's CSV
-UNITS = {"t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",)}
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
 BESIDE = ("v.", "target.", "command.", "acting.", "measured.", "q_seen.", "v_seen.")
 AXES = ("x", "y", "z")
@@ -205,30 +200,18 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     """
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     known = ("t", *inputs, *output_names(model))
-    try:
-        lines = read_bytes(as_path("path", path), MAX_BYTES).decode("utf-8-sig").splitlines()
-        rows = [row for _, row in zip(range(MAX_ROWS + 2), csv.reader(lines), strict=False)]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(str(path), "a CSV file", error) from None
-    rows = [row for row in rows if row]
-    if len(rows) > MAX_ROWS + 1:
-        raise InputError(str(path), f"at most {MAX_ROWS} rows", "more")
-    titles = [title.strip() for title in rows[0]] if rows else []
-    header = [_without_unit(path, title) for title in titles]
-    if rows:  # other columns of a log are no measurements
-        kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
-        rows = [[row[k] for k in kept] if len(row) == len(header) else row for row in rows]
-        header = [header[k] for k in kept]
+    titles, header, rows = columns(path)
+    # other columns of a log are no measurements
+    kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
+    header = [header[k] for k in kept]
     for name in header:
         if name not in known:
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z or length.TENDON, of this robot"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
-    for name in ("t", *inputs):
-        if header.count(name) != 1:
-            raise InputError(str(path), f"one column {name}", f"{header.count(name)} of them")
+    once(path, header, ("t", *inputs))
     if len(set(header)) < len(header):
         raise InputError(str(path), "each column once", "one that is there twice")
-    table = np.array([_numbers(path, header, k, row) for k, row in enumerate(rows[1:], 2)])
+    table = numbers(path, header, [[row[k] for k in kept] for row in rows])
     column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
     outputs = tuple(name for name in known[1 + len(inputs) :] if name in header)
     if not outputs or not column:
@@ -250,27 +233,3 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         expected = f"seconds, or the title t (s) where samples are {step:g} s apart"
         raise InputError(f"{path}: column t", expected, f"steps of {step:g}: milliseconds?")
     return data
-
-
-def _without_unit(path: str | Path, title: str) -> str:
-    """A column's name; a unit in its title has to be the one that the numbers are read in."""
-    name, found = UNIT.sub("", title), UNIT.search(title)
-    units = UNITS.get(name.partition(".")[0])
-    if found and units and found[1] not in units:
-        raise InputError(f"{path}: header", f"{name} in {' or '.join(units)}", repr(title))
-    return name
-
-
-def _numbers(path: str | Path, header: list[str], line: int, row: list[str]) -> list[float]:
-    if len(row) != len(header):
-        raise InputError(f"{path}:{line}", f"{len(header)} cells", f"{len(row)}")
-    values = []
-    for name, text in zip(header, row, strict=True):
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise InputError(f"{path}:{line}: column {name}", "a finite number", repr(text))
-        values.append(value)
-    return values
