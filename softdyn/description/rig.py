@@ -90,9 +90,14 @@ class Actuator:
         return max(self.gear * self.lower, self.gear * self.upper) > 0
 
     @property
+    def ideal(self) -> Actuator:
+        """The same actuator as a force that acts at once."""
+        return Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+
+    @property
     def is_ideal(self) -> bool:
         """Whether the input is a force that acts at once."""
-        return self == Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+        return self == self.ideal
 
     def __repr__(self) -> str:
         """Name the five required fields, and the others if they differ from an ideal actuator.
@@ -100,7 +105,7 @@ class Actuator:
         `Robot.digest` uses this text. Ideal robots therefore keep their digest when a field is
         added.
         """
-        ideal = Actuator(self.name, self.tendon, self.gear, self.lower, self.upper)
+        ideal = self.ideal
         words = (
             f"{part.name}={getattr(self, part.name)!r}"
             for i, part in enumerate(fields(self))

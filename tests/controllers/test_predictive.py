@@ -12,8 +12,7 @@ from softdyn.controllers import Mpc
 from softdyn.controllers.predictive.rest_target import RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.validation import paper, simulate
-from softdyn.validation.loop.signal_path import SignalPath
-from softdyn.validation.twin.twin import Twin
+from softdyn.validation.twin.rig import Rig
 from tests.support import predictive
 from tests.support.control_cases import robot
 from tests.support.predictive import KNOTS
@@ -61,10 +60,9 @@ def test_the_filter_halves_noise_of_the_position_and_a_tenth_of_the_velocity_is_
 @pytest.mark.parametrize(("lag", "delay"), [(0.05, 0.0), (0.0, 0.005), (0.02, 0.012)])
 def test_known_lag_and_delay_cost_nothing_at_the_end(lag: float, delay: float) -> None:
     model = robot("finger")
-    path = SignalPath(lag=lag, delay=delay)
     log = simulate(
         model, Mpc(model, lag=lag, delay=delay), paper.set_point("finger", 1.25), duration=3,
-        twin=path.between(Twin),
+        rig=Rig(lag=lag, delay=delay),
     )  # fmt: skip
     assert np.linalg.norm(log.error[-1]) < 5e-4
     assert log.fallbacks == log.not_solved == 0

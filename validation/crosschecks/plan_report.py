@@ -17,10 +17,9 @@ from softdyn.controllers.predictive.plan import Plan, make_plan
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.statics import StaticsError
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.tables import Table
-from softdyn.validation.twin.twin import Twin
+from softdyn.validation.twin.rig import Rig
 
 CM = 100.0  # per metre
 ROWS = 16  # of the table, spread over the path
@@ -141,7 +140,7 @@ def plan_report(
     controller = Mpc(model, lag=lag, delay=delay, targets=targets)
     log = simulate(
         model, _Planned(controller, plan), SetPoint(goal), q0=start.q, duration=seconds,
-        twin=SignalPath(delay=delay, lag=lag).between(Twin),
+        rig=Rig(delay=delay, lag=lag, file=False),
     )  # fmt: skip
     force = float(np.abs(statics.residual(model, target.q, target.u)).max())
     return PlanReport(plan, force, log)

@@ -7,9 +7,8 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatchmethod
-from inspect import signature
 from time import perf_counter_ns
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +18,16 @@ from softdyn.controllers.controller import guard_of
 from softdyn.exceptions import one_line
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
-from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
-from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.state_map import StateMap
-from softdyn.validation.twin.twin import SimulationError, Twin
+from softdyn.validation.twin.twin import SimulationError
 from softdyn.view.live import messages
 from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP, Limits, Message
 from softdyn.view.scene import Figure
 
-T = TypeVar("T")
 Make = Callable[[SoftModel], Any]
 KNOWN = (*registry.CONTROLLERS.values(), *registry.BEYOND.values())
 # of the robot's length: the pull by the mouse does not grow beyond this distance
@@ -110,8 +106,8 @@ class Session:
         target: Any = None,
         rig: Rig | str | None = None,
     ) -> None:
-        self.model, self._menu, self._wanted = model, dict(menu), rig_of(rig)
-        self._rig: RiggedPlant | None = None
+        self.model, self._menu = model, dict(menu)
+        self._wanted = rig_of(rig) or Rig(file=False)
         self.period = setup_of(model).period if period is None else period
         self._grid = TimeGrid.plan(self.period, self.period)
         size = Figure.of(model).size
@@ -128,13 +124,10 @@ class Session:
         self._hand: Hand | None = None
         self._ghost: Ghost | None = None
         self._law: Any = None
-        self._inner: Any = None
         self._by_hand = self._u = self._zero
         self._V = np.nan
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
-        self._plant, self._map, self._rig = self._built(
-            self._mismatch, *self._at_rest(), 0.0, self._zero
-        )
+        self._rig, self._map = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
         self._state = model.state(*self._q_v())
         if target is None:
             target = self._state.y
@@ -176,8 +169,8 @@ class Session:
     @_do.register
     def _(self, message: messages.Mismatch) -> None:
         plant = self._built(message, *self._q_v(), self.t, self._u)
-        self._law = self._connected(self._inner, message)
-        self._plant, self._map, self._rig = plant
+        self._begin(self._law)
+        self._rig, self._map = plant
         self._mismatch = message
         self.shown.mismatch = asdict(message)
 
@@ -210,8 +203,8 @@ class Session:
     @_do.register
     def _(self, _message: messages.Reset) -> None:
         plant = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
-        self._law = self._connected(self._inner, self._mismatch)
-        self._plant, self._map, self._rig = plant
+        self._begin(self._law)
+        self._rig, self._map = plant
         self._release()
         if self._ghost is not None:
             self._ghost = self._new_ghost()
@@ -235,15 +228,14 @@ class Session:
     @property
     def t(self) -> float:
         """Simulated time (s)."""
-        return self._plant.time
+        return self._rig.twin.time
 
     def step(self) -> float:
         """Run one control period; return the time of its control step (µs)."""
         began = perf_counter_ns()
         try:
-            self._state = seen = self.model.state(*self._q_v())
-            if self._rig is not None:
-                seen = self._rig.see(seen)
+            self._state = self.model.state(*self._q_v())
+            seen = self._rig.see(self._state)
             if self._law is None:
                 self._u = self._by_hand
             else:
@@ -265,8 +257,7 @@ class Session:
         state = self._state
         values: dict[str, Any] = {
             "t": self.t, "q": self.model.coordinates(state.q), "y": state.y,
-            "u": self._u if self._rig is None else self._rig.acting,
-            "y_ref": self._reference.y, "V": self._V,
+            "u": self._rig.acting, "y_ref": self._reference.y, "V": self._V,
         }  # fmt: skip
         if hand is not None:
             values |= {"force": hand.force, "point": hand.point}
@@ -281,8 +272,8 @@ class Session:
         steps = self._grid.substeps
         try:
             if self._hand is not None:
-                self._hand.pull(self._plant)
-            (self._rig or self._plant).advance(self._u, steps)
+                self._hand.pull(self._rig.twin)
+            self._rig.advance(self._u, steps)
         except SimulationError as error:
             self._fault(f"the plant stopped: {error.reason}")
             return
@@ -300,39 +291,29 @@ class Session:
         return self._rest, np.zeros(self.model.nv)
 
     def _q_v(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._map.from_twin(self._plant.data.qpos, self._plant.data.qvel)
+        return self._map.from_twin(self._rig.twin.data.qpos, self._rig.twin.data.qvel)
 
     def _built(
         self, said: messages.Mismatch, q: np.ndarray, v: np.ndarray, t: float, u: np.ndarray
-    ) -> tuple[Twin, StateMap, RiggedPlant | None]:
-        """A new plant in a given state; behind a rig the input u has been held for long."""
-        rig = None
-        if self._wanted is None:
-            options = _part(PlantErrors, said).options()
-            make = _part(SignalPath, said).between(options.pop("twin"))
-            twin = make(self.model.robot, timestep=self._grid.timestep, **options)
-        else:
-            wanted = _changed(self._wanted, said)
-            rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep)
-            twin = rig.twin
-        states = StateMap(self.model, twin)
+    ) -> tuple[RiggedPlant, StateMap]:
+        """A new plant in a given state, whose input u has been held for long."""
+        wanted = _changed(self._wanted, said)
+        rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep)
+        states = StateMap(self.model, rig.twin)
         try:
-            twin.set_state(*states.to_twin(q, v), t)
+            rig.twin.set_state(*states.to_twin(q, v), t)
         except SimulationError as error:
             raise InputError("state", "one that MuJoCo can start from", error.reason) from None
-        if rig is not None:
-            rig.start(self.model.state(q, v), u)
-        return twin, states, rig
+        rig.start(self.model.state(q, v), u)
+        return rig, states
 
     def _choose(self, name: str) -> None:
-        inner = None
-        if name != OPEN_LOOP:
-            inner = self._made(name)
-        law = self._connected(inner, self._mismatch)
+        law = None if name == OPEN_LOOP else self._made(name)
+        self._begin(law)
         if name == OPEN_LOOP:
             self._by_hand = self._u
             self.shown.inputs = self._u.tolist()
-        self._inner, self._law, self._guard = inner, law, guard_of(inner, self.model)
+        self._law, self._guard = law, guard_of(law, self.model)
         self._V = np.nan
         self.shown.law, self.shown.notice = name, ""
 
@@ -347,23 +328,19 @@ class Session:
             return law
 
         if make in KNOWN:
-            first = self._connected(made(None), messages.Mismatch())
+            first = made(None)
+            self._begin(first)
             first(self._state, self._reference)
         return made(make)
 
-    def _connected(self, inner: Any, said: messages.Mismatch) -> Any:
-        """A controller behind its signal path, after a reset."""
-        if inner is None:
-            return None
-        path = SignalPath() if self._wanted is not None else _part(SignalPath, said)
-        law = path.around(inner, self.period)
+    def _begin(self, law: Any) -> None:
+        """Reset a controller, if it can be reset."""
         if hasattr(law, "reset"):
             law.reset(self.period)
-        return law
 
     def _release(self) -> None:
         self._hand = None
-        self._plant.data.xfrc_applied[:] = 0.0
+        self._rig.twin.data.xfrc_applied[:] = 0.0
 
     def _new_ghost(self) -> Ghost:
         return Ghost(self.model, *self._q_v(), self._grid.timestep)
@@ -378,9 +355,3 @@ def _changed(rig: Rig, said: messages.Mismatch) -> Rig:
     )
     signals = {name: getattr(said, name) for name in ("delay", "noise") if getattr(said, name) > 0}
     return replace(rig, plant=plant, **signals)
-
-
-def _part(cls: Callable[..., T], said: messages.Mismatch) -> T:
-    """An object of `cls` from the fields that it shares with a message."""
-    names = signature(cls).parameters
-    return cls(**{name: value for name, value in asdict(said).items() if name in names})

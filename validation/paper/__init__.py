@@ -3,6 +3,7 @@
 - `paper_qps`: CLF-QP, ID-CLF-QP, Soft ID-CLF-QP, IC-QP, IC, UIC as the paper prints them;
 - `solvers`: quadprog, SCS through cvxpy; the least-norm minimiser;
 - `reference_laws`: these controllers with the deviations of the reference implementation;
+- `altered_states`: states as the reference implementation computes them;
 - `reproduction`: how the reference implementation differs from the paper, change by change;
 - `one_step`: errors of that emulation against recorded runs, one step at a time;
 - `certificates`: V along the paper's runs, and the zero dynamics.

@@ -161,7 +161,7 @@ def inputs(record: RecordedRun, case: Case, model: SoftModel) -> tuple[np.ndarra
     """Inputs of the emulated controller (steps, nu), and the distance of its targets (m)."""
     plan = case.experiment(model)
     law = case.law(case.controller, model) if case.law else make_controller(case.controller, model)
-    law = case.signals.around(law, plan.period)
+    law = case.around(law) if case.around else law
     answers, far = np.zeros_like(record.u), 0.0
     for k in range(len(answers)):
         at = plan.reference(k * plan.period)

@@ -16,12 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, State
+from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.loop.signal_path import View
 from softdyn.validation.paper import reference_laws
+from softdyn.validation.paper.altered_states import (
+    AlteredStates,
+    Stale,
+    View,
+    always,
+    no_coriolis,
+    wrong_sign,
+)
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark_table import benchmark_cells
 from softdyn.validation.studies.engine import executors
@@ -36,49 +43,6 @@ TITLES = (
     "Experiment", "Robot", "Controller", "SP (cm)", "SP, ours", "SP, paper", "TT (cm²)",
     "TT, ours", "TT, paper", "Failed runs",
 )  # fmt: skip
-
-
-def seen(state: State, **changes: Any) -> State:
-    """A read-only copy of `state` with other terms; `C` and `g` can be replaced, too."""
-    own: dict[str, Any] = {name: changes.pop(name) for name in ("C", "g") if name in changes}
-    for value in (*changes.values(), *own.values()):
-        value.flags.writeable = False
-    copy = replace(state, **changes)
-    vars(copy).update(own)
-    return copy
-
-
-def wrong_sign(state: State) -> State:
-    """Springs and dampers enter h with the wrong sign, so that they are doubled, not cancelled."""
-    return seen(state, K=-state.K, D=-state.D, h=state.bias - state.D @ state.v - state.K)
-
-
-def no_coriolis(state: State) -> State:
-    """C = 0, and g is the whole bias C q̇ + g."""
-    return seen(state, C=np.zeros_like(state.M), g=np.array(state.bias))
-
-
-class Stale:
-    """M, bias and passive forces are one control step old; J, B and the tip are current."""
-
-    def __init__(self) -> None:
-        self._last: State | None = None
-
-    def __call__(self, state: State) -> State:
-        """The state that the controller sees instead of `state`."""
-        last, self._last = self._last or state, state
-        passive = last.h - last.bias
-        return seen(
-            state,
-            M=np.array(last.M), bias=np.array(last.bias), h=np.array(last.h),
-            K=passive - state.D @ state.v,  # then D q̇ + K is the old passive force
-            g=np.array(last.g), C=np.array(last.C),
-        )  # fmt: skip
-
-
-def always(view: View) -> View:
-    """A factory for a view without memory."""
-    return view
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +108,10 @@ class Change:
         A description of one line.
     robots, controllers : tuple of str
         The robots and controllers with which it runs by default.
-    case, plant, signals : mapping
-        The fields that differ, of the `Case`, its `PlantErrors` and its `SignalPath`.
-    views : tuple
-        Factories of views, added to those of the `SignalPath`.
+    case, plant : mapping
+        The fields that differ, of the `Case` and its `PlantErrors`.
+    views, late
+        Fields of `AlteredStates`.
     law : str
         The option of `reference_laws` for the controller: "exact" (QPs solved by Goldfarb–Idnani,
         three task rows), "angular" (the same with three more rows for the tip's angular velocity),
@@ -163,8 +127,8 @@ class Change:
     controllers: tuple[str, ...] = PAPER
     case: Mapping[str, Any] = field(default_factory=dict)
     plant: Mapping[str, Any] = field(default_factory=dict)
-    signals: Mapping[str, Any] = field(default_factory=dict)
     views: tuple[Callable[[], View], ...] = ()
+    late: bool = False
     law: str = ""
     gains: Mapping[str, float] = field(default_factory=dict)
     hulls: bool = False
@@ -204,7 +168,7 @@ CHANGES = {
     "shifted": Change(
         "the same ellipse shifted, as in its last versions", case={"target": shifted_target}
     ),
-    "late": Change("the first control step gives zero input", signals={"late": True}),
+    "late": Change("the first control step gives zero input", late=True),
     "sampled": Change(
         "TT as the plain mean of every fifth sample, t = 0 included",
         case={"reference_sampling": True},
@@ -315,11 +279,12 @@ def changed(cell: Case, name: str, files: Path | None = None) -> Case:
     case, gains = cell, dict[str, float]()
     changes = parse(name, cell.robot)
     for change in changes:
-        views = (*case.signals.views, *change.views)
-        signals = replace(case.signals, **change.signals, views=views)
-        plant = replace(case.plant, **change.plant)
-        case = replace(case, **change.case, plant=plant, signals=signals)
+        case = replace(case, **change.case, plant=replace(case.plant, **change.plant))
         gains |= change.gains
+    views = tuple(view for change in changes for view in change.views)
+    late = any(change.late for change in changes)
+    if views or late:
+        case = replace(case, around=AlteredStates(views, late))
     if any(change.hulls for change in changes) and case.robot in HULLS:
         if files is None:
             raise InputError("files", "the reference's folder, which hulls needs", None)

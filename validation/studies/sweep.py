@@ -19,7 +19,6 @@ from softdyn.controllers.gains import from_table
 from softdyn.controllers.qps.horizon import default_horizon
 from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.labels import cell_title
-from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies import experiments
 from softdyn.validation.studies.engine import worker
@@ -44,8 +43,9 @@ TARGETS = {"theta": "set_point", "omega": "tracking", "point": "point"}
 NAMES = {kind: name for name, kind in TARGETS.items()}
 PARAMETERS = (*(f"{group}.{name}" for group in GROUPS for name in GROUPS[group]), "ellipse_scale")
 NOMINAL = "none"  # the name of the case without a change
+IDEAL = Rig(file=False)
 SHARE = "horizon_per_eps"  # of [gains]
-IN_MS = ("gains.horizon", "plant.period", "signals.delay", "signals.lag", "rig.delay", "rig.lag")
+IN_MS = ("gains.horizon", "plant.period", "rig.delay", "rig.lag", "rig.latency")
 
 
 def inputs(case: Case) -> dict[str, Any]:
@@ -69,10 +69,8 @@ def parameter(case: Case, name: str) -> Any:
         return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
     if group == "plant":
         return getattr(case if key in TIMES else case.plant, key)
-    if group == "signals":
-        return getattr(case.signals, key)
     if group == "rig":
-        value = case.rig is not None if key == "file" else getattr(case.rig, key, None)
+        value = getattr(case.rig or IDEAL, key)
         return getattr(value, "value", value)
     if name in NAMES.values():
         return case.value if NAMES[case.kind] == name else None
@@ -97,7 +95,7 @@ class Sweep:
     targets : tuple of Axis
         One axis per kind of target in the file.
     axes : tuple of Axis
-        Gains, plant, signals and the ellipse, in the file's order.
+        Gains, plant, rig and the ellipse, in the file's order.
     samples, seed : int
         Number of random samples (None without) and their seed.
     logs : bool
@@ -263,9 +261,7 @@ class Sweep:
         self, robot: str, controller: str, kind: str, target: Any, values: dict[str, Any],
         sample: int | None,
     ) -> Case:  # fmt: skip
-        groups: dict[str, dict[str, Any]] = {
-            group: {} for group in ("gains", "plant", "signals", "rig", "")
-        }
+        groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
         for name, value in values.items():
             group, _, key = name.rpartition(".")
             groups[group][key] = value
@@ -279,8 +275,7 @@ class Sweep:
             ),
             period=times.get("period"),
             plant=PlantErrors(**plant),
-            signals=SignalPath(**groups["signals"]),
-            rig=Rig(**groups["rig"]) if groups["rig"].pop("file", bool(groups["rig"])) else None,
+            rig=Rig(**{"file": False, **groups["rig"]}) if groups["rig"] else None,
             annotations=self.annotations.get(robot),
             sample=sample,
             **groups[""],

@@ -25,7 +25,7 @@ from softdyn.validation.studies.sweep_values import Axis, Check, ValueReader
 
 OVERLAYS, BEYOND = "annotations", "statics_beyond_cm"
 KEYS = (
-    "robots", "controllers", "targets", "gains", "plant", "signals", "rig", "ellipse_scale",
+    "robots", "controllers", "targets", "gains", "plant", "rig", "ellipse_scale",
     "changes", "samples", "logs", "figure", "rows", "means", "must_not_fail", BEYOND,
 )  # fmt: skip
 
@@ -61,7 +61,17 @@ def read_sweep(name: str | Path, instead: Mapping[str, Any] | None = None) -> Sw
             raise InputError(str(name), expected, "neither")
         path, folder = known[str(name)], Path()
     said = {key: value for key, value in (instead or {}).items() if value is not None}
-    return _Reader(path, read_toml(path), folder, said).sweep()
+    table = read_toml(path)
+    for one in (table, *_tables(table.get("changes"))):
+        if "signals" in one and "rig" not in one:  # their name in older files
+            one["rig"] = one.pop("signals")
+    return _Reader(path, table, folder, said).sweep()
+
+
+def _tables(table: Any) -> list[dict[str, Any]]:
+    """The tables in a table."""
+    inner = table.values() if isinstance(table, dict) else ()
+    return [one for one in inner if isinstance(one, dict)]
 
 
 class _Reader(ValueReader):

@@ -31,7 +31,9 @@ RESULTS = (
 UNITS = {
     "gains.Kp": "1/s²", "gains.eps": "s", "gains.null_damping": "1/s",
     "plant.period": "s", "plant.duration": "s", "plant.timestep": "s",
-    "plant.dry_friction": "N m or N", "signals.noise": "m",
+    "plant.dry_friction": "N m or N", "plant.payload": "kg",
+    "rig.delay": "s", "rig.lag": "s", "rig.latency": "s", "rig.noise": "m", "rig.bias": "m",
+    "rig.stiffness": "N/m", "rig.damping": "N s/m",
     "theta": "π rad", "omega": "π rad/s",
 }  # fmt: skip
 SYMBOLS = {"theta": "θ", "omega": "ω"}

@@ -108,10 +108,10 @@ GROUPS: dict[str, dict[str, Check]] = {
         "dry_friction": not_negative, "cable_friction": not_negative, "pull_friction": not_negative,
         "soft_stops": flag,
     },
-    "signals": {"delay": not_negative, "lag": not_negative, "noise": not_negative},
     "rig": {
         "file": flag, "command": command, "stiffness": positive, "damping": not_negative,
-        "lag": not_negative, "delay": not_negative, "noise": not_negative, "latency": not_negative,
+        "lag": not_negative, "rate": positive, "delay": not_negative, "latency": not_negative,
+        "noise": not_negative, "bias": not_negative,
     },
 }  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -68,11 +70,11 @@ class Readings:
     ----------
     twin : Twin
         A twin made with ``rig=True``.
-    seed : int
+    seed : int or sequence of int
         Seed of the noise.
     """
 
-    def __init__(self, twin: Twin, seed: int) -> None:
+    def __init__(self, twin: Twin, seed: int | Sequence[int]) -> None:
         self._twin, self.sensors = twin, twin.robot.sensors
         self.names = component_names(self.sensors)
         self._random = np.random.default_rng(seed)

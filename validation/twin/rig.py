@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
-from softdyn.checks import did_you_mean, number, whole
+from softdyn.checks import did_you_mean, instance, number, whole
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.robot import Robot
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -21,17 +20,22 @@ from softdyn.validation.twin.readings import Readings, command_units, component_
 from softdyn.validation.twin.twin import Twin
 
 FROM_FILE = "file"
+# numbers of random streams beside the noise of q and q̇
+BIAS_STREAM, SENSOR_STREAM = 1, 2
 
 
 @dataclass(frozen=True)
 class Rig:
-    """The rig of a run: that of the robot's file, and what is different from it.
+    """The rig of a run: that of the robot's file or an ideal one, and what is different from it.
 
     Attributes
     ----------
     lag, delay : float, optional
         Time constant (s) and delay (s) of all inputs; the file's by default. The twin rounds a
-        delay up to whole plant steps.
+        delay up to whole plant steps. Before the first command arrives, the input is zero, or the
+        one nearest to it within the bounds.
+    rate : float, optional
+        Largest rate of change of all commands, in their unit per second; the file's by default.
     command : str or CommandKind, optional
         ``force``, ``length`` or ``velocity``, the command of all inputs; the file's by default.
     stiffness, damping : float, optional
@@ -44,10 +48,15 @@ class Rig:
         Noise of the q and q̇ that the controller sees, given by its effect on the tip: the root
         mean square (m) of ‖J δq‖ at q = 0. Each joint's standard deviation is the same share of its
         range (of 1 rad or 1 m without limits). The noise of q̇ is that of q over one period.
+    bias : float
+        Constant error of the q that the controller sees: one draw of a noise of this size (m).
     latency : float
         Age (s) of the q and q̇ that the controller sees, rounded to whole control periods.
     seed : int
-        Seed of all noise.
+        Seed of all noise, and of the bias.
+    file : bool
+        Whether the robot's file has the values that are not given. Otherwise they are those of an
+        ideal rig: forces that act at once, no sensors.
 
     Raises
     ------
@@ -57,20 +66,26 @@ class Rig:
 
     lag: float | None = None
     delay: float | None = None
+    rate: float | None = None
     command: CommandKind | str | None = None
     stiffness: float | None = None
     damping: float | None = None
     sensors: tuple[Sensor, ...] | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     noise: float = 0.0
+    bias: float = 0.0
     latency: float = 0.0
     seed: int = 0
+    file: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("lag", "delay", "stiffness", "damping", "noise", "latency"):
+        for name in ("lag", "delay", "stiffness", "damping", "noise", "bias", "latency"):
             if getattr(self, name) is not None:
                 number(name, getattr(self, name), lower=0.0)
+        if self.rate is not None:
+            number("rate", self.rate, above=0.0)
         whole("seed", self.seed, lower=0)
+        instance("file", self.file, bool, "true or false")
         if self.command is not None:
             words = [kind.value for kind in CommandKind]
             if not isinstance(self.command, CommandKind) and self.command not in words:
@@ -101,15 +116,17 @@ class Rig:
         """
         changes: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("lag", "delay", "command", "stiffness", "damping")
+            for name in ("lag", "delay", "rate", "command", "stiffness", "damping")
             if getattr(self, name) is not None
         }
-        actuators = tuple(replace(actuator, **changes) for actuator in robot.actuators)
+        said = robot.actuators if self.file else tuple(a.ideal for a in robot.actuators)
+        actuators = tuple(replace(actuator, **changes) for actuator in said)
         for actuator in actuators:
             if actuator.is_winch and (actuator.stiffness <= 0 or actuator.pushes):
                 expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
                 raise InputError("command", expected, repr(self.command))
-        sensors = robot.sensors if self.sensors is None else tuple(self.sensors)
+        sensors = robot.sensors if self.file else ()
+        sensors = sensors if self.sensors is None else tuple(self.sensors)
         return replace(robot, actuators=actuators, sensors=sensors)
 
 
@@ -123,34 +140,25 @@ def _known(cls: type, table: Any, prefix: str = "") -> dict[str, Any]:
     return dict(table)
 
 
-class Noise:
-    """A view of q and q̇ with normal noise; see `Rig`.
+class _Errors:
+    """Noise and bias of the q and q̇ that a controller sees; see `Rig`."""
 
-    Parameters
-    ----------
-    effect : float
-        Root mean square of the tip's displacement at q = 0 (m).
-    period : float
-        Control period (s).
-    seed : int
-        Seed of the noise.
-    """
-
-    def __init__(self, effect: float, period: float, seed: int) -> None:
-        self._effect, self._period = effect, period
-        self._random = np.random.default_rng(seed)
-        self._deviation: np.ndarray | None = None
+    def __init__(self, rig: Rig, model: SoftModel, period: float) -> None:
+        span = model.upper - model.lower
+        span = np.where(np.isfinite(span), span, 1.0)
+        J = model.state(model.q0, np.zeros(model.nv)).J
+        effect = float(np.linalg.norm(J * span))
+        self._deviation, self._period = span * rig.noise / effect, period
+        draw = np.random.default_rng((rig.seed, BIAS_STREAM)).normal(size=model.nv)
+        self._bias = span * rig.bias / effect * draw
+        self._random = np.random.default_rng(rig.seed)
 
     def __call__(self, state: State) -> State:
         """The state that the controller sees instead of `state`."""
         model = state.model
-        if self._deviation is None:
-            span = model.upper - model.lower
-            span = np.where(np.isfinite(span), span, 1.0)
-            J = model.state(model.q0, np.zeros(model.nv)).J
-            self._deviation = span * self._effect / float(np.linalg.norm(J * span))
         dq, dv = self._deviation * self._random.normal(size=(2, model.nv))
-        return model.state(model.integrate(state.q, dq), state.v + dv / self._period)
+        q = model.integrate(state.q, dq + self._bias)
+        return model.state(q, state.v + dv / self._period)
 
 
 def check_rig(own: object, twin: object) -> None:
@@ -208,7 +216,7 @@ class RiggedPlant:
             if name != "twin":
                 options[name] = options.get(name, False) or value
         self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
-        self.readings = Readings(self.twin, rig.seed)
+        self.readings = Readings(self.twin, (rig.seed, SENSOR_STREAM))
         self._winches, self._period = Winches(model, robot.actuators), period
         self._speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
         step = self.twin.model.opt.timestep
@@ -219,7 +227,7 @@ class RiggedPlant:
             for a, speed in zip(robot.actuators, self._speeds, strict=True)
         ])  # fmt: skip
         self._plain = bool(np.isinf(self._most).all() and not self._kept.any())
-        self._noise = Noise(rig.noise, period, rig.seed + 1) if rig.noise > 0 else None
+        self._errors = _Errors(rig, model, period) if rig.noise > 0 or rig.bias > 0 else None
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
 
@@ -248,12 +256,12 @@ class RiggedPlant:
         """The state that the controller sees instead of `state`."""
         self._past.append(state)
         late = self._past[0]
-        self._seen = late if self._noise is None else self._noise(late)
+        self._seen = late if self._errors is None else self._errors(late)
         return self._seen
 
     def sample(self) -> tuple[np.ndarray, np.ndarray]:
         """The inputs (nu,) that act now, as forces, and the sensors' readings (k,)."""
-        mujoco.mj_forward(self.twin.model, self.twin.data)
+        self.twin.refresh()
         return self.acting, self.readings()[0]
 
     @property

@@ -211,7 +211,13 @@ class Twin:
             if model.actuator_actadr[k] >= 0:
                 integrates = model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_INTEGRATOR
                 data.act[model.actuator_actadr[k]] = (lengths if integrates else commands)[k]
-        mujoco.mj_forward(model, data)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Compute the derived quantities of the present state; the next step is not changed."""
+        start = self.data.qacc_warmstart.copy()
+        mujoco.mj_forward(self.model, self.data)
+        self.data.qacc_warmstart[:] = start
 
     @property
     def free_lengths(self) -> np.ndarray:

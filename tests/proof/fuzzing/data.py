@@ -234,7 +234,7 @@ def read_sweep(data: bytes, path: Path) -> str:
     path.write_bytes(data)
     sweep = sweep_file.read_sweep(path)
     table = tomllib.loads(data.decode())
-    groups = {group: table.get(group, {}) for group in ("gains", "plant", "signals")}
+    groups = {group: table.get(group, {}) for group in ("gains", "plant", "rig")}
     said = {f"{group}.{name}" for group, values in groups.items() for name in values}
     said = said - {"plant.shorter_periods"} | {"ellipse_scale"} & set(table)
     checks = {

@@ -230,7 +230,7 @@ def test_a_mismatch_delays_the_inputs_and_blurs_the_tip(model, chosen):
         for _ in range(40):
             tips.append(model.state(*session._q_v()).y)
             session.step()
-            acted.append(round(100 * session._plant.data.ctrl[0] / model.u_max[0]))
+            acted.append(round(100 * session._rig.acting[0] / model.u_max[0]))
         assert acted == [0, 0, 0, *range(1, 38)]
         blur = np.linalg.norm(np.array(own.seen) - tips, axis=1)
         assert 0.7e-4 < np.sqrt(np.mean(blur**2)) < 1.3e-4
@@ -311,7 +311,7 @@ def test_the_page_s_differences_change_the_rig(arm):
     session.apply(m.Mismatch(mass=1.5, delay=0.05, noise=1e-3))
     np.testing.assert_array_equal(session._q_v(), before)
     assert session.t == pytest.approx(0.4)
-    assert session._plant.model.body_mass.sum() == pytest.approx(
+    assert session._rig.twin.model.body_mass.sum() == pytest.approx(
         3.0 * Twin(arm).model.body_mass.sum()
     )
     assert session._rig.twin.robot.actuators[0].delay == 0.05
@@ -332,11 +332,12 @@ def test_play_takes_a_rig_from_the_command_line(arm, tmp_path):
     file = tmp_path / "rig.toml"
     file.write_text("latency = 0.008\n[plant]\npayload = 0.02\n", encoding="utf-8")
     path = str(arm.robot.path)
-    for words, payload in (([], None), (["--rig"], 0.0), (["--rig", str(file)], 0.02)):
+    expected = (([], False, 0.0), (["--rig"], True, 0.0), (["--rig", str(file)], True, 0.02))
+    for words, of_file, payload in expected:
         arguments = play.parser.parse_args([path, OPEN_LOOP, *words])
         session = play.make_session(arguments)
-        found = None if session._wanted is None else session._wanted.plant.payload
-        assert found == payload
+        wanted = session._wanted
+        assert (wanted.file, wanted.plant.payload) == (of_file, payload)
 
 
 def test_a_watched_run_with_a_rig_shows_its_plant_and_what_acts(arm):

@@ -126,7 +126,7 @@ def test_a_law_s_own_record_is_met(tmp_path):
     case, model = changed(cell, name), softdyn.load("helix")
     plan, make = case.experiment(model), case.plant.options()
     twin = make.pop("twin")(model.robot, timestep=period, **make)
-    law = case.signals.around(case.law("ic", model), period)
+    law = case.around(case.law("ic", model))
     rows = []
     for k in range(6):
         q, v = twin.qpos, twin.qvel

@@ -17,18 +17,15 @@ from softdyn.controllers.gains import PUBLISHED
 from softdyn.controllers.registry import make_controller
 from softdyn.validation import Log, StateMap, Twin, paper
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
-from softdyn.validation.loop.signal_path import Linked
 from softdyn.validation.paper import reproduction
+from softdyn.validation.paper.altered_states import Linked, Stale, no_coriolis, wrong_sign
 from softdyn.validation.paper.paper_qps import clf_qp
 from softdyn.validation.paper.reference_laws import AngularTask, Differenced, make_law
 from softdyn.validation.paper.reproduction import (
     CHANGES,
     REFERENCE,
-    Stale,
     changed,
-    no_coriolis,
     parse,
-    wrong_sign,
 )
 from softdyn.validation.paper.solvers import optional
 from softdyn.validation.studies.engine import case as engine

@@ -16,7 +16,6 @@ import pytest
 import softdyn
 from softdyn import InputError
 from softdyn.controllers.gains import PUBLISHED
-from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.studies import paper_tuning, study_targets, sweep_report
 from softdyn.validation.studies.engine import distribution
 from softdyn.validation.studies.engine.case import Case
@@ -25,6 +24,7 @@ from softdyn.validation.studies.engine.executors import run_all
 from softdyn.validation.studies.sweep import Sweep
 from softdyn.validation.studies.sweep_file import read_sweep, shipped
 from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.rig import Rig
 from tests.support.command import Done, command
 from tests.support.sweeps import OWN, PENDULUM
 
@@ -69,13 +69,13 @@ PLANTS = {
     "soft stops": PlantErrors(soft_stops=True),
     "contacts, soft stops": PlantErrors(contacts=True, soft_stops=True),
 }  # fmt: skip
-SIGNALS = {
-    "5 ms delay": SignalPath(delay=0.005),
-    "1 mm noise": SignalPath(noise=0.001),
-    "actuators lag 10 ms": SignalPath(lag=0.01),
-    "actuators lag 50 ms": SignalPath(lag=0.05),
-    "lag 50 ms, assumed 25 ms": SignalPath(lag=0.05),
-    "lag 50 ms, assumed 100 ms": SignalPath(lag=0.05),
+RIGS = {
+    "5 ms delay": Rig(file=False, delay=0.005),
+    "1 mm noise": Rig(file=False, noise=0.001),
+    "actuators lag 10 ms": Rig(file=False, lag=0.01),
+    "actuators lag 50 ms": Rig(file=False, lag=0.05),
+    "lag 50 ms, assumed 25 ms": Rig(file=False, lag=0.05),
+    "lag 50 ms, assumed 100 ms": Rig(file=False, lag=0.05),
 }
 # what `best` is told of its actuators
 ASSUMED = {
@@ -84,7 +84,7 @@ ASSUMED = {
     "lag 50 ms, assumed 100 ms": {"lag": 0.1},
 }  # fmt: skip
 ORDER = [
-    "none", "ellipse x 0.7", *[*PLANTS][:12], *SIGNALS, *[*PLANTS][12:], "one plant step a period"
+    "none", "ellipse x 0.7", *[*PLANTS][:12], *RIGS, *[*PLANTS][12:], "one plant step a period"
 ]  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def test_robustness_is_one_change_at_a_time() -> None:
         f"finger/best/{change}/{title}": Case(
             "finger", "best", kind, value, period=0.005, duration=duration,
             timestep=0.005 if change == "one plant step a period" else 0.0005,
-            plant=PLANTS.get(change, PlantErrors()), signals=SIGNALS.get(change, SignalPath()),
+            plant=PLANTS.get(change, PlantErrors()), rig=RIGS.get(change),
             parameters=ASSUMED.get(change), ellipse_scale=0.7 if change == "ellipse x 0.7" else 1.0,
         )
         for change in ORDER
@@ -274,7 +274,7 @@ targets.point = [0.1, 0, -0.17]
 duration = 0.3
 [changes]
 "stiffness {{}}" = {{ gains.stiffness = [1, -2] }}
-"late" = {{ signals = {{ delay = 0.002, lag = 0.01 }}, plant.mass = 1.1 }}
+"late" = {{ rig = {{ delay = 0.002, lag = 0.01 }}, plant.mass = 1.1 }}
 """
 
 
@@ -294,8 +294,8 @@ def test_the_command_prints_the_table_and_judges(folder: Path) -> None:
     with Path("out/sweep.csv").open() as file:
         table = list(csv.DictReader(file))
     assert [row["gains.stiffness"] for row in table] == ["", "1.0", "-2.0", ""]
-    assert [(row["mass"], row["signals.delay"]) for row in table][-2:] == [
-        ("1.0", "0.0"), ("1.1", "0.002"),
+    assert [(row["mass"], row["rig.delay"]) for row in table][-2:] == [
+        ("1.0", ""), ("1.1", "0.002"),
     ]  # fmt: skip
     assert sweep("stiffness -2").code == 1
 
@@ -324,14 +324,16 @@ MISUSES = [
     ("plant.mass = 0", "plant.mass: expected a finite number > 0, got 0"),
     ("plant.timestep = -inf", "plant.timestep: expected a finite number > 0"),
     ("plant.shorter_periods = 0", "plant.shorter_periods: expected a finite number > 0, got 0"),
-    ("signals.dely = 1", "signals.dely: expected one of delay, lag, noise, got an unknown key"),
-    ("signals.delay = -1", "signals.delay: expected a finite number >= 0, got -1"),
-    ("signals = 1", "signals: expected a table [signals], got 1"),
+    ("rig.dely = 1", "rig.dely: expected one of file, command, stiffness, damping, lag,"),
+    ("rig.delay = -1", "rig.delay: expected a finite number >= 0, got -1"),
+    ("rig.rate = 0", "rig.rate: expected a finite number > 0, got 0"),
+    ("rig = 1", "rig: expected a table [rig], got 1"),
+    ("signals.delay = 0.1\nrig.lag = 0.1", "signals: expected one of robots,"),
     ("ellipse_scale = 0", "ellipse_scale: expected a finite number > 0, got 0"),
     ("gains.horizon_per_eps = 1", "gains.horizon_per_eps: expected one of Kp"),
     ("changes = 1", "changes: expected a table [changes], got 1"),
     ("changes.a = 1", "changes.a: expected a table of parameters, got 1"),
-    ("changes.a = { mass = 1 }", "changes.a.mass: expected one of gains, plant, signals"),
+    ("changes.a = { mass = 1 }", "changes.a.mass: expected one of gains, plant, rig"),
     ("changes.a = { plant.mas = 1 }", "changes.a.plant.mas: expected one of period"),
     ("changes.a = { plant.mass = 2 }", "rows: expected parameters that distinguish"),
     ("changes.a = { plant.mass = [1, 2] }", "changes.a: expected a unique name, with {}"),

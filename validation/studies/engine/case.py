@@ -17,7 +17,6 @@ from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
-from softdyn.validation.loop.signal_path import SignalPath
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
@@ -50,8 +49,6 @@ class Case:
         Control period, length of the run, plant step (s). A step of ``inf`` means one per period.
     plant : PlantErrors
         Differences between plant and model.
-    signals : SignalPath
-        Delay, lag and noise between plant and controller.
     rig : Rig, optional
         The rig between controller and plant; its plant is that of this case.
     ellipse_scale : float
@@ -64,6 +61,8 @@ class Case:
         (robot, the paper's experiment) → another reference for the tip.
     law : Callable[[str, SoftModel], Any], optional
         (controller, model) → a controller that replaces the one of that name.
+    around : Callable[[Any], Any], optional
+        Controller → the controller that runs in its place.
     reference_sampling : bool
         Whether the mean squared error is the plain mean over every fifth control step, t = 0
         included, as in the reference implementation.
@@ -82,13 +81,13 @@ class Case:
     duration: float | None = None
     timestep: float | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
-    signals: SignalPath = field(default_factory=SignalPath)
     rig: Rig | None = None
     ellipse_scale: float = 1.0
     nudge: float = 0.0
     draw: tuple[int, int] | None = None
     target: Callable[[str, Experiment], Callable[[float], Reference]] | None = None
     law: Callable[[str, SoftModel], Any] | None = None
+    around: Callable[[Any], Any] | None = None
     reference_sampling: bool = False
     annotations: str | None = None
     sample: int | None = None
@@ -135,15 +134,14 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     """
     experiment = case.experiment(model)
     controller = case.law(case.controller, model) if case.law else make()
+    controller = case.around(controller) if case.around else controller
     step, options = case.timestep, case.plant.options()
-    if case.rig is None:
-        options["twin"] = case.signals.between(options["twin"])
-    else:
+    if case.rig is not None:
         options = {"rig": replace(case.rig, plant=case.plant)}
     with one_line_errors(case.controller, "a command"):
         return simulate(
             model,
-            case.signals.around(controller, experiment.period),
+            controller,
             experiment,
             duration=case.duration,
             timestep=None if step is None else min(step, experiment.period),

@@ -31,17 +31,14 @@ NOISE_SEEDS = 1000  # seeds of the noise between two seeds of an ensemble
 
 def is_noisy(case: Case) -> bool:
     """Whether the controller sees noisy states."""
-    return (case.signals if case.rig is None else case.rig).noise > 0
+    return case.rig is not None and case.rig.noise > 0
 
 
 def members(case: Case, count: int, seed: int) -> list[Case]:
     """Copies of a case with `count` random starts of this seed, or with as many other noises."""
-    if is_noisy(case):
+    if case.rig is not None and is_noisy(case):
         first = NOISE_SEEDS * seed + 1
-        seeds = range(first, first + count)
-        if case.rig is not None:
-            return [replace(case, rig=replace(case.rig, seed=k)) for k in seeds]
-        return [replace(case, signals=replace(case.signals, seed=k)) for k in seeds]
+        return [replace(case, rig=replace(case.rig, seed=k)) for k in range(first, first + count)]
     return [replace(case, nudge=NUDGE, draw=(seed, k)) for k in range(count)]
 
 

@@ -35,7 +35,7 @@ def fingerprint(case: Case, *parts: Any) -> str:
     InputError
         The file of shapes cannot be read.
     """
-    calls = case.law or case.target or case.signals.views
+    calls = case.law or case.target or case.around
     if case.plant.shapes is not None:
         parts = (*parts, content(case.plant.shapes))
     everything = (case, *parts, code(), _hash_of(CALLED) if calls else "")
