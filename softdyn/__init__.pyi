@@ -1,4 +1,4 @@
-from . import commands, controllers, design, identification, statics, validation
+from . import commands, controllers, design, identification, statics, tasks, validation
 from ._version import __version__
 from .description.library import bundled_names
 from .description.robot import Robot
@@ -36,5 +36,6 @@ __all__ = [
     "reduce",
     "show",
     "statics",
+    "tasks",
     "validation",
 ]

@@ -85,6 +85,17 @@ def moved_bodies(model: pin.Model) -> np.ndarray:
     return moves
 
 
+def joint_tree(model: pin.Model) -> np.ndarray:
+    """For each degree of freedom the body that it moves first, and the body before: (nv, 2).
+
+    A joint's first degree of freedom adds to the twist of the parent's body, its others to that of
+    its own body.
+    """
+    bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
+    before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
+    return np.column_stack((bodies, before)).astype(int)
+
+
 class Memory(NamedTuple):
     """The results of Pinocchio's algorithms in a Data, as the kernels read them.
 

@@ -13,7 +13,14 @@ from softdyn.compiled import COMPILES
 from softdyn.description.robot import Robot
 from softdyn.dynamics import kernels
 from softdyn.dynamics.coordinates import Coordinates
-from softdyn.dynamics.engine import BASE, Scratch, build_engine, free_joint, moved_bodies
+from softdyn.dynamics.engine import (
+    BASE,
+    Scratch,
+    build_engine,
+    free_joint,
+    joint_tree,
+    moved_bodies,
+)
 from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tendons import compile_tendons
 from softdyn.exceptions import InputError
@@ -72,9 +79,8 @@ class TreeModel(SoftModel):
         model.armature = self.armature.copy()
         self._scratch = Scratch(model)
 
-        # the joint of each degree of freedom
-        self._bodies = [j for j in range(1, model.njoints) for _ in range(model.nvs[j])]
-        first = [model.idx_qs[j] + k - model.idx_vs[j] for k, j in enumerate(self._bodies)]
+        bodies = joint_tree(model)[:, 0].tolist()
+        first = [model.idx_qs[j] + k - model.idx_vs[j] for k, j in enumerate(bodies)]
         continuous = np.array([joint.kind == "continuous" for joint in ordered])
         self.chart = Coordinates(self.nq, np.array(first), continuous, robot.floating)
         self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
@@ -104,10 +110,9 @@ class TreeModel(SoftModel):
 
     def _pack(self, moves: np.ndarray) -> None:
         """Pack the arguments of the State's kernel in as few arrays as possible."""
-        model, tendons, bodies = self.pin_model, self.tendons, self._bodies
+        model, tendons = self.pin_model, self.tendons
         tip, offset = self._anchor(self.robot.task, np.zeros(3))
-        # a joint's first degree of freedom adds to the parent's twist, its others to its own body's
-        before = [model.parents[j] if j not in bodies[:k] else j for k, j in enumerate(bodies)]
+        bodies, before = joint_tree(model).T.tolist()
         beyond = [model.idx_vs[j] + self.pin_data.nvSubtree[j] for j in bodies]
         constants = kernels.Constants(
             tip=tip,

@@ -1,0 +1,172 @@
+"""Tasks of a link's frame: a point, an orientation, a pose, a direction.
+
+All errors, targets and rates are in the world's axes; see `rotations` for those of angles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import array
+from softdyn.dynamics.model import State
+from softdyn.exceptions import InputError
+from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
+from softdyn.tasks.rotations import SERIES, axis_terms, orientation_terms, pose_terms
+from softdyn.tasks.targets import Target
+from softdyn.tasks.task import Task, TaskError, check_target, unit
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTask(Task):
+    """A task of a link's frame.
+
+    Attributes
+    ----------
+    link : str
+        The link.
+    """
+
+    link: str
+
+    suffix = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.link, str):
+            raise InputError("link", "the name of a link", repr(self.link))
+        if not self.name:
+            object.__setattr__(self, "name", self.link + self.suffix)
+        super().__post_init__()
+
+    def motion(self, state: State, point: tuple[float, ...] = (0.0, 0.0, 0.0)) -> LinkMotion:
+        """The motion of the link's frame, moved to a point of the link."""
+        return LinkKinematics.of(state.model)(state, self.link, point)
+
+
+@dataclass(frozen=True, eq=False)
+class PointTask(FrameTask):
+    """A point of a link at a point of the world: e = p - p_r (m). Its name is the link's.
+
+    Attributes
+    ----------
+    point : array_like, (3,)
+        The point in the link's frame (m).
+    """
+
+    point: Any = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        point = tuple(array("point", self.point, (3,)).tolist())
+        object.__setattr__(self, "point", point)
+        super().__post_init__()
+
+    @property
+    def takes_plain(self) -> bool:
+        """True: a plain `Reference` is a point's target."""
+        return True
+
+    def evaluate(self, state: State, target: Any) -> TaskError:
+        """Error against a `Reference`, or a `Target` of shape (3,)."""
+        check_target(self, target, (3,), "a point")
+        at = self.motion(state, self.point)
+        return TaskError(
+            at.position - target.y,
+            at.velocity[:3] - target.ydot,
+            at.jacobian[:3],
+            at.drift[:3] - target.yddot,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class OrientationTask(FrameTask):
+    """A link's axes along given ones: e = log₃(R R_rᵀ) (rad). Its name is LINK.orientation."""
+
+    suffix = ".orientation"
+
+    def evaluate(self, state: State, target: Any) -> TaskError:
+        """Error against a `Target` of shape (3, 3), a rotation with its ω and ω̇."""
+        check_target(self, target, (3, 3), "a rotation")
+        at = self.motion(state)
+        found = _empty(3, state)
+        orientation_terms(
+            at.rotation, at.jacobian[3:], at.velocity[3:], at.drift[3:],
+            target.y, target.ydot, target.yddot, SERIES, *found,
+        )  # fmt: skip
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTask(FrameTask):
+    """A frame of a link at a given pose: log₆ about the target's origin. Its name is LINK.pose.
+
+    Attributes
+    ----------
+    point : array_like, (3,)
+        Origin of the frame in the link's (m).
+    """
+
+    point: Any = (0.0, 0.0, 0.0)
+
+    suffix = ".pose"
+
+    def __post_init__(self) -> None:
+        point = tuple(array("point", self.point, (3,)).tolist())
+        object.__setattr__(self, "point", point)
+        super().__post_init__()
+
+    def evaluate(self, state: State, target: Any) -> TaskError:
+        """Error (6,), translation first, against a `Target` of shape (4, 4)."""
+        check_target(self, target, (4, 4), "a pose")
+        at = self.motion(state, self.point)
+        found = _empty(6, state)
+        pose_terms(
+            at.rotation, at.position, at.jacobian, at.velocity, at.drift,
+            target.y, target.ydot, target.yddot, SERIES, *found,
+        )  # fmt: skip
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class AxisTask(FrameTask):
+    """A direction of a link along one of the world, free to turn about it. Its name is LINK.axis.
+
+    The error (rad) is the shortest turn from the target to the direction. Of its three rows two are
+    independent.
+
+    Attributes
+    ----------
+    axis : array_like, (3,)
+        The direction in the link's frame. Without a target in the reference, the same numbers are
+        the direction in the world.
+    """
+
+    axis: Any
+
+    suffix = ".axis"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis", unit("axis", self.axis))
+        if self.target is None:
+            object.__setattr__(self, "target", Target(self.axis))
+        super().__post_init__()
+
+    def evaluate(self, state: State, target: Any) -> TaskError:
+        """Error against a `Target` of shape (3,), a unit vector with its two rates."""
+        check_target(self, target, (3,), "a direction")
+        if not abs(target.y @ target.y - 1) < 1e-6:
+            expected = "a unit vector"
+            raise InputError(f"target of {self.name!r}", expected, repr(target.y.tolist()))
+        at = self.motion(state)
+        found = _empty(3, state)
+        axis_terms(
+            at.rotation @ self.axis, at.jacobian[3:], at.velocity[3:], at.drift[3:],
+            target.y, target.ydot, target.yddot, *found,
+        )  # fmt: skip
+        return found
+
+
+def _empty(rows: int, state: State) -> TaskError:
+    values = np.empty((3, rows))
+    return TaskError(values[0], values[1], np.empty((rows, len(state.v))), values[2])

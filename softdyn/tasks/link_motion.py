@@ -1,0 +1,215 @@
+"""Motion of points and frames of any link at a State: pose, Jacobian, velocity and J̇ q̇.
+
+Joint Jacobian columns are S_k = (v_k; ω_k) about the world's origin, as in
+`softdyn.dynamics.kernels`. A body has the twist (V; W) = Σ S_k q̇_k and, at q̈ = 0, the acceleration
+(a; α) = Σ Ṡ_k q̇_k over the joints that move it. For a point p of the body follows
+
+    ṗ = V + W × p,    J̇ q̇ = a + α × p + W × ṗ.
+
+A State has no kinematics of its links but the tip's. They are computed when a task first needs
+them, and kept for the last State of each thread.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from softdyn.checks import did_you_mean
+from softdyn.compiled import compiled
+from softdyn.dynamics.engine import joint_tree, moved_bodies
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.exceptions import InputError
+
+
+class LinkMotion(NamedTuple):
+    """Motion of a frame at a State; everything in the world's axes.
+
+    Attributes
+    ----------
+    rotation : ndarray, (3, 3)
+        R, from the link's axes to the world's.
+    position : ndarray, (3,)
+        p (m).
+    jacobian : ndarray, (6, n)
+        ∂(ṗ, ω)/∂q̇: linear rows first.
+    velocity : ndarray, (6,)
+        (ṗ, ω) (m/s, rad/s).
+    drift : ndarray, (6,)
+        J̇ q̇, the acceleration (p̈, ω̇) at q̈ = 0.
+    """
+
+    rotation: np.ndarray
+    position: np.ndarray
+    jacobian: np.ndarray
+    velocity: np.ndarray
+    drift: np.ndarray
+
+
+class _Bodies(NamedTuple):
+    """Kinematics of all bodies of a tree at a State, in arrays of their own."""
+
+    S: np.ndarray  # (n, 6)
+    rotations: np.ndarray  # (bodies, 3, 3)
+    translations: np.ndarray  # (bodies, 3)
+    twists: np.ndarray  # (bodies, 6)
+    accelerations: np.ndarray  # (bodies, 6)
+
+
+class _Place(NamedTuple):
+    """A frame of a link in the moving body that carries it."""
+
+    body: int
+    moves: np.ndarray  # (n,) of bool: the degrees of freedom that move it
+    rotation: np.ndarray  # (3, 3)
+    offset: np.ndarray  # (3,)
+
+
+class LinkKinematics:
+    """Motions of the links of one model.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    """
+
+    def __init__(self, model: SoftModel) -> None:
+        self._tree, self._S = underlying_tree(model)
+        self._moves = moved_bodies(self._tree.pin_model)
+        self._columns = joint_tree(self._tree.pin_model)
+        self._places: dict[tuple[str, tuple[float, ...]], _Place] = {}
+        self._last = threading.local()
+
+    @staticmethod
+    def of(model: SoftModel) -> LinkKinematics:
+        """The kinematics of `model`, made at the first call."""
+        known = vars(model)
+        if "_link_kinematics" not in known:
+            known["_link_kinematics"] = LinkKinematics(model)
+        found: LinkKinematics = known["_link_kinematics"]
+        return found
+
+    def __call__(
+        self, state: State, link: str, point: tuple[float, ...] = (0.0, 0.0, 0.0)
+    ) -> LinkMotion:
+        """The motion of a link's frame, moved to `point` (m) of the link.
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have.
+        """
+        place = self._places.get((link, point)) or self._find(link, point)
+        last = self._last
+        if getattr(last, "state", None) is not state:
+            last.bodies, last.state = self._bodies(state), state
+        bodies: _Bodies = last.bodies
+        rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
+        rates = np.empty((2, 6))
+        _frame(*bodies, *place, rotation, position, six, rates)
+        if self._tree.chart.floating:
+            position += _tree_configuration(state)[:3]
+        if self._S is not None:
+            six = six @ self._S
+        return LinkMotion(rotation, position, six, rates[0], rates[1])
+
+    def _bodies(self, state: State) -> _Bodies:
+        tree, v = self._tree, state.v if self._S is None else self._S @ state.v
+        columns = tree.joint_jacobian(_tree_configuration(state)).T
+        rotations, translations = tree.placements()
+        count, n = len(translations), len(v)
+        bodies = _Bodies(
+            np.empty((n, 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
+            np.zeros((count, 6)), np.zeros((count, 6)),
+        )  # fmt: skip
+        _kinematics(columns, rotations, translations, self._columns, np.array(v), *bodies)
+        return bodies
+
+    def _find(self, link: str, point: tuple[float, ...]) -> _Place:
+        names = [each.name for each in self._tree.robot.links]
+        if link not in names:
+            raise InputError("link", f"a link of {self._tree.name!r}", did_you_mean(link, names))
+        model: Any = self._tree.pin_model
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        body, placement = frame.parentJoint, frame.placement
+        place = _Place(
+            body,
+            np.ascontiguousarray(self._moves[:, body]),
+            np.array(placement.rotation, order="C"),
+            np.array(placement.act(np.array(point, float))),
+        )
+        self._places[link, point] = place
+        return place
+
+
+def _tree_configuration(state: State) -> np.ndarray:
+    model = state.model
+    return model.expand(state.q) if isinstance(model, Projection) else state.q
+
+
+@compiled
+def _kinematics(
+    columns, rotations_in, translations_in, tree, v,
+    S, rotations, translations, twists, accelerations,
+):  # fmt: skip
+    """Copy the engine's results; add the twists, and the accelerations at q̈ = 0."""
+    n = len(v)
+    for b in range(len(translations)):
+        for i in range(3):
+            translations[b, i] = translations_in[b, i]
+            for j in range(3):
+                rotations[b, i, j] = rotations_in[b, i, j]
+    for k in range(n):
+        for x in range(6):
+            S[k, x] = columns[k, x]
+            twists[tree[k, 0], x] = twists[tree[k, 1], x] + S[k, x] * v[k]
+    for k in range(n):
+        twist, rate = twists[tree[k, 0]], v[k]
+        vx, vy, vz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
+        a, b, c, d, e, f = S[k, 0], S[k, 1], S[k, 2], S[k, 3], S[k, 4], S[k, 5]
+        own, before = accelerations[tree[k, 0]], accelerations[tree[k, 1]]
+        own[0] = before[0] + rate * (wy * c - wz * b + vy * f - vz * e)
+        own[1] = before[1] + rate * (wz * a - wx * c + vz * d - vx * f)
+        own[2] = before[2] + rate * (wx * b - wy * a + vx * e - vy * d)
+        own[3] = before[3] + rate * (wy * f - wz * e)
+        own[4] = before[4] + rate * (wz * d - wx * f)
+        own[5] = before[5] + rate * (wx * e - wy * d)
+
+
+@compiled
+def _frame(
+    S, rotations, translations, twists, accelerations, body, moves, own, offset,
+    rotation, position, jacobian, rates,
+):  # fmt: skip
+    """Write the motion of a frame, its pose in its body given by `own` and `offset`."""
+    R, p = rotations[body], np.empty(3)
+    for i in range(3):
+        p[i] = translations[body, i]
+        for j in range(3):
+            p[i] += R[i, j] * offset[j]
+            rotation[i, j] = R[i, 0] * own[0, j] + R[i, 1] * own[1, j] + R[i, 2] * own[2, j]
+        position[i] = p[i]
+    for k in range(len(S)):
+        if moves[k]:
+            d, e, f = S[k, 3], S[k, 4], S[k, 5]
+            jacobian[0, k] = S[k, 0] + e * p[2] - f * p[1]
+            jacobian[1, k] = S[k, 1] + f * p[0] - d * p[2]
+            jacobian[2, k] = S[k, 2] + d * p[1] - e * p[0]
+            jacobian[3, k], jacobian[4, k], jacobian[5, k] = d, e, f
+        else:
+            for i in range(6):
+                jacobian[i, k] = 0.0
+    V, A = twists[body], accelerations[body]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rates[0, i] = V[i] + V[3 + j] * p[k] - V[3 + k] * p[j]
+        rates[0, 3 + i], rates[1, 3 + i] = V[3 + i], A[3 + i]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rates[1, i] = A[i] + A[3 + j] * p[k] - A[3 + k] * p[j]
+        rates[1, i] += V[3 + j] * rates[0, k] - V[3 + k] * rates[0, j]

@@ -1,0 +1,351 @@
+"""Targets of tasks, and references: callables t → target, for each kind, stacked by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import array, instance, length, number
+from softdyn.csv_columns import columns, numbers, once
+from softdyn.exceptions import InputError, errors_in
+from softdyn.files import as_path
+from softdyn.references import Reference
+from softdyn.tasks.rotations import log3
+
+ORTHONORMAL = 1e-6  # largest entry of RᵀR - I of a rotation
+TANGENT = {(3, 3): (3,), (4, 4): (6,)}  # shapes of rates, if not those of the value
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The desired motion of one task at one instant; calling it with t gives itself.
+
+    Attributes
+    ----------
+    y : array_like
+        A point, direction or vector of coordinates (k,), points (k, 3), a rotation (3, 3) or a pose
+        (4, 4); a rotation is made exactly orthonormal.
+    ydot, yddot : array_like, optional
+        Its rates, zero by default. Those of a rotation are ω and ω̇ (3,), those of a pose (ṗ, ω) and
+        (p̈, ω̇) (6,), in the world's axes.
+
+    Raises
+    ------
+    InputError
+        For a shape that is none of these, numbers that are not finite, or a matrix that is no
+        rotation or pose.
+    """
+
+    y: Any
+    ydot: Any = None
+    yddot: Any = None
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.y)
+        y = array("y", self.y, shape)
+        if shape in TANGENT:
+            y = _rigid(y)
+        elif not (len(shape) == 1 or (len(shape) == 2 and shape[1] == 3)):
+            expected = "a vector, points (k, 3), a rotation (3, 3) or a pose (4, 4)"
+            raise InputError("y", expected, f"shape {shape}")
+        object.__setattr__(self, "y", y)
+        tangent = TANGENT.get(shape, shape)
+        for name in ("ydot", "yddot"):
+            given = getattr(self, name)
+            value = array(name, np.zeros(tangent) if given is None else given, tangent)
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # arrays of a copy would be writable
+        return Target, (self.y, self.ydot, self.yddot)
+
+    def __call__(self, t: float) -> Target:
+        """The same target at every time: a set point."""
+        return self
+
+
+def _rigid(y: np.ndarray) -> np.ndarray:
+    """A rotation or a pose, its rotation the nearest orthonormal matrix."""
+    R = y[:3, :3]
+    off = float(np.abs(R.T @ R - np.eye(3)).max())
+    if not off < ORTHONORMAL or np.linalg.det(R) < 0:
+        raise InputError("y", "a rotation matrix, RᵀR = I and det R = 1", repr(y.tolist()))
+    if len(y) == 4 and not np.array_equal(y[3], (0, 0, 0, 1)):
+        raise InputError("y", "a pose with the last row 0 0 0 1", repr(y[3].tolist()))
+    U, _, Vt = np.linalg.svd(R)
+    nearest = y.copy()
+    nearest[:3, :3] = U @ Vt
+    nearest.flags.writeable = False
+    return nearest
+
+
+Motion = Callable[[float], Any]  # t (s) → Target or Reference
+
+
+class StackedReference(Reference):
+    """Targets of several tasks at one instant, by the tasks' names.
+
+    `y`, `ydot` and `yddot` are those of the first target that has a position: a `Reference` or a
+    pose. They are what logs and verdicts compare with the tip.
+
+    Parameters
+    ----------
+    targets : mapping
+        Task name → `Target` or `Reference`.
+
+    Attributes
+    ----------
+    targets : mapping
+        The same.
+
+    Raises
+    ------
+    InputError
+        For anything else, or if no target has a position.
+    """
+
+    targets: Mapping[str, Any]
+
+    def __init__(self, targets: Mapping[str, Any]) -> None:
+        held = dict(instance("targets", targets, Mapping, "a mapping of names to targets"))
+        place = None
+        for name, target in held.items():
+            if not isinstance(target, Target | Reference):
+                raise InputError(f"target of {name!r}", "a Target or a Reference", repr(target))
+            if place is None and (isinstance(target, Reference) or target.y.shape == (4, 4)):
+                place = target
+        if place is None:
+            got = ", ".join(held) or "none"
+            raise InputError("targets", "a target with a position: a SetPoint or a pose", got)
+        object.__setattr__(self, "targets", held)
+        if isinstance(place, Reference):
+            super().__init__(place.y, place.ydot, place.yddot)
+        else:
+            super().__init__(place.y[:3, 3], place.ydot[:3], place.yddot[:3])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StackedReference, (self.targets,)
+
+
+class References:
+    """References of several tasks: a callable t → `StackedReference`.
+
+    Parameters
+    ----------
+    motions : mapping
+        Task name → callable t → `Target` or `Reference`, such as `SetPoint`, `Ellipse`, `Target`,
+        `Waypoints`, `Turns`, `Poses` or an own one.
+
+    Raises
+    ------
+    InputError
+        For anything that cannot be called, or gives anything else at t = 0.
+    """
+
+    def __init__(self, motions: Mapping[str, Motion]) -> None:
+        self.motions = dict(instance("motions", motions, Mapping, "a mapping of names"))
+        for name, motion in self.motions.items():
+            if not callable(motion):
+                raise InputError(f"motion of {name!r}", "a callable t -> Target", repr(motion))
+        self(0.0)
+
+    def __call__(self, t: float) -> StackedReference:
+        """The targets at time `t` (s)."""
+        return StackedReference({name: motion(t) for name, motion in self.motions.items()})
+
+
+class Waypoints:
+    """A path of points, directions or coordinates through waypoints: a spline of degree five.
+
+    Rates and accelerations are continuous, and zero at both ends. Before the first and after the
+    last waypoint the path rests. With two waypoints it is the line of least jerk.
+
+    Parameters
+    ----------
+    times : array_like, (N,)
+        Increasing times (s), at least two.
+    values : array_like, (N, …)
+        The waypoints, each a `Target`'s `y`, but no rotation or pose. A path of points (N, 3)
+        gives a `Reference`.
+    unit : bool
+        Whether values are directions, which are made unit vectors all along the path.
+
+    Raises
+    ------
+    InputError
+        For other shapes, times that do not increase, or numbers that are not finite.
+    """
+
+    def __init__(self, times: Any, values: Any, *, unit: bool = False) -> None:
+        # it loads scipy.optimize, which no control step needs
+        from scipy.interpolate import make_interp_spline
+
+        self.times = _times(times)
+        shape = np.shape(values)
+        values = array("values", values, (len(self.times), *shape[1:]))
+        self._directions = bool(unit)
+        ends = [(k, np.zeros(values.shape[1:])) for k in (1, 2)]
+        self._spline = make_interp_spline(self.times, values, k=5, bc_type=(ends, ends))
+        self._rates = self._spline.derivative(), self._spline.derivative(2)
+
+    def __call__(self, t: float) -> Target | Reference:
+        """The target at time `t` (s)."""
+        t = number("t", t)
+        inside = self.times[0] <= t <= self.times[-1]
+        at = min(max(t, self.times[0]), self.times[-1])
+        y = self._spline(at)
+        ydot, yddot = (rate(at) if inside else np.zeros_like(y) for rate in self._rates)
+        if self._directions:
+            return Target(*_on_sphere(y, ydot, yddot))
+        return Reference(y, ydot, yddot) if y.shape == (3,) else Target(y, ydot, yddot)
+
+
+def _on_sphere(
+    y: np.ndarray, ydot: np.ndarray, yddot: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y / |y| and its two rates."""
+    size = float(np.linalg.norm(y))
+    if not size > 1e-9:
+        raise InputError("values", "directions that do not pass through zero", repr(y.tolist()))
+    d = y / size
+    growth = d @ ydot
+    rate = (ydot - growth * d) / size
+    second = (yddot - (rate @ ydot + d @ yddot) * d - 2 * growth * rate) / size
+    return d, rate, second
+
+
+class Turns:
+    """Orientations through waypoints: from each to the next about a fixed axis (slerp).
+
+    Along a turn the angle is the path of least jerk, so rates and accelerations are continuous, and
+    zero at each waypoint.
+
+    Parameters
+    ----------
+    times : array_like, (N,)
+        Increasing times (s), at least two.
+    rotations : array_like, (N, 3, 3)
+        The waypoints.
+
+    Raises
+    ------
+    InputError
+        As `Waypoints`, and for matrices that are no rotations.
+    """
+
+    def __init__(self, times: Any, rotations: Any) -> None:
+        self.times = _times(times)
+        given = array("rotations", rotations, (len(self.times), 3, 3))
+        self._corners = [_rigid(R) for R in given]
+        self._turns = []
+        for before, after in zip(self._corners, self._corners[1:], strict=False):
+            turn = np.empty(3)
+            log3(after @ before.T, turn)
+            self._turns.append(turn)
+
+    def __call__(self, t: float) -> Target:
+        """The rotation at time `t` (s), with ω and ω̇ in the world's axes."""
+        t = number("t", t)
+        k = int(np.clip(np.searchsorted(self.times, t, "right") - 1, 0, len(self._turns) - 1))
+        span = self.times[k + 1] - self.times[k]
+        x = min(max((t - self.times[k]) / span, 0.0), 1.0)
+        share = x * x * x * (10 - 15 * x + 6 * x * x)
+        rate = 30 * x * x * (1 - x) ** 2 / span
+        second = 60 * x * (1 - x) * (1 - 2 * x) / span**2
+        turn = self._turns[k]
+        return Target(exp3(share * turn) @ self._corners[k], rate * turn, second * turn)
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """A path of poses from one of points and one of orientations.
+
+    Attributes
+    ----------
+    points : Callable
+        t → a target of shape (3,), such as `SetPoint`, `Ellipse` or `Waypoints`.
+    rotations : Callable
+        t → a target of shape (3, 3), such as `Turns`, or a `Target`.
+    """
+
+    points: Motion
+    rotations: Motion
+
+    def __call__(self, t: float) -> Target:
+        """The pose at time `t` (s)."""
+        point, turn = self.points(t), self.rotations(t)
+        if np.shape(turn.y) != (3, 3) or np.shape(point.y) != (3,):
+            got = f"shapes {np.shape(point.y)} and {np.shape(turn.y)}"
+            raise InputError("pose", "a point (3,) and a rotation (3, 3)", got)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn.y, point.y
+        both = (np.concatenate((getattr(point, x), getattr(turn, x))) for x in ("ydot", "yddot"))
+        return Target(pose, *both)
+
+
+def exp3(turn: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) of a rotation vector (3,)."""
+    angle = math.sqrt(turn @ turn)
+    x, y, z = turn
+    K = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    half = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    rotation: np.ndarray = np.eye(3) + np.sinc(angle / np.pi) * K + half * K @ K
+    return rotation
+
+
+def _times(times: Any) -> np.ndarray:
+    found = array("times", times, (length("times", times),))
+    if len(found) < 2 or not (np.diff(found) > 0).all():
+        raise InputError("times", "two increasing times or more", repr(times))
+    return found
+
+
+def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns]:
+    """Paths of tasks from a CSV file, for `References`; its columns are ``t`` and those of tasks.
+
+    NAME.x, NAME.y and NAME.z are a point, NAME.rx, NAME.ry and NAME.rz a rotation vector (rad),
+    NAME.dx, NAME.dy and NAME.dz a direction, and NAME.0, NAME.1, … coordinates.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, columns that are none of these or not complete, entries that
+        are no numbers, or times that do not increase.
+    """
+    file = str(as_path("path", path))
+    _, names, rows = columns(file)
+    once(file, names, ["t", *(name for name in names if name != "t")])
+    if len(names) < 2 or len(rows) < 2:
+        raise InputError(file, "columns t, NAME.x … and two rows", f"{names}, {len(rows)} rows")
+    table = dict(zip(names, numbers(file, names, rows).T, strict=True))
+    with errors_in(file):
+        return _paths(file, table.pop("t"), table)
+
+
+def _paths(
+    file: str, times: np.ndarray, table: dict[str, np.ndarray]
+) -> dict[str, Waypoints | Turns]:
+    groups: dict[str, dict[str, np.ndarray]] = {}
+    for name, values in table.items():
+        task, _, part = name.rpartition(".")
+        groups.setdefault(task, {})[part] = values
+    found: dict[str, Waypoints | Turns] = {}
+    for task, parts in groups.items():
+        numbered = [str(k) for k in range(len(parts))]
+        for wanted in (["x", "y", "z"], ["rx", "ry", "rz"], ["dx", "dy", "dz"], numbered):
+            if task and set(parts) == set(wanted):
+                break
+        else:
+            expected = f"{task}.x .y .z, .rx .ry .rz, .dx .dy .dz or .0 .1 …"
+            raise InputError(file, expected, ", ".join(parts))
+        values = np.column_stack([parts[part] for part in wanted])
+        if wanted[0] == "rx":
+            found[task] = Turns(times, [exp3(turn) for turn in values])
+        else:
+            found[task] = Waypoints(times, values, unit=wanted[0] == "dx")
+    return found
