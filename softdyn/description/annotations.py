@@ -18,10 +18,22 @@ from softdyn.description.rig_block import (
     read_actuator,
     read_sensor,
 )
-from softdyn.description.robot import Joint, JointTerm, Link, Robot, Site, Tendon, poses
+from softdyn.description.robot import (
+    MOST_FRICTION,
+    Joint,
+    JointTerm,
+    Link,
+    PathEnd,
+    Robot,
+    Site,
+    Tendon,
+    poses,
+)
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
+TENDON = ("stiffness", "damping", "rest", "slack", "friction", "driven")
+ENDS = tuple(end.value for end in PathEnd)
 COINCIDENT = 1e-9  # metres between two sites that count as one point
 
 
@@ -119,7 +131,7 @@ def _compliance(element: Element, joints: dict[str, Joint]) -> Joint:
 
 
 def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) -> Tendon:
-    element.allow("name", "stiffness", "damping", "rest", "slack", children=("joint", "site"))
+    element.allow("name", *TENDON, children=("joint", "site"))
     terms = element.unique("joint", lambda part: _term(part, joints))
     sites = tuple(_site(part, links) for part in element.children("site"))
     if terms and sites:
@@ -136,12 +148,21 @@ def _tendon(element: Element, links: dict[str, Link], joints: dict[str, Joint]) 
         element.non_negative("damping"),
         None if element.node.get("rest") is None else element.number("rest"),
         element.flag("slack"),
+        element.non_negative("friction"),
+        None if element.node.get("driven") is None else PathEnd(element.choice("driven", ENDS)),
     )
+    if tendon.friction > MOST_FRICTION:
+        raise element.error(f"friction <= {MOST_FRICTION:g}", tendon.friction)
+    if tendon.driven is not None and not tendon.friction:
+        raise element.error("friction > 0 beside driven", tendon.friction)
     if tendon.slack and tendon.stiffness == 0:
         raise element.error("stiffness > 0 of a slack tendon", tendon.stiffness)
     if tendon.stiffness > 0:
         for term in tendon.terms:
             check_position(element, joints[term.joint], SPRING)
+    if tendon.friction > 0:
+        for term in tendon.terms:
+            check_position(element, joints[term.joint], "friction of a cable")
     if tendon.sites and tendon.rest is not None and tendon.rest < 0:
         raise element.error("rest >= 0, the length of a path", tendon.rest)
     return tendon
@@ -166,12 +187,18 @@ def _task(block: Element, links: dict[str, Link]) -> str | None:
 
 
 def check_paths(block: Element, robot: Robot) -> None:
-    """Refuse consecutive sites on different links at one point: no direction for the cable."""
+    """Refuse consecutive sites at one point, where the cable has no direction.
+
+    On one link it needs none, unless it rubs there.
+    """
     placed = poses(robot)
     tendons = {tendon.name: tendon for tendon in robot.tendons}
     for element in block.children("tendon"):
-        for a, b in pairwise(tendons[element.text("name")].sites):
+        tendon = tendons[element.text("name")]
+        for a, b in pairwise(tendon.sites):
             ends = [placed[s.link][0] @ s.xyz + placed[s.link][1] for s in (a, b)]
-            if a.link != b.link and np.linalg.norm(ends[1] - ends[0]) < COINCIDENT:
+            at_one = np.linalg.norm(ends[1] - ends[0]) < COINCIDENT
+            if at_one and (a.link != b.link or tendon.friction > 0):
+                where = "with friction" if a.link == b.link else "on different links"
                 got = f"sites of {a.link!r} and {b.link!r} at the same point"
-                raise element.error("consecutive sites on different links apart at q = 0", got)
+                raise element.error(f"consecutive sites {where} apart at q = 0", got)

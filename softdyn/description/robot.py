@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from softdyn.description.inertia import IDENTITY, ZERO, Inertia, Origin, Vector,
 from softdyn.description.rig import Actuator, Sensor
 
 MOVING = ("revolute", "continuous", "prismatic")
+MOST_FRICTION = 10.0  # a larger coefficient of a cable leaves no pull behind a guide
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,23 @@ class Site:
     xyz: Vector
 
 
+class PathEnd(Enum):
+    """An end of a tendon's path, in the file's order."""
+
+    FIRST = "first"
+    LAST = "last"
+
+
 @dataclass(frozen=True)
 class Tendon:
     """A cable or coupling: fixed (`terms`) or spatial (`sites`), never both.
 
     The force ``stiffness · (ℓ - rest) + damping · ℓ̇`` pulls or pushes. If `rest` is None, the
     length at q = 0 is used. With `slack` the tendon only pulls, and a negative force is zero.
+
+    The cable rubs on its guides with the coefficient `friction`: see `softdyn.actuation.capstan`.
+    Its actuators, its spring and its damper pull at the end `driven`. If that is None, they pull at
+    the end nearer to the base: see `from_driven_end`.
     """
 
     name: str
@@ -127,6 +140,8 @@ class Tendon:
     damping: float = 0.0
     rest: float | None = None
     slack: bool = False
+    friction: float = 0.0
+    driven: PathEnd | None = None
 
 
 @dataclass(frozen=True)
@@ -216,7 +231,8 @@ class Robot:
     def digest(self) -> str:
         """SHA-256 of all numbers and names that dynamics and rig depend on; copies share it.
 
-        A robot without sensors and slack tendons has the digest of releases that knew neither.
+        A robot without sensors, slack tendons and friction of cables has the digest of releases
+        that knew none of them.
         """
         joints = [(j.name, j.kind, j.stiffness, j.rest, j.damping, j.armature, j.lower, j.upper,
                    j.friction, j.mimic) for j in self.joints]  # fmt: skip
@@ -227,6 +243,9 @@ class Robot:
         slack = [tendon.name for tendon in self.tendons if tendon.slack]
         if slack or self.sensors:
             parts += (slack, self.sensors)
+        rubbing = [(t.name, t.friction, t.driven) for t in self.tendons if t.friction]
+        if rubbing:
+            parts += (rubbing,)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property
@@ -311,6 +330,22 @@ def moving_bodies(robot: Robot) -> dict[str, Inertia]:
                 body_rotation.T @ rotation, body_rotation.T @ (translation - body_translation)
             )
     return bodies
+
+
+def from_driven_end(robot: Robot, tendon: Tendon) -> tuple[JointTerm, ...] | tuple[Site, ...]:
+    """The elements of a tendon's path, from its driven end to the other.
+
+    If the file does not name the driven end, it is the one with fewer moving joints between it and
+    the root; of equals, the first.
+    """
+    path = tendon.terms or tendon.sites
+    end = tendon.driven
+    if end is None:
+        link_of = {joint.name: joint.child for joint in robot.joints}
+        links = (e.link if isinstance(e, Site) else link_of[e.joint] for e in (path[0], path[-1]))
+        first, last = (sum(joint.moves for joint in robot.chain(link)) for link in links)
+        end = PathEnd.LAST if last < first else PathEnd.FIRST
+    return path if end is PathEnd.FIRST else path[::-1]
 
 
 def sums_angles(robot: Robot, tendon: Tendon) -> bool:

@@ -117,8 +117,10 @@ def _block(robot: Robot) -> list[str]:
         path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
         path += [tag("site", link=site.link, xyz=site.xyz) for site in tendon.sites]
         springs = {"stiffness": tendon.stiffness or None, "damping": tendon.damping or None}
-        slack = "true" if tendon.slack else None
-        lines += _nested("tendon", path, name=tendon.name, **springs, rest=tendon.rest, slack=slack)
+        rest = {"rest": tendon.rest, "slack": "true" if tendon.slack else None}
+        driven = None if tendon.driven is None else tendon.driven.value
+        rubs = {"friction": tendon.friction or None, "driven": driven}
+        lines += _nested("tendon", path, name=tendon.name, **springs, **rest, **rubs)
     lines += [tag("actuator", **_stated(actuator)) for actuator in robot.actuators]
     lines += [tag("sensor", **_stated(sensor)) for sensor in robot.sensors]
     if robot.task:

@@ -104,7 +104,7 @@ def _joint(spring: Spring) -> Joint:
 
 def _tendon(layout: Layout, cable: Cable) -> Tendon:
     spring: dict[str, Any] = {
-        name: getattr(cable, name) for name in ("stiffness", "damping", "rest", "slack")
+        name: getattr(cable, name) for name in ("stiffness", "damping", "rest", "slack", "friction")
     }
     if not cable.straight:
         arms = layout.coefficients(cable)

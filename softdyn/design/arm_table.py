@@ -200,6 +200,7 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
         "damping": table.quantity("damping", "cable damping", 0.0),
         "rest": table.quantity("rest", "length", None),
         "slack": table.flag("slack"),
+        "friction": table.quantity("friction", "none", 0.0),
     }
     with errors_in(table.where):
         found = [

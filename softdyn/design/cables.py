@@ -12,6 +12,7 @@ import numpy as np
 
 from softdyn.checks import flag, instance, instances, number
 from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.robot import MOST_FRICTION
 from softdyn.exceptions import InputError
 
 Profile = float | Sequence[float] | Callable[[float], float]
@@ -53,6 +54,8 @@ class Cable:
         length of a cable in a channel is 0 there.
     slack : bool
         Whether the spring and the damper only pull.
+    friction : float
+        Coefficient of friction at the discs, or along the channel.
     """
 
     angle: float
@@ -67,6 +70,7 @@ class Cable:
     damping: float = 0.0
     rest: float | None = None
     slack: bool = False
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -77,6 +81,8 @@ class Cable:
             instance(name, getattr(self, name), (int, np.integer), "a whole number")
         for name in ("stiffness", "damping"):
             number(name, getattr(self, name), lower=0.0)
+        if number("friction", self.friction, lower=0.0) > MOST_FRICTION:
+            raise InputError("friction", f"a number <= {MOST_FRICTION:g}", self.friction)
         if self.rest is not None:
             number("rest", self.rest, lower=0.0 if self.straight else -math.inf)
         flag("straight", self.straight)

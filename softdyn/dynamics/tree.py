@@ -86,7 +86,7 @@ class TreeModel(SoftModel):
         self._frame = model.getFrameId(robot.task, pin.FrameType.BODY)
         moves = moved_bodies(model)
         index = {name: k for k, name in enumerate(self.joint_names)}
-        self.tendons = compile_tendons(robot.tendons, index, self._anchor, moves)
+        self.tendons = compile_tendons(robot.tendons, index, self.anchor, moves)
         self.tendon_stiffness = read_only([tendon.stiffness for tendon in robot.tendons])
         self.tendon_damping = read_only([tendon.damping for tendon in robot.tendons])
         self.tendon_slack = np.array([tendon.slack for tendon in robot.tendons], bool)
@@ -111,7 +111,7 @@ class TreeModel(SoftModel):
     def _pack(self, moves: np.ndarray) -> None:
         """Pack the arguments of the State's kernel in as few arrays as possible."""
         model, tendons = self.pin_model, self.tendons
-        tip, offset = self._anchor(self.robot.task, np.zeros(3))
+        tip, offset = self.anchor(self.robot.task, np.zeros(3))
         bodies, before = joint_tree(model).T.tolist()
         beyond = [model.idx_vs[j] + self.pin_data.nvSubtree[j] for j in bodies]
         constants = kernels.Constants(
@@ -342,7 +342,7 @@ class TreeModel(SoftModel):
         jacobian = pin.computeJointJacobians(self.pin_model, self.pin_data, q)
         return np.reshape(jacobian, (6, self.nv))
 
-    def _anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
+    def anchor(self, link: str, xyz: np.ndarray) -> tuple[int, np.ndarray]:
         """The moving body that carries a point of a link, and the point in the body's frame."""
         model = self.pin_model
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]

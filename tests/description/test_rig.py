@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.robot import PathEnd, from_driven_end
 from softdyn.description.urdf import parse_text
+from softdyn.description.urdf_writer import write
 from tests.support.misuses import ARM
 
 ROBOT = parse_text(ARM, path=Path("arm.urdf"))
@@ -36,6 +38,30 @@ def test_every_other_field_is_in_the_text_and_in_the_digest() -> None:
         assert not changed.is_ideal
         digests.add(replace(ROBOT, actuators=(ROBOT.actuators[0], changed)).digest)
     assert len(digests) == 1 + len(OTHER)
+
+
+def test_friction_of_a_cable_and_its_driven_end_are_in_the_digest_and_in_the_file() -> None:
+    first, *others = ROBOT.tendons
+    rubbing = replace(first, friction=0.1)
+    robots = [ROBOT] + [
+        replace(ROBOT, tendons=(tendon, *others))
+        for tendon in (rubbing, replace(first, friction=0.2), replace(rubbing, driven=PathEnd.LAST))
+    ]
+    assert len({robot.digest for robot in robots}) == len(robots)
+    assert all(parse_text(write(robot), path=robot.path) == robot for robot in robots)
+
+
+def test_a_cable_is_driven_at_the_end_nearer_to_the_base_unless_the_file_names_it() -> None:
+    _, cable, *_ = ROBOT.tendons
+    links = [site.link for site in cable.sites]
+    back = replace(cable, sites=cable.sites[::-1])
+    for tendon, expected in (
+        (cable, links),
+        (back, links),
+        (replace(back, driven=PathEnd.FIRST), links[::-1]),
+        (replace(cable, driven=PathEnd.LAST), links[::-1]),
+    ):
+        assert [site.link for site in from_driven_end(ROBOT, tendon)] == expected
 
 
 def test_slack_and_every_field_of_a_sensor_are_in_the_digest() -> None:

@@ -499,6 +499,25 @@ def sensor(words: str) -> tuple[str, str]:
     return inside(f'<sensor name="s" {words}/>')
 
 
+RUBS = '<tendon name="cable" friction="0.1">'
+FRICTION = [
+    Misuse("negative friction of a cable", (CABLE, RUBS.replace("0.1", "-0.1")),
+           f"<softdyn>{CABLE}", "friction >= 0", "-0.1"),
+    Misuse("friction that leaves no pull", (CABLE, RUBS.replace("0.1", "11")),
+           f"<softdyn>{CABLE}", "friction <= 10", "11.0"),
+    Misuse("friction over a continuous joint", (
+           '<tendon name="drive">', '<tendon name="drive" friction="0.1">'),
+           '<softdyn><tendon name="drive">',
+           "friction of a cable on a revolute or prismatic joint", "continuous joint 'spin'"),
+    Misuse("driven end without friction", (CABLE, '<tendon name="cable" driven="last">'),
+           f"<softdyn>{CABLE}", "friction > 0 beside driven", "0.0"),
+    Misuse("unknown end of a path", (CABLE, '<tendon name="cable" friction="0.1" driven="end">'),
+           f"<softdyn>{CABLE}", "driven first or last", "'end'"),
+    Misuse("sites of one link at one point, with friction", (
+           CABLE, f'{RUBS}<site link="base" xyz="0 0 0.02"/>'), f"<softdyn>{CABLE}",
+           "consecutive sites with friction apart at q = 0",
+           "sites of 'base' and 'base' at the same point"),
+]  # fmt: skip
 RIG = [
     Misuse("slack that is neither true nor false", (SLACK[0], SLACK[1].replace("true", "1")),
            f"<softdyn>{FLEXOR}", 'slack="true" or "false"', "'1'"),
@@ -630,6 +649,7 @@ GROUPS = {
     "The block": BLOCK,
     "Tendons": TENDONS,
     "Actuators and task": INPUTS,
+    "Friction of cables": FRICTION,
     "Slack tendons, motors and winches": RIG,
     "Sensors": SENSORS,
 }

@@ -109,6 +109,9 @@ def add_sensors(root: etree._Element, robot: Robot, timestep: float) -> None:
 
 def lost_rig(robot: Robot) -> Iterator[str]:
     """The parts of the rig that MJCF does not state."""
+    for tendon in robot.tendons:
+        if tendon.friction:
+            yield f"tendon {tendon.name!r}: its friction of {tendon.friction:g}"
     for actuator in robot.actuators:
         if math.isfinite(actuator.rate):
             yield f"actuator {actuator.name!r}: the bound {actuator.rate:g}/s of its command's rate"

@@ -160,8 +160,9 @@ def _tendons(source: Neutral, link_of: dict[int, str], lost: list[str]) -> Itera
         sites = [Site(link_of[p.part], _place(source, p.part, p.xyz)) for p in cable.path]
         rest = taut if cable.stiffness else None
         yield Tendon(
-            cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens
-        )
+            cable.name, tuple(terms), tuple(sites), cable.stiffness, cable.damping, rest, slackens,
+            *cable.friction,
+        )  # fmt: skip
 
 
 def _pushed(source: Neutral, cable: str) -> bool:

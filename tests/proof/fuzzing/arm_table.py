@@ -23,6 +23,7 @@ count = 3
 offset_mm = [12, 8]
 routing = "channel"
 max_tension_N = 5
+friction = 0.1
 [[cable]]
 name = "spare"
 offset_mm = 8
@@ -77,6 +78,7 @@ def read_arm(data: bytes, path: Path) -> str:
         "lags": {round(actuator.lag, 12) for actuator in robot.actuators}
         <= {round(lag, 12) for lag in lags | {m["lag_s"] for m in motors if "lag_s" in m}},
         "sensors": len(robot.sensors) >= len(sensors),
+        "friction": {t.friction for t in robot.tendons} == {c.get("friction", 0.0) for c in cables},
         "slack": any(t.slack for t in robot.tendons) is any(c.get("slack") for c in cables),
     }
     return ", ".join(name for name, right in checks.items() if not right)

@@ -191,8 +191,8 @@ def _block(robot: Robot, block: ElementTree.Element | None) -> Iterator[str]:
         where = f"tendon {tendon.name[:30]!r}"
         rest = None if element.get("rest") is None else _float(element, "rest")
         said = [_float(element, "stiffness"), _float(element, "damping"), rest]
-        said += [element.get("slack") == "true"]
-        mine = [tendon.stiffness, tendon.damping, tendon.rest, tendon.slack]
+        said += [element.get("slack") == "true", _float(element, "friction")]
+        mine = [tendon.stiffness, tendon.damping, tendon.rest, tendon.slack, tendon.friction]
         yield from _same(f"numbers of {where}", mine, said)
         terms = [(e.get("name"), _float(e, "coef")) for e in element.findall("joint")]
         yield from _same(f"terms of {where}", [(t.joint, t.coef) for t in tendon.terms], terms)

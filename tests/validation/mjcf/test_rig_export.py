@@ -60,6 +60,24 @@ def arm(folder: Path, rig: dict[str, Any], damping: float = 0.0) -> Path:
     return path
 
 
+def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path):
+    source = arm(tmp_path, {})
+    rubbing = tmp_path / "rubbing.urdf"
+    text = source.read_text()
+    rubbing.write_text(text.replace('name="right"', 'name="right" friction="0.1"'))
+    result, lost = export.write_mjcf(rubbing, tmp_path / "arm.xml", shapes=False)
+    assert "tendon 'right': its friction of 0.1" in lost
+    assert result.passed
+    assert "friction" in {cause.kind for cause in result.causes}
+    result, _ = export.write_urdf(rubbing, tmp_path / "again.urdf")
+    assert not result.causes
+    assert softdyn.parse(tmp_path / "again.urdf").tendons[1].friction == 0.1
+    other = tmp_path / "other.urdf"
+    other.write_text(rubbing.read_text().replace('"0.1"', '"0.2"'))
+    (cause,) = compare(rubbing, other).causes
+    assert (cause.kind, cause.where, cause.one_sided) == ("friction", "right", False)
+
+
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: " ".join(rig))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 def test_plain_mujoco_moves_the_exported_rig_as_the_twin(tmp_path, rig, damping):

@@ -112,6 +112,10 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
                 "tendon", one.name, (one.slack, other.slack), "slack",
                 _with_tendon(other.name, slack=one.slack), 1.0,
             )  # fmt: skip
+        if one.friction != other.friction:
+            repair = _with_tendon(other.name, friction=one.friction)
+            rubs = one.friction[0], other.friction[0]
+            yield Finding("friction", one.name, rubs, "of the cable", repair, 1.0, not all(rubs))
         for field, values, size in told_apart(one.more, other.more, urdf=urdf):
             repair = _with_tendon(other.name, more=one.more)
             yield Finding("tendon", one.name, values, field, repair, size, urdf)
@@ -122,7 +126,7 @@ def _drives(tendon: NeutralTendon | None, robot: Neutral) -> bool:
     if tendon is None or len(tendon.terms) != 1:
         return False
     plain = NeutralTendon(tendon.name, tendon.terms, (), rest=tendon.rest)
-    own = (tendon.armature, tendon.more, *curves(tendon, plain))
+    own = (tendon.armature, tendon.more, tendon.friction[0], *curves(tendon, plain))
     return not any(own) and any(m.target == f"tendon:{tendon.name}" for m in robot.motors)
 
 

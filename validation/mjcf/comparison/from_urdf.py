@@ -89,6 +89,7 @@ def from_urdf(robot: Robot) -> Neutral:
             NeutralTendon(
                 tendon.name, terms, path, tendon.stiffness, tendon.damping, (rest, rest),
                 slack=tendon.slack and (tendon.stiffness or tendon.damping) > 0,
+                friction=(tendon.friction, tendon.driven),
             )
         )  # fmt: skip
     motors = tuple(

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.description.inertia import Inertia
+from softdyn.description.robot import PathEnd
 from softdyn.validation.mjcf.transform import Transform
 
 Numbers = tuple[float, ...]
@@ -118,7 +119,7 @@ class NeutralTendon:
     """A tendon: fixed (`terms`: joint → coefficient) or along `path`; other fields as in `Part`.
 
     The spring acts outside the lengths `rest`. If the tendon is `slack`, spring and damper act in
-    tension only.
+    tension only. `friction` is the cable's on its guides, and the stated driven end.
     """
 
     name: str
@@ -132,6 +133,7 @@ class NeutralTendon:
     damping_curve: Numbers = (0.0, 0.0)
     more: dict[str, Numbers] = field(default_factory=dict)
     slack: bool = False
+    friction: tuple[float, PathEnd | None] = (0.0, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,326 @@
+"""Friction of cables on their guides: tensions along a path, joint forces, dissipation.
+
+A cable is driven at one end with the tension T₀, and its guides follow as i = 1, 2, … from there.
+The cable turns by the wrap angle φ_i at guide i. Let ℓ_i(q) be the length of the piece behind
+guide i, and L_i = Σ_(k ≥ i) ℓ_k the whole length beyond it. The cable slides at guide i with the
+speed v_i = -dL_i/dt, which is positive towards the driven end. Euler's and Eytelwein's capstan
+equation gives the tension behind a guide,
+
+    T_i = T_(i-1) exp(-d_i μ φ_i sign T),    d_i = sign v_i,
+
+as in the tension propagation model of Kato et al. (IEEE/ASME Trans. Mechatronics 20(5), 2015). A
+two-sided input is the difference of an antagonistic pair, so friction acts on |T|. The force along
+a tendon is f = -T₀; motors, spring and damper pull at the driven end. The joint forces are
+
+    τ = -Σ T_i ∂ℓ_i/∂q = f ∂ℓ/∂q + Σ (T_(i-1) - T_i) ∂L_i/∂q,
+
+and the power lost is Σ (T_(i-1) - T_i) v_i ≥ 0.
+
+A path over sites turns at its inner sites, by the angle between its straight pieces. A fixed tendon
+turns at each revolute joint j by φ = |q_j|. A half of its length coef · q_j is before this guide
+and a half behind it, which is the trapezoidal rule for a cable in a channel. Prismatic joints turn
+no cable.
+
+At rest a cable sticks. Then each T_i is somewhere between the values for d_i = 1 and -1. The caller
+chooses the directions d, for example those of the last motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.checks import array, instance, read_only, vector
+from softdyn.description.robot import JointTerm, Robot, Site, Tendon, from_driven_end
+from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
+from softdyn.dynamics.engine import moved_bodies
+from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
+from softdyn.dynamics.projection import Projection, project, underlying_tree
+from softdyn.dynamics.tendons import compile_tendons
+
+STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
+
+
+class Capstan:
+    """The guides of a robot's cables that rub: tendon by tendon, each from its driven end.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    friction : array_like, (tendons,), optional
+        Coefficients μ that replace those of the file.
+
+    Attributes
+    ----------
+    model : SoftModel
+        The robot's model.
+    friction : ndarray, (guides,)
+        The coefficient μ at each guide.
+    tendon : ndarray of int, (guides,)
+        The tendon of each guide. A tendon with μ = 0 has no guides here.
+
+    Raises
+    ------
+    InputError
+        For coefficients of the wrong shape, or that are not finite.
+    """
+
+    def __init__(self, model: SoftModel, friction: np.ndarray | None = None) -> None:
+        self.model, robot = check_model(model), model.robot
+        stated = [tendon.friction for tendon in robot.tendons]
+        mu = array("friction", stated if friction is None else friction, (len(stated),))
+        tree, self._S = underlying_tree(model)
+        dof = {name: k for k, name in enumerate(tree.joint_names)}
+        self._moves = moved_bodies(tree.pin_model)
+        found = [
+            (t, *guide)
+            for t, tendon in enumerate(robot.tendons)
+            if mu[t] > 0
+            for guide in _guides(robot, tendon)
+        ]
+        self.tendon = np.array([t for t, _, _ in found], int)
+        self.friction = read_only(mu[self.tendon])
+        pieces = tuple(piece for _, _, piece in found)
+        self._pieces = compile_tendons(pieces, dof, tree.anchor, self._moves)
+        at_joint = np.array([isinstance(guide, str) for _, guide, _ in found], bool)
+        self._at_joints, self._at_sites = np.flatnonzero(at_joint), np.flatnonzero(~at_joint)
+        self._dof = np.array([dof[guide] for _, guide, _ in found if isinstance(guide, str)], int)
+        anchors = [
+            tree.anchor(site.link, np.array(site.xyz))
+            for _, guide, _ in found
+            if not isinstance(guide, str)
+            for site in guide
+        ]
+        self._bodies = np.array([body for body, _ in anchors], int)
+        self._offsets = np.array([xyz for _, xyz in anchors], float).reshape(-1, 3, 1)
+        self._downstream = np.triu(self.tendon[:, None] == self.tendon).astype(float)
+
+    def at(self, state: State) -> Guides:
+        """The guides in a state of the robot."""
+        instance("state", state, State, "a State, from model.state(q, v)")
+        arms, angles = self._pieces.coefficients, np.zeros(len(self.tendon))
+        angles[self._at_joints] = np.abs(self._coordinates(state)[self._dof])
+        if len(self._at_sites):
+            jacobian, *poses = self._kinematics(state)
+            arms = self._pieces.moment_arms(jacobian, *poses)
+            before, behind, _ = self._directions(*poses)
+            turn = np.linalg.norm(np.cross(before, behind), axis=1)
+            angles[self._at_sites] = np.arctan2(turn, np.einsum("gi,gi->g", before, behind))
+        return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
+
+    def derivatives(self, state: State, u: np.ndarray, direction: np.ndarray) -> Derivatives:
+        """`Guides.forces` and its Jacobians by q, q̇ (n, n) and u (n, m) at constant directions.
+
+        They add to those of `softdyn.dynamics.derivatives.joint_force_derivatives`.
+
+        Parameters
+        ----------
+        state : State
+            The robot's state.
+        u : array_like, (m,)
+            Input.
+        direction : array_like, (guides,)
+            As in `Guides.tensions`.
+        """
+        guides, model = self.at(state), self.model
+        force, arms = guides.pull(u), state.moment_arms
+        sign = -np.sign(force[self.tendon])
+        share, lost = guides.shares(direction, sign), guides.friction_arms(direction, sign)
+        rates = arms @ state.v
+        gain, damping = taut_gains(model, state.lengths, rates)
+        none = np.zeros(len(force))
+        arm_rates = tendon_curvature(model, state.q, none, state.v)[1]
+        by_q = -lost.T @ (gain[:, None] * arms + damping[:, None] * arm_rates)
+        by_q += self._bend(state, force[self.tendon] * (share - 1.0))
+        turned = (sign * direction * self.friction)[:, None] * self._angle_gradients(state)
+        by_angles = -share[:, None] * (self._downstream.T @ turned)
+        by_q += guides.arms.T @ (force[self.tendon, None] * by_angles)
+        by_v = -lost.T @ (damping[:, None] * arms)
+        tree, _ = underlying_tree(model)
+        return Derivatives(force @ lost, by_q, by_v, (tree.gear[:, None] * lost[tree.actuated]).T)
+
+    def _kinematics(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Jacobian columns of the tree's joints, and the poses of its bodies."""
+        model = self.model
+        tree, _ = underlying_tree(model)
+        q = model.expand(state.q) if isinstance(model, Projection) else state.q
+        return tree.joint_jacobian(q), *tree.placements()
+
+    def _coordinates(self, state: State) -> np.ndarray:
+        """Coordinates of the tree's joints."""
+        model = self.model
+        tree, _ = underlying_tree(model)
+        return tree.coordinates(model.expand(state.q) if isinstance(model, Projection) else state.q)
+
+    def _directions(
+        self, rotations: np.ndarray, translations: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Unit vectors before and behind each guide at a site, and the points (guides, 3, 3)."""
+        points = np.matmul(rotations[self._bodies], self._offsets)[:, :, 0]
+        points = (points + translations[self._bodies]).reshape(-1, 3, 3)
+        before, behind = points[:, 1] - points[:, 0], points[:, 2] - points[:, 1]
+        before /= np.linalg.norm(before, axis=1)[:, None]
+        return before, behind / np.linalg.norm(behind, axis=1)[:, None], points
+
+    def _angle_gradients(self, state: State) -> np.ndarray:
+        """∂φ/∂q (guides, n).
+
+        With the unit vectors a, b before and behind a guide and c = a · b = cos φ,
+        ∂φ = -((b - c a) · ∂a + (a - c b) · ∂b) / sin φ.
+        """
+        jacobian, rotations, translations = self._kinematics(state)
+        found = np.zeros((len(self.tendon), jacobian.shape[1]))
+        found[self._at_joints, self._dof] = np.sign(self._coordinates(state)[self._dof])
+        if len(self._at_sites):
+            before, behind, points = self._directions(rotations, translations)
+            moved = jacobian[None, :3].transpose(0, 2, 1) + np.cross(
+                jacobian[None, 3:].transpose(0, 2, 1), points.reshape(-1, 1, 3)
+            )  # columns of each point, (points, n, 3)
+            moved = (moved * self._moves.T[self._bodies, :, None]).reshape(len(points), 3, -1, 3)
+            cosine = np.einsum("gi,gi->g", before, behind)[:, None]
+            sine = np.linalg.norm(np.cross(before, behind), axis=1)[:, None]
+            factor = np.where(sine > STRAIGHT, -1.0 / np.maximum(sine, STRAIGHT), 0.0)
+            for k, (one, other) in enumerate(((before, behind), (behind, before))):
+                length = np.linalg.norm(points[:, k + 1] - points[:, k], axis=1)[:, None]
+                across = factor * (other - cosine * one) / length
+                change = moved[:, k + 1] - moved[:, k]
+                found[self._at_sites] += np.einsum("gi,gni->gn", across, change)
+        return found if self._S is None else found @ self._S
+
+    def _bend(self, state: State, force: np.ndarray) -> np.ndarray:
+        """Σ force ∂²ℓ/∂q² (n, n) of the pieces behind the guides."""
+        if not self._pieces.spatial:
+            return np.zeros((self.model.nv, self.model.nv))
+        rest = np.zeros(len(self._moves))
+        total, _ = self._pieces.curvature(*self._kinematics(state), force, rest)
+        return project(self._S, total)
+
+
+@dataclass(frozen=True, eq=False)
+class Guides:
+    """The guides in one state.
+
+    Attributes
+    ----------
+    capstan : Capstan
+        The guides of the robot.
+    state : State
+        The state.
+    angles : ndarray, (guides,)
+        Wrap angles φ (rad).
+    arms : ndarray, (guides, n)
+        Moment arms ∂ℓ_i/∂q of the piece of cable behind each guide, up to the next one.
+    """
+
+    capstan: Capstan
+    state: State
+    angles: np.ndarray
+    arms: np.ndarray
+
+    @property
+    def arms_beyond(self) -> np.ndarray:
+        """Moment arms ∂L_i/∂q (guides, n) of the whole cable beyond each guide."""
+        return self.capstan._downstream @ self.arms
+
+    @property
+    def speeds(self) -> np.ndarray:
+        """Sliding speed (guides,) of the cable, positive towards the driven end (m/s)."""
+        return -self.arms_beyond @ self.state.v
+
+    def pull(self, u: np.ndarray) -> np.ndarray:
+        """Force f (tendons,) at the driven ends, negative for a tension (N).
+
+        Parameters
+        ----------
+        u : array_like, (m,)
+            Input.
+        """
+        state, model = self.state, self.capstan.model
+        force = tendon_forces(model, vector("u", u, model.nu))
+        if model.tendon_stiffness.any() or model.tendon_damping.any():
+            rates = state.moment_arms @ state.v
+            gain, damping = taut_gains(model, state.lengths, rates)
+            force -= gain * (state.lengths - model.tendon_rest) + damping * rates
+        return force
+
+    def tensions(self, u: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
+        """Tension (guides,) behind each guide (N).
+
+        Parameters
+        ----------
+        u : array_like, (m,)
+            Input.
+        direction : array_like, (guides,), optional
+            Direction of sliding d, from -1 to 1, positive towards the driven end. Values between
+            stand for a cable that sticks. By default the sign of `speeds`.
+        """
+        pull = -self.pull(u)[self.capstan.tendon]
+        return pull * self.shares(self._direction(direction), np.sign(pull))
+
+    def shares(self, direction: np.ndarray, sign: np.ndarray) -> np.ndarray:
+        """T_i / T₀ (guides,) of cables with tensions of a sign.
+
+        Parameters
+        ----------
+        direction, sign : ndarray, (guides,)
+            The direction of sliding, and the sign of T.
+        """
+        capstan = self.capstan
+        lost = capstan._downstream.T @ (direction * capstan.friction * self.angles)
+        return np.exp(-sign * lost)
+
+    def friction_arms(self, direction: np.ndarray, sign: np.ndarray) -> np.ndarray:
+        """Change of each tendon's moment arms (tendons, n) by friction; arguments as in `shares`.
+
+        A tendon's force f acts on the joints with ∂ℓ/∂q and this change.
+        """
+        change = (self.shares(direction, sign) - 1.0)[:, None] * self.arms
+        found = np.zeros(self.state.moment_arms.shape)
+        np.add.at(found, self.capstan.tendon, change)
+        return found
+
+    def forces(self, u: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
+        """Joint forces of friction (n,), to add to B u - h; arguments as in `tensions`."""
+        force = self.pull(u)
+        sign = -np.sign(force[self.capstan.tendon])
+        return force @ self.friction_arms(self._direction(direction), sign)
+
+    def dissipation(self, u: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
+        """Power lost at each guide (guides,) (W); arguments as in `tensions`."""
+        capstan = self.capstan
+        behind = self.tensions(u, direction)
+        before = -self.pull(u)[capstan.tendon]
+        inner = capstan.tendon[1:] == capstan.tendon[:-1]
+        before[1:][inner] = behind[:-1][inner]
+        return (before - behind) * self.speeds
+
+    def _direction(self, direction: np.ndarray | None) -> np.ndarray:
+        if direction is None:
+            return np.sign(self.speeds)
+        return array("direction", direction, (len(self.angles),))
+
+
+def _guides(robot: Robot, tendon: Tendon) -> list[tuple[str | tuple[Site, ...], Tendon]]:
+    """A tendon's guides: a joint, or three sites around one, each with the piece behind it."""
+    path = from_driven_end(robot, tendon)
+    sites = [part for part in path if isinstance(part, Site)]
+    if sites:
+        return [
+            (three, Tendon(tendon.name, sites=three[1:]))
+            for three in zip(sites, sites[1:], sites[2:], strict=False)
+        ]
+    kinds = {joint.name: joint.kind for joint in robot.joints}
+    found: list[tuple[str, list[JointTerm]]] = []
+    behind: list[JointTerm] = []  # the piece behind the last guide; there is none yet
+    for term in path:
+        assert isinstance(term, JointTerm)
+        if kinds[term.joint] == "revolute":
+            half = JointTerm(term.joint, term.coef / 2)
+            behind.append(half)
+            behind = [half]
+            found.append((term.joint, behind))
+        else:
+            behind.append(term)
+    return [(joint, Tendon(tendon.name, terms=tuple(terms))) for joint, terms in found]
