@@ -16,7 +16,7 @@ COMMANDS = {
     "begin": ("examples", "new", "identify", "compile"),
     "examine a robot": ("check", "view", "statics", "plan", "converge"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
-    "run one closed loop and look at it": ("run", "play", "replay", "obstacle"),
+    "run one closed loop and look at it": ("run", "rollout", "play", "replay", "obstacle"),
     "choose a controller and its gains": ("sweep", "tune"),
     "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
     "time the control step": ("step_time",),

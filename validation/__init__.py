@@ -2,6 +2,7 @@
 
 - `twin`: the MuJoCo plant, built from the URDF by its own path; MuJoCo's solver settings
 - `loop`: the closed loop of a controller and the twin, and its log
+- `rollouts`: motions under given inputs, without a controller
 - `mjcf`: MJCF files: compared with a URDF, written, used as the plant
 - `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's
 - `studies`: many closed loops: the paper's grid, sweeps, tuning

@@ -4,12 +4,15 @@ from .live.playing import play
 from .loop.log import Log
 from .loop.simulate import simulate
 from .mjcf.comparison.comparison import compare
+from .rollouts.rollout import rollout, rollouts
 from .studies.side_by_side import benchmark
 from .twin.rig import Rig
+from .twin.settings import Integrator
 from .twin.state_map import StateMap
 from .twin.twin import Twin
 
 __all__ = [
+    "Integrator",
     "Log",
     "Rig",
     "StateMap",
@@ -19,5 +22,7 @@ __all__ = [
     "crosscheck",
     "paper",
     "play",
+    "rollout",
+    "rollouts",
     "simulate",
 ]

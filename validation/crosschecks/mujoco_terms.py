@@ -15,7 +15,7 @@ import numpy as np
 from softdyn.validation.mjcf.scene import Scene
 from softdyn.validation.mjcf.servos import as_forces
 from softdyn.validation.twin.free_base import rk4_on_rotations
-from softdyn.validation.twin.settings import INTEGRATORS, disabled
+from softdyn.validation.twin.settings import Integrator, disabled
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin, check_warnings
 
@@ -208,7 +208,7 @@ class MujocoTerms:
 
     def start(self, q: np.ndarray, v: np.ndarray, integrator: str, step: float) -> None:
         """Prepare to `follow` a trajectory from the model's state with a scheme and a step (s)."""
-        self._model.opt.integrator = INTEGRATORS[integrator]
+        self._model.opt.integrator = Integrator(integrator).mujoco
         self._model.opt.timestep = step
         self._damping: np.ndarray | None = None
         self._step = self._tied_rk4 if integrator == "rk4" else self._tied_implicit

@@ -60,6 +60,21 @@ def checked(reference: Any) -> Callable[[float], Reference]:
     return desired
 
 
+class _Nowhere(Reference):
+    """The reference of a rollout: NaN, because there is none."""
+
+    def __post_init__(self) -> None:
+        pass
+
+
+_NOWHERE = _Nowhere(*np.full((3, 3), np.nan))
+
+
+def nowhere(_: float) -> Reference:
+    """The reference of a rollout at any time."""
+    return _NOWHERE
+
+
 def _desired(reference: Any, t: float) -> Reference:
     value = reference(t)
     if isinstance(value, Reference):

@@ -26,15 +26,22 @@ from softdyn.validation.loop.arguments import (
     checked,
     mapped_plant,
     name_of,
+    nowhere,
     warn_of_fast_springs,
 )
-from softdyn.validation.loop.experiment import DEFAULT_PERIOD, SET_POINT_DURATION, Experiment
+from softdyn.validation.loop.experiment import (
+    DEFAULT_PERIOD,
+    ROLLOUT,
+    SET_POINT_DURATION,
+    Experiment,
+)
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder, package_versions
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.twin.rig import Rig, RiggedPlant, check_rig, rig_of
+from softdyn.validation.twin.settings import Integrator
 from softdyn.validation.twin.state_map import MappedPlant, Plant, StateMap
 from softdyn.validation.twin.twin import SimulationError, Twin
 
@@ -96,12 +103,16 @@ class ClosedLoop:
         method `reset` is called once before the run with the control period (s). Its exceptions are
         passed on.
     reference : Experiment or Callable[[float], Reference]
-        The second is of t (s), e.g. a `SetPoint`.
+        The second is of t (s), e.g. a `SetPoint`. `nowhere` is for a rollout, in which no distance
+        from a reference is judged.
     duration, period : float, optional
         Length of the run, to the nearest plant step, and control period (s); the experiment's by
         default, 10 s and 2 ms without one. Where the period does not divide the duration, the last
-        hold is shorter. timestep : float, optional Plant step (s), which must divide the period; by
-        default the largest ≤ 0.5 ms.
+        hold is shorter.
+    timestep : float, optional
+        Plant step (s), which must divide the period; by default the largest ≤ 0.5 ms.
+    integrator : Integrator or str
+        The twin's scheme.
     q0, v0 : np.ndarray, (nq,), (nv,), optional
         Initial state; rest by default.
     contacts : bool
@@ -132,6 +143,8 @@ class ClosedLoop:
         The reference, if it is one.
     reference : Callable[[float], Reference]
         The desired tip at t (s), checked.
+    aims : bool
+        Whether there is a reference.
     grid : TimeGrid
         The run's periods and plant steps.
     steps : int
@@ -154,6 +167,7 @@ class ClosedLoop:
         duration: float | None = None,
         period: float | None = None,
         timestep: float | None = None,
+        integrator: Integrator | str = Integrator.IMPLICITFAST,
         q0: np.ndarray | None = None,
         v0: np.ndarray | None = None,
         contacts: bool = False,
@@ -172,6 +186,7 @@ class ClosedLoop:
             planned, usual = reference.duration, reference.period
             self._length = reference.length
             reference = reference.reference
+        self.aims = reference is not nowhere
         self.reference = checked(reference)
         own = None if plant is None else mapped_plant(model, plant, contacts or friction)
         self.grid = TimeGrid.plan(
@@ -192,7 +207,10 @@ class ClosedLoop:
         warn_of_fast_springs(model, model.state(q, v).M, self.grid.timestep)
         self.plant: Plant
         self._rig: RiggedPlant | None = None
-        options = {"timestep": self.grid.timestep, "contacts": contacts, "friction": friction}
+        options: dict[str, Any] = {"contacts": contacts, "friction": friction}
+        options |= {"timestep": self.grid.timestep}
+        if integrator != Integrator.IMPLICITFAST:
+            options["integrator"] = integrator
         if (wanted := rig_of(rig)) is not None:
             check_rig(own, twin)
             self._rig = RiggedPlant(wanted, model, self.grid.period, **options)
@@ -241,14 +259,14 @@ class ClosedLoop:
         spent = perf_counter_ns() - began
         target = self.reference(t)
         distance = record.sample(k, state.y, target.y)
-        diverged = verdict.tip_diverged(t, distance, self._length)
+        diverged = verdict.tip_diverged(t, distance, self._length) if self.aims else None
         if diverged is not None:
             self._end(diverged)
             return None
         seen = state if self._rig is None else self._see(k, state)
         if k == self.grid.steps:
             initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, k))
-            self._end(verdict.not_converged(initial, final), complete=True)
+            self._end(verdict.not_converged(initial, final) if self.aims else None, complete=True)
             return None
         began = perf_counter_ns()
         output = controller(seen, target)
@@ -320,7 +338,7 @@ class ClosedLoop:
             u_unit=input_unit(model.robot),
             robot=model.bundled or model.name,
             controller=self.name,
-            kind=experiment.kind if experiment else None,
+            kind=experiment.kind if experiment else (None if self.aims else ROLLOUT),
             theta=experiment.theta if experiment else None,
             omega=experiment.omega if experiment else None,
             duration=self.grid.duration,

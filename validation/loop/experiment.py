@@ -9,6 +9,7 @@ from softdyn import Reference
 
 SET_POINT_DURATION = 10.0  # s, default length of a run
 DEFAULT_PERIOD = 0.002  # s, default control period
+ROLLOUT = "rollout"  # kind of a run without a controller and a reference
 
 
 @dataclass(frozen=True)

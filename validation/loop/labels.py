@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softdyn.validation.loop.experiment import ROLLOUT
+
 if TYPE_CHECKING:
     from softdyn.validation.loop.log import Log
 
@@ -54,6 +56,8 @@ def goal(log: Log) -> str:
         return f"set point {experiment_title('set_point', log.theta)}"
     if log.omega is not None:
         return f"tracking {experiment_title('tracking', log.omega)}"
+    if log.kind == ROLLOUT:
+        return "rollout"
     if np.ptp(log.y_ref, axis=0).max() > 0:
         return "tracking"
     return "set point (" + ", ".join(f"{x:g}" for x in log.y_ref[0]) + ") m"

@@ -15,7 +15,8 @@ from softdyn import InputError, SoftModel
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged
-from softdyn.validation.loop.log_checks import EXTRA, FORMAT, SHAPES, check
+from softdyn.validation.loop.experiment import ROLLOUT
+from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, SHAPES, check
 from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, mean_square
@@ -39,7 +40,7 @@ class Log:
     q, v : np.ndarray, (N + 1, nq), (N + 1, nv)
         The plant's state in the model's convention.
     y, y_ref, error : np.ndarray, (N + 1, 3)
-        Tip, reference and ``y - y_ref`` (m).
+        Tip, reference and ``y - y_ref`` (m); the last two are NaN in a rollout.
     u : np.ndarray, (N, nu)
         The input the plant got, inside its bounds.
     V, delta : np.ndarray, (N,)
@@ -54,8 +55,8 @@ class Log:
         The unit of u, e.g. ``0.1 N m``.
     robot, controller : str
         Their names.
-    kind, theta, omega : str, float, float or None Those of the experiment; None for a plain
-    reference.
+    kind, theta, omega : str, float, float or None
+        Those of the experiment; ``rollout`` without a controller; None for a plain reference.
     duration, period, timestep : float
         Planned length of the run, control period, plant step (s).
     length : float or None
@@ -146,9 +147,9 @@ class Log:
         for array in self._arrays().values():
             array.flags.writeable = False
 
-    def _arrays(self) -> dict[str, np.ndarray]:
-        found = {name: getattr(self, name) for name in (*SHAPES, *EXTRA)}
-        return {name: array for name, array in found.items() if array is not None}
+    def _arrays(self) -> dict[str, Any]:
+        every = ((name, getattr(self, name)) for name in (*SHAPES, *EXTRA))
+        return {name: array for name, array in every if array is not None}
 
     def __reduce__(self) -> tuple[Any, ...]:
         # copies of NumPy arrays are writable; the constructor makes them read-only again
@@ -204,7 +205,7 @@ class Log:
     @property
     def finite_samples(self) -> int:
         """Number of samples before the first that is not finite, the last of a diverged run."""
-        finite = np.isfinite(self.error).all(axis=1) & np.isfinite(self.q).all(axis=1)
+        finite = np.isfinite(self.y).all(axis=1) & np.isfinite(self.q).all(axis=1)
         return len(finite) if finite.all() else int(np.argmin(finite))
 
     @property
@@ -291,6 +292,8 @@ class Log:
         tolerance : float, optional
             Tolerance of the `verdict` (m).
         """
+        if self.kind == ROLLOUT:
+            return judged.rollout_text(self.robot, self.t[-1], self.y[-1], self.reason)
         sp, tt = (
             f"   {beside[name]}" if beside and name in beside else ""
             for name in ("final_error_cm", "mse_cm2")
@@ -355,13 +358,11 @@ class Log:
         InputError
             When nothing can be written there.
         """
-        arrays: dict[str, Any] = {**self._arrays()}
         known = {*SHAPES, *EXTRA}
         about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in known}
         about |= {"format": FORMAT, "source": asdict(self.source)}
-        text = json.dumps(about)
         with atomic(path) as file:
-            np.savez_compressed(file, about=np.array(text), **arrays)
+            np.savez_compressed(file, about=np.array(json.dumps(about)), **self._arrays())
 
     def to_csv(self, path: str | Path) -> None:
         """Write the run as CSV (see `log_csv`), complete or not at all.
@@ -389,9 +390,7 @@ class Log:
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise InputError(where, f"a log of format {FORMAT}", error) from None
         if isinstance(about, dict) and about.get("format") == FORMAT:
-            units: dict[str, Any] = {"command_units": [], "sensor_units": []}
-            # older logs lack these keys
-            about = {"plant": None, "sensor_names": []} | units | about
+            about = ADDED | about
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
         for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):

@@ -10,6 +10,7 @@ import numpy as np
 
 from softdyn.description.robot import input_units
 from softdyn.exceptions import InputError
+from softdyn.validation.loop.experiment import ROLLOUT
 
 if TYPE_CHECKING:
     from softdyn.validation.loop.log import Log
@@ -51,8 +52,9 @@ def csv_text(log: Log) -> str:
     )
     groups = [
         ("u", inputs, log.u), ("q", coordinates, log.q), ("v", rates, log.v), ("tip", axes, log.y),
-        ("target", axes, log.y_ref), ("command", commands, log.command),
-        ("acting", inputs, log.acting), ("measured", readings, log.measured),
+        ("target", axes, None if log.kind == ROLLOUT else log.y_ref),
+        ("command", commands, log.command), ("acting", inputs, log.acting),
+        ("measured", readings, log.measured),
         ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
     ]  # fmt: skip
     there = [(kind, named, values) for kind, named, values in groups if values is not None]

@@ -62,6 +62,12 @@ def not_converged(initial: float, final: float) -> str | None:
     )
 
 
+def rollout_text(robot: str, t: float, y: np.ndarray, reason: str | None) -> str:
+    """The summary of a rollout: its length (s), its last tip (3,) (m), why it failed."""
+    text = f"{robot}, rollout of {t:g} s\ntip at the end {' '.join(f'{x:.6g}' for x in y)} m"
+    return f"{text}\nfailed: {reason}" if reason else text
+
+
 @dataclass(frozen=True)
 class Verdict:
     """The assessment of a run.

@@ -9,6 +9,7 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.description.visuals import Visual
+from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.labels import controller_title, goal, labels_of
 from softdyn.validation.loop.log import Log
 from softdyn.validation.studies import experiments
@@ -127,6 +128,7 @@ def track(
         note="; ".join(said),
         path=reference_path(log, model) if path else None,
         failed=not log.complete,
+        aims=log.kind != ROLLOUT,
     )
 
 

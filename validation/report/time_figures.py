@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.labels import experiment_title, labels_of
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.metrics import CM
 from softdyn.validation.loop.verdict import activity
 from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.figures import FINEST
@@ -68,20 +70,13 @@ def inputs(runs: Sequence[PlottedRun]) -> Figure | None:
 def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
-    A run that diverged is drawn up to its last finite sample.
+    Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
+    last finite sample.
     """
     rows = 1 + len(logs)
     figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
     (errors,), *inputs = grid
-    for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
-        error = np.maximum(finite_errors(log), FINEST)
-        kept = thin(error, bins=600)
-        name = f"{label} (failed)" if log.failed else label
-        t = log.t[: len(error)]
-        look.line(errors, t[kept], error[kept], look.INPUTS[i % len(look.INPUTS)], label=name)
-    errors.set_yscale("log")
-    errors.set_ylabel("‖e‖ (cm)")
-    errors.legend()
+    (draw_tips if any(log.kind == ROLLOUT for log in logs) else draw_errors)(errors, logs, labels)
     for (axes,), log, label in zip(inputs, logs, labels, strict=True):
         if log.u.size:
             draw_inputs(axes, log)
@@ -91,6 +86,31 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     errors.set_xlim(0, max(log.duration for log in logs))
     grid[-1][0].set_xlabel(look.TIME)
     return figure
+
+
+def draw_errors(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
+    """Draw ‖e‖ (cm) of every run on a logarithmic scale."""
+    for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
+        error = np.maximum(finite_errors(log), FINEST)
+        kept = thin(error, bins=600)
+        name = f"{label} (failed)" if log.failed else label
+        t = log.t[: len(error)]
+        look.line(axes, t[kept], error[kept], look.INPUTS[i % len(look.INPUTS)], label=name)
+    axes.set_yscale("log")
+    axes.set_ylabel("‖e‖ (cm)")
+    axes.legend()
+
+
+def draw_tips(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
+    """Draw the tip's coordinates (cm) of every run, relative to its start."""
+    for i, (log, label) in enumerate(zip(logs, labels, strict=True)):
+        moved = CM * (log.y - log.y[0])[: log.finite_samples]
+        kept = thin(*moved.T, bins=600)
+        for axis, way, style in zip("xyz", moved.T, ("-", "--", ":"), strict=True):
+            colour = look.INPUTS[i % len(look.INPUTS)][0]
+            look.line(axes, log.t[kept], way[kept], (colour, style), label=f"{label}, {axis}")
+    axes.set_ylabel("tip from its start (cm)")
+    axes.legend()
 
 
 def save_comparison(

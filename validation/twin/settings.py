@@ -6,18 +6,42 @@ Every setting that decides a result is set here and not left to MuJoCo's default
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import mujoco
 
 from softdyn.checks import number
 from softdyn.exceptions import InputError
 
-INTEGRATORS = {
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "rk4": mujoco.mjtIntegrator.mjINT_RK4,
-}
+
+class Integrator(StrEnum):
+    """MuJoCo's schemes: three of first order, and Runge-Kutta of fourth order."""
+
+    IMPLICITFAST = "implicitfast"
+    IMPLICIT = "implicit"
+    EULER = "euler"
+    RK4 = "rk4"
+
+    @property
+    def mujoco(self) -> mujoco.mjtIntegrator:
+        """MuJoCo's own value."""
+        return getattr(mujoco.mjtIntegrator, f"mjINT_{self.name}")
+
+
+def integrator_of(value: Integrator | str) -> Integrator:
+    """The scheme that an argument means.
+
+    Raises
+    ------
+    InputError
+        For an unknown one.
+    """
+    try:
+        return Integrator(value)
+    except ValueError:
+        raise InputError("integrator", " or ".join(Integrator), repr(value)) from None
+
+
 # MuJoCo's default stops are so soft that a hanging arm sinks centimetres through them, and its
 # default dry friction creeps.
 STIFF_SOLREF = (0.002, 1.0)
@@ -32,26 +56,24 @@ class Settings:
     ----------
     timestep : float
         Integration step (s).
-    integrator : str
-        One of `INTEGRATORS`.
+    integrator : Integrator
+        The scheme.
     limits, contacts, friction : bool
         Whether joint limits act, links touch, and joints have their dry friction.
 
     Raises
     ------
     InputError
-        For an unknown integrator or a step that is not positive.
+        For a step that is not positive.
     """
 
     timestep: float
-    integrator: str
+    integrator: Integrator
     limits: bool
     contacts: bool
     friction: bool
 
     def __post_init__(self) -> None:
-        if self.integrator not in INTEGRATORS:
-            raise InputError("integrator", " or ".join(INTEGRATORS), repr(self.integrator))
         number("timestep", self.timestep, above=0.0)
 
     def apply(self, spec: mujoco.MjSpec) -> None:
@@ -72,7 +94,7 @@ class Settings:
         option.ls_iterations, option.ls_tolerance = 50, 1e-3
         option.enableflags = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
         option.timestep = self.timestep
-        option.integrator = INTEGRATORS[self.integrator]
+        option.integrator = self.integrator.mujoco
         option.disableflags = disabled(
             limits=self.limits, contacts=self.contacts, friction=self.friction
         )

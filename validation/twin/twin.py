@@ -21,7 +21,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
-from softdyn.validation.twin.settings import Settings, silence
+from softdyn.validation.twin.settings import Integrator, Settings, integrator_of, silence
 
 LARGEST = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad
 WARNINGS = {
@@ -60,7 +60,7 @@ class Twin:
         A model, a parsed robot, or any argument of `softdyn.load`.
     timestep : float
         Integration step (s).
-    integrator : str
+    integrator : Integrator or str
         ``implicitfast``, ``implicit``, ``euler`` or ``rk4``.
     limits : bool
         Whether joint limits act, as stiff stops.
@@ -111,13 +111,13 @@ class Twin:
         source: SoftModel | Robot | str | Path,
         *,
         timestep: float = 5e-4,
-        integrator: str = "implicitfast",
+        integrator: Integrator | str = Integrator.IMPLICITFAST,
         limits: bool = True,
         contacts: bool = False,
         friction: bool = False,
         rig: bool = False,
     ) -> None:
-        settings = Settings(timestep, integrator, limits, contacts, friction)
+        settings = Settings(timestep, integrator_of(integrator), limits, contacts, friction)
         silence()
         self.robot = _robot(source)
         self.floating = self.robot.floating

@@ -1,0 +1,227 @@
+"""Rollouts on a cart, against its closed form, and one path of computing against the other."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError
+from softdyn.validation import Integrator, Log, Rig, rollout, rollouts
+from softdyn.validation.rollouts import threads
+from tests.support.cart import CART, DAMPING, LENGTH, MASS, STIFFNESS, load
+from tests.support.command import command
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory):
+    numbers = {"stiffness": STIFFNESS, "damping": DAMPING, "lower": "-20", "upper": "20"}
+    return load(tmp_path_factory.mktemp("cart"), CART.format(**numbers))
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return softdyn.load("spirob")
+
+
+def step_response(t, force):
+    rate, natural = DAMPING / (2 * MASS), STIFFNESS / MASS
+    omega = math.sqrt(natural - rate**2)
+    wave = np.cos(omega * t) + rate / omega * np.sin(omega * t)
+    return force / STIFFNESS * (1 - np.exp(-rate * t) * wave)
+
+
+def assert_same(one, other):
+    """Every array of two logs to the bit, and everything else."""
+    for field in fields(Log):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype, field.name
+            assert a.tobytes() == b.tobytes(), field.name
+        else:
+            assert a == b, field.name
+
+
+@pytest.mark.parametrize(("scheme", "order"), [(Integrator.IMPLICITFAST, 1), ("rk4", 4)])
+def test_the_motion_is_the_closed_form_s_at_the_scheme_s_order(cart, scheme, order):
+    errors = []
+    for step in (0.02, 0.01):
+        log = rollout(cart, [4.0], 2.0, period=0.1, timestep=step, integrator=scheme)
+        errors.append(np.abs(log.q[:, 0] - step_response(log.t, 4.0)).max())
+    assert errors[1] < 0.02
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
+    assert np.array_equal(log.y[:, 0], log.q[:, 0] + LENGTH)
+
+
+def test_the_same_inputs_in_each_form(cart):
+    constant = rollout(cart, [1.5], 0.1)
+    assert len(constant.t) == 51  # 2 ms
+    assert_same(rollout(cart, [[1.5]] * 50, 0.1), constant)
+    assert_same(rollout(cart, lambda t: [1.5], 0.1), constant)
+    assert_same(rollout(cart, [[1.5]] * 9, 0.1, hold=0.02, period=0.002), constant)
+
+
+def test_rows_are_held_and_the_last_is_cut(cart):
+    log = rollout(cart, [[1.0], [2.0], [3.0]], 0.025, hold=0.01, period=0.005)
+    assert log.u[:, 0].tolist() == [1, 1, 2, 2, 3]
+    assert log.t.tolist() == pytest.approx([0, 0.005, 0.01, 0.015, 0.02, 0.025])
+    moving = rollout(cart, lambda t: [100 * t], 0.025, period=0.005)
+    assert moving.u[:, 0] == pytest.approx([0, 0.5, 1, 1.5, 2])
+
+
+@pytest.mark.parametrize("options", [{}, {"integrator": "rk4", "timestep": 1e-4, "friction": True}])
+def test_threads_and_the_loop_agree_to_the_bit(arm, options, monkeypatch):
+    rng = np.random.default_rng(0)
+    batch = rng.uniform(0, 5, (3, 4, arm.nu))
+    start = {"q0": rng.uniform(-0.2, 0.2, arm.nq), "v0": rng.uniform(-1, 1, arm.nv)}
+    found = rollouts(arm, batch, 0.2, **start, **options)
+    monkeypatch.setattr(threads, "fits", lambda *_: False)
+    for log, inputs in zip(found, batch, strict=True):
+        assert_same(log, rollout(arm, inputs, 0.2, **start, **options))
+
+
+def test_a_batch_in_parts_is_the_same(arm, monkeypatch):
+    batch = np.random.default_rng(1).uniform(0, 5, (5, 3, arm.nu))
+    whole = rollouts(arm, batch, 0.05)
+    monkeypatch.setattr(threads, "MOST", 16 * 110 * (1 + 2 * arm.nv + 2 * arm.nu))
+    for one, other in zip(whole, rollouts(arm, batch, 0.05), strict=True):
+        assert_same(one, other)
+
+
+def test_runs_behind_a_rig_are_in_processes_and_the_same(arm):
+    rig, batch = Rig(lag=0.02, delay=0.003), [np.full(arm.nu, u) for u in (0.5, 2.0)]
+    found = rollouts(arm, batch, 0.04, rig=rig)
+    for log, u in zip(found, batch, strict=True):
+        assert_same(log, rollout(arm, u, 0.04, rig=rig))
+        assert log.acting[-1] == pytest.approx(u * (1 - math.exp(-(0.04 - 0.003) / 0.02)), rel=0.02)
+
+
+def test_a_run_that_diverges_ends_alone_and_says_why(cart):
+    options = {"period": 3.0, "timestep": 3.0, "integrator": "rk4"}  # stable up to 2.8 / ω = 0.7 s
+    still, gone = rollouts(cart, [[0.0], [9.0]], 30.0, **options)
+    assert still.complete
+    assert not still.failed
+    assert gone.failed
+    assert not gone.complete
+    assert "diverged at t = " in gone.reason
+
+
+def test_a_rollout_is_a_log(cart, tmp_path):
+    log = rollout(cart, [[1.0], [-1.0]], 0.04)
+    log.save(tmp_path / "run.npz")
+    read = Log.load(tmp_path / "run.npz")
+    assert_same(read, log)
+    assert "rollout" in str(read)
+    assert "nan" not in str(read)
+    assert [track.aims for run in log.show().runs for track in run.tracks] == [False]
+    log.plot(tmp_path / "run.png")
+    log.to_csv(tmp_path / "run.csv")
+    assert "target" not in (tmp_path / "run.csv").read_text()
+    done = command(
+        "rollout",
+        cart.robot.path,
+        "--inputs",
+        tmp_path / "run.csv",
+        "--log",
+        tmp_path / "again.npz",
+    )
+    assert done.code == 0, done.err
+    again = Log.load(tmp_path / "again.npz")
+    assert_same(replace(again, robot=log.robot), log)
+
+
+def test_the_command(cart, tmp_path):
+    import json
+
+    done = command("rollout", cart.robot.path, "--u", "2", "--seconds", "0.1", "--json", "-")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["final_tip"] == rollout(cart, [2.0], 0.1).y[-1].tolist()
+    assert told["wall_s"] > 0
+    still = command("rollout", cart.robot.path, "--seconds", "0.1")
+    assert "tip at the end 0.4 0 0 m" in still.out
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("inputs", "options", "said"),
+    [
+        ([1.0, 2.0], {}, "inputs: expected numbers of shape (1,), got shape (2,)"),
+        ([[1.0, 2.0]] * 3, {}, "inputs: expected numbers of shape (3, 1), got shape (3, 2)"),
+        ([NAN], {}, "input 'u' at t = 0 s: expected -20 to 20, its bounds, got nan"),
+        (
+            lambda t: [NAN if t > 0.05 else 0.0],
+            {},
+            "input 'u' at t = 0.052 s: expected -20 to 20, its bounds, got nan",
+        ),
+        (lambda t: [0.0, 0.0], {}, "inputs(t): expected numbers of shape (1,), got shape (2,)"),
+        ("rest", {}, "expected (1,), (steps, 1) or a function t -> (1,), got 'rest'"),
+        (np.zeros((2, 2, 1)), {}, "inputs: expected numbers of shape (2, 1)"),
+        ([[0.0], [0.0, 1.0]], {}, "inputs: expected numbers of shape (2, 1)"),
+        (np.zeros((0, 1)), {}, "inputs: expected numbers of shape (1,), got shape (0, 1)"),
+        ([[0.0], [21.0]], {}, "input 'u' at t = 0.05 s: expected -20 to 20, its bounds, got 21"),
+        (lambda t: [-400 * t], {}, "input 'u' at t = 0.052 s: expected -20 to 20"),
+        ([[0.0]] * 3, {"hold": 0.01}, "expected rows for 0.1 s, held 0.01 s each, got 3 rows"),
+        ([0.0], {"hold": 0.01}, "hold: expected none where the inputs are no rows"),
+        ([[0.0]] * 10, {"period": 0.004}, "period: expected an integer part of a row's 0.01 s"),
+        ([0.0], {"timestep": 0.0015}, "timestep: expected an integer part of the period"),
+        ([0.0], {"integrator": "verlet"}, "integrator: expected implicitfast or implicit or euler"),
+        ([0.0], {"q0": [0.0, 0.0]}, "q0: expected finite numbers of shape (1,)"),
+        ([0.0], {"rig": "none"}, "rig: expected None"),
+    ],
+)
+def test_wrong_inputs(cart, inputs, options, said):
+    with pytest.raises(InputError) as error:
+        rollout(cart, inputs, 0.1, **options)
+    assert said in str(error.value)
+
+
+def test_a_batch_has_one_period(cart):
+    with pytest.raises(InputError, match=r"batch\[1\]: expected a period of 0.002 s"):
+        rollouts(cart, [[0.0], [[0.0]] * 100], 0.1)
+    for batch in ([], 3.0):
+        with pytest.raises(InputError, match="batch: expected the inputs of each run"):
+            rollouts(cart, batch, 0.1)
+
+
+ROWS = "t,u.u\n0,1\n0.01,2\n0.02,3\n0.03,0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (ROWS.replace("u.u", "u.v"), "header: expected t, u.u, got 'u.v'; did you mean 'u.u'?"),
+        (ROWS.replace("u.u", "q.x"), "expected one column u.u, got 0 of them"),
+        (ROWS.replace("0.02,3", "0.02,nan"), ":4: column u.u: expected a finite number, got 'nan'"),
+        (ROWS.replace("0.02,3", "0.02"), ":4: expected 2 cells, got 1"),
+        (ROWS.replace("0.02", "0.015"), ":4: column t: expected times from 0 in even steps"),
+        (ROWS.replace("0.02", "0.005"), ":4: column t: expected times from 0 in even steps"),
+        (ROWS.replace("0,1\n", "0.005,1\n", 1), ":2: column t: expected times from 0"),
+        ("t,u.u\n0,1\n", "expected two rows or more, got 1"),
+        (ROWS.replace("t,", "t (ms),"), "header: expected t in s, got 't (ms)'"),
+        (ROWS.replace(",3", ",30"), "input 'u' at t = 0.02 s: expected -20 to 20"),
+    ],
+)
+def test_wrong_files_are_one_line(cart, text, said, tmp_path):
+    (tmp_path / "inputs.csv").write_text(text)
+    done = command("rollout", cart.robot.path, "--inputs", tmp_path / "inputs.csv")
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert said in done.err
+
+
+def test_a_file_is_held_row_by_row(cart, tmp_path):
+    (tmp_path / "inputs.csv").write_text(ROWS)
+    log = tmp_path / "run.npz"
+    assert (
+        command("rollout", cart.robot.path, "--inputs", tmp_path / "inputs.csv", "--log", log).code
+        == 0
+    )
+    assert Log.load(log).u[::5, 0].tolist() == [1, 2, 3]
+    late = command(
+        "rollout", cart.robot.path, "--inputs", tmp_path / "inputs.csv", "--seconds", "1"
+    )
+    assert "expected rows for 1 s" in late.err

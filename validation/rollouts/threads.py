@@ -1,0 +1,77 @@
+"""Many runs of one twin on all cores, by MuJoCo's own rollout in threads.
+
+The steps are those of `Twin.advance`, so a run has the same numbers to the last bit.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+
+from softdyn.validation.loop.time_grid import TimeGrid
+from softdyn.validation.twin.twin import Twin
+
+STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+MOST = 256_000_000  # bytes of the states and controls of the runs that are integrated at once
+
+
+def fits(twin: Twin, grid: TimeGrid) -> bool:
+    """Whether MuJoCo can integrate a run alone, and keep every plant step of it in memory.
+
+    Cables that rub on their guides have a friction that changes with their pull.
+    """
+    rubs = any(tendon.friction for tendon in twin.robot.tendons)
+    return not rubs and _bytes(twin, grid) <= MOST
+
+
+def integrate(
+    twin: Twin, grid: TimeGrid, u: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray] | None]:
+    """Integrate runs from the twin's present state, as many at a time as fit in memory.
+
+    Parameters
+    ----------
+    twin : Twin
+        The plant, without a rig.
+    grid : TimeGrid
+        Its steps.
+    u : np.ndarray, (runs, steps, nu)
+        The inputs of each period.
+
+    Yields
+    ------
+    qpos (steps + 1, nq) and qvel (steps + 1, nv) of each run, or None for one that diverged.
+    """
+    model, nq = twin.model, twin.model.nq
+    start = np.empty(mujoco.mj_stateSize(model, STATE))
+    mujoco.mj_getState(model, twin.data, start, STATE)
+    sizes = [grid.plant_steps(k) for k in range(grid.steps)]
+    samples = np.cumsum(sizes) - 1
+    at_once = max(1, MOST // _bytes(twin, grid))
+    threads = min(os.cpu_count() or 1, len(u), at_once)
+    datas = [mujoco.MjData(model) for _ in range(threads)]
+    with Rollout(nthread=0 if threads == 1 else threads) as rollout:
+        for k in range(0, len(u), at_once):
+            chunk = np.repeat(u[k : k + at_once], sizes, axis=1)
+            control = np.zeros((*chunk.shape[:2], model.nu))
+            control[..., : twin.nu] = chunk
+            states, _ = rollout.rollout(
+                model, datas if threads > 1 else datas[0], start, control,
+                initial_warmstart=twin.data.qacc_warmstart,
+            )  # fmt: skip
+            for run in states[:, samples]:
+                # after a warning MuJoCo repeats the last state
+                if not (np.isfinite(run).all() and np.diff(run[:, 0]).min(initial=1.0) > 0):
+                    yield None
+                    continue
+                full = np.concatenate((start[None], run))
+                yield full[:, 1 : 1 + nq], full[:, 1 + nq : 1 + nq + model.nv]
+
+
+def _bytes(twin: Twin, grid: TimeGrid) -> int:
+    steps = (grid.steps - 1) * grid.substeps + grid.last
+    return 8 * steps * (mujoco.mj_stateSize(twin.model, STATE) + 2 * twin.model.nu)
