@@ -15,6 +15,7 @@ from softdyn.checks import did_you_mean
 from softdyn.exceptions import UrdfError, one_line
 
 T = TypeVar("T")
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 MAX_BYTES = 16 * 2**20  # the largest URDF of example-robot-data is 0.2 MB
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 LARGEST = 1e50  # beyond any robot, and far enough from overflow for mass · length² and its sums
@@ -194,6 +195,10 @@ def read_bytes(path: Path, data: bytes) -> Element:
     except etree.XMLSyntaxError as error:
         line = error.lineno or None
         raise UrdfError(path, "file", "well-formed XML", error.msg or "nothing", line) from None
+    mark = data.find(BYTE_ORDER_MARK, 1)
+    if mark > 0:  # lxml takes it as a letter of a name, where nobody sees it
+        line = data.count(b"\n", 0, mark) + 1
+        raise UrdfError(path, "file", "a byte order mark at the begin only", "another", line)
     if root.getroottree().docinfo.internalDTD is not None:
         raise UrdfError(path, "<!DOCTYPE>", "no DTD and no entities", "a document type declaration")
     return Element(path, root, one_line(f"<{root.tag}>"))

@@ -97,7 +97,7 @@ def _foreign(element: ElementTree.Element) -> bool:
 
 def _ours(element: ElementTree.Element) -> Iterator[ElementTree.Element]:
     yield element
-    if element.tag in OURS:
+    if element.tag in OURS and not _foreign(element):
         for child in element:
             yield from _ours(child)
 
