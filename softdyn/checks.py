@@ -35,9 +35,10 @@ def number(
     *,
     lower: float = -math.inf,
     above: float = -math.inf,
+    upper: float = math.inf,
     finite: bool = True,
 ) -> float:
-    """`value` as a finite float, ``>= lower`` and ``> above``.
+    """`value` as a finite float, ``>= lower``, ``> above`` and ``<= upper``.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def number(
         except OverflowError:  # an int too large for a float
             result = math.inf
         allowed = math.isfinite(result) or (not finite and result > 0)
-        if allowed and result >= lower and result > above:
+        if allowed and above < result >= lower and result <= upper:
             return result
     try:
         got = repr(value)
@@ -59,6 +60,7 @@ def number(
         got = "a number of thousands of digits"
     bound = f" >= {lower:g}" if lower > -math.inf else ""
     bound += f" > {above:g}" if above > -math.inf else ""
+    bound += f" and <= {upper:g}" if upper < math.inf else ""
     raise InputError(name, f"a {'finite ' if finite else ''}number{bound}", got)
 
 

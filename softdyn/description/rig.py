@@ -13,6 +13,9 @@ from functools import cached_property
 
 from softdyn.description.inertia import ZERO, Origin, Vector
 
+LONGEST_DELAY = 10.0  # s
+SMALLEST_WINCH = 1e-9  # gear, and stiffness (N/m), of a winch: its inverse stays finite
+
 
 class CommandKind(Enum):
     """The quantity that a motor's driver regulates."""
@@ -62,7 +65,7 @@ class Actuator:
     rate : float
         Largest rate of change of the command, in the command's unit per second.
     delay : float
-        Time from a command to its effect (s).
+        Time from a command to its effect (s), at most 10 s.
     """
 
     name: str
@@ -167,7 +170,7 @@ class Sensor:
     rate : float
         Readings per second (Hz), held in between. 0 reads anew in every control period.
     latency : float
-        Age of a reading when it arrives (s).
+        Age of a reading when it arrives (s), at most 10 s.
     resolution : tuple of float
         Step between possible readings. 0 does not round. One number or several.
     """

@@ -6,7 +6,14 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.rig import (
+    LONGEST_DELAY,
+    SMALLEST_WINCH,
+    Actuator,
+    CommandKind,
+    Sensor,
+    SensorKind,
+)
 from softdyn.description.robot import ZERO, Joint, Link, Tendon
 from softdyn.description.strict_xml import Element
 
@@ -69,7 +76,7 @@ def read_actuator(
         CommandKind(element.choice("command", COMMANDS, CommandKind.FORCE.value)),
         lag=element.non_negative("lag"),
         rate=element.number("rate", math.inf),
-        delay=element.non_negative("delay"),
+        delay=_delay(element, "delay"),
     )  # fmt: skip
     if actuator.rate <= 0:
         raise element.error("rate > 0", actuator.rate)
@@ -86,6 +93,14 @@ def read_actuator(
     return actuator
 
 
+def _delay(element: Element, attribute: str) -> float:
+    """A delay (s) in an attribute."""
+    value = element.non_negative(attribute)
+    if value > LONGEST_DELAY:
+        raise element.error(f"{attribute} <= {LONGEST_DELAY:g} s", value)
+    return value
+
+
 def _winch(
     element: Element, actuator: Actuator, tendon: Tendon, joints: Mapping[str, Joint]
 ) -> Actuator:
@@ -97,9 +112,9 @@ def _winch(
         length_lower=element.number("length_lower", -math.inf),
         length_upper=element.number("length_upper", math.inf),
     )
-    if winch.stiffness <= 0:
+    if winch.stiffness < SMALLEST_WINCH:
         raise element.error("stiffness > 0 of a winch's cable", winch.stiffness)
-    if winch.gear == 0:
+    if abs(winch.gear) < SMALLEST_WINCH:
         raise element.error("a gear other than 0 of a winch", winch.gear)
     if winch.length_lower > winch.length_upper:
         got = f"length_lower={winch.length_lower} length_upper={winch.length_upper}"
@@ -149,7 +164,7 @@ def read_sensor(
         element.text("name"), kind, tendon, link, joint,
         element.vector("xyz", ZERO), element.vector("rpy", ZERO),
         noise=noise, bias=bias, resolution=resolution,
-        rate=element.non_negative("rate"), latency=element.non_negative("latency"),
+        rate=element.non_negative("rate"), latency=_delay(element, "latency"),
     )  # fmt: skip
 
 

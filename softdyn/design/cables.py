@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import flag, instance, instances, number
-from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION
 from softdyn.exceptions import InputError
 
@@ -130,8 +130,8 @@ class CableMotor:
     def __post_init__(self) -> None:
         instances("cables", self.cables, str, "the name of a cable")
         instance("command", self.command, CommandKind, "a CommandKind")
-        for name in ("lag", "delay", "damping"):
-            number(name, getattr(self, name), lower=0.0)
+        for name, upper in (("lag", math.inf), ("delay", LONGEST_DELAY), ("damping", math.inf)):
+            number(name, getattr(self, name), lower=0.0, upper=upper)
         number("rate", self.rate, above=0.0, finite=False)
         for name, open_end in (("length_lower", -math.inf), ("length_upper", math.inf)):
             if (bound := getattr(self, name)) != open_end:
@@ -140,7 +140,7 @@ class CableMotor:
             bounds = f"{self.length_lower} and {self.length_upper}"
             raise InputError("length_lower", "at most length_upper", bounds)
         if self.command is not CommandKind.FORCE:
-            number("stiffness", self.stiffness, above=0.0)
+            number("stiffness", self.stiffness, lower=SMALLEST_WINCH)
             return
         for name in ("stiffness", "damping", "length_lower", "length_upper"):
             if getattr(self, name) != getattr(CableMotor, name):
@@ -179,8 +179,8 @@ class ArmSensor:
         for name, lower in (("noise", 0.0), ("bias", -math.inf), ("resolution", 0.0)):
             for value in getattr(self.reading, name):
                 number(name, value, lower=lower)
-        for name in ("rate", "latency"):
-            number(name, getattr(self.reading, name), lower=0.0)
+        for name, upper in (("rate", math.inf), ("latency", LONGEST_DELAY)):
+            number(name, getattr(self.reading, name), lower=0.0, upper=upper)
         for point in instances("points", self.points, object, "a number"):
             number("points", point, lower=0.0)
 

@@ -12,7 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softdyn import Robot, parse
-from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
+from softdyn.description.rig import (
+    LONGEST_DELAY,
+    SMALLEST_WINCH,
+    Actuator,
+    CommandKind,
+    Sensor,
+    SensorKind,
+)
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from tests.support import rig_tables
@@ -108,6 +115,7 @@ def test_another_tool_s_sensor_is_ignored() -> None:
 POSITIVE = st.floats(1e-300, 1e50)
 NUMBER = st.floats(-1e50, 1e50).map(lambda x: x + 0.0)  # the text of a default -0 is lost
 SHARE = st.floats(0, 1e50)
+DELAY = st.floats(0, LONGEST_DELAY)
 
 
 @st.composite
@@ -116,14 +124,14 @@ def actuators(draw: st.DrawFn, name: str) -> Actuator:
     low, high = sorted([draw(SHARE), draw(SHARE)])
     gear, lower, upper = draw(st.sampled_from([(-1.0, low, high), (2.0, -high, -low)]))
     gear *= draw(st.floats(1e-3, 1e3))
-    delays = {"lag": draw(SHARE), "delay": draw(SHARE), "rate": draw(POSITIVE | st.just(math.inf))}
+    delays = {"lag": draw(SHARE), "delay": draw(DELAY), "rate": draw(POSITIVE | st.just(math.inf))}
     force = Actuator(name, "cable", gear, lower, upper, **delays)
     kind = draw(st.sampled_from(CommandKind))
     if kind is CommandKind.FORCE:
         return force
     bounds = sorted([draw(SHARE), draw(SHARE | st.just(math.inf))])
     return replace(
-        force, command=kind, stiffness=draw(POSITIVE), damping=draw(SHARE),
+        force, command=kind, stiffness=draw(st.floats(SMALLEST_WINCH, 1e50)), damping=draw(SHARE),
         length_lower=draw(st.sampled_from([-math.inf, bounds[0]])), length_upper=bounds[1],
     )  # fmt: skip
 
@@ -147,7 +155,7 @@ def sensors(draw: st.DrawFn, name: str) -> Sensor:
 
     return Sensor(
         name, kind, **place, noise=components(SHARE), bias=components(NUMBER),
-        rate=draw(SHARE), latency=draw(SHARE), resolution=components(SHARE),
+        rate=draw(SHARE), latency=draw(DELAY), resolution=components(SHARE),
     )  # fmt: skip
 
 

@@ -560,6 +560,7 @@ RIG = [
            "continuous joint 'spin'"),
     Misuse("negative lag", u2('lag="-0.02"'), f"<softdyn>{U2}", "lag >= 0", "-0.02"),
     Misuse("negative delay", u2('delay="-0.02"'), f"<softdyn>{U2}", "delay >= 0", "-0.02"),
+    Misuse("delay in milliseconds", u2('delay="20"'), f"<softdyn>{U2}", "delay <= 10 s", "20.0"),
     Misuse("rate of zero", u2('rate="0"'), f"<softdyn>{U2}", "rate > 0", "0.0"),
     Misuse("rate that is not finite", u2('rate="inf"'), f"<softdyn>{U2}",
            "a finite number as rate", "'inf'", row=False),
@@ -609,6 +610,8 @@ SENSORS = [
            "rate >= 0", "-1.0"),
     Misuse("negative latency", sensor('type="joint" joint="bend" latency="-1"'), SENSOR,
            "latency >= 0", "-1.0"),
+    Misuse("latency in milliseconds", sensor('type="joint" joint="bend" latency="30"'), SENSOR,
+           "latency <= 10 s", "30.0"),
     Misuse("noise that is not a number", sensor('type="joint" joint="bend" noise="low"'), SENSOR,
            "a finite number as noise", "'low'", row=False),
     Misuse("unknown element in a sensor", inside(

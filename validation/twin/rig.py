@@ -13,7 +13,7 @@ import numpy as np
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
 from softdyn.checks import did_you_mean, instance, number, whole
-from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import Robot
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.readings import Readings, command_units, component_units
@@ -81,7 +81,8 @@ class Rig:
     def __post_init__(self) -> None:
         for name in ("lag", "delay", "stiffness", "damping", "noise", "bias", "latency"):
             if getattr(self, name) is not None:
-                number(name, getattr(self, name), lower=0.0)
+                upper = LONGEST_DELAY if name in ("delay", "latency") else math.inf
+                number(name, getattr(self, name), lower=0.0, upper=upper)
         if self.rate is not None:
             number("rate", self.rate, above=0.0)
         whole("seed", self.seed, lower=0)
@@ -122,7 +123,7 @@ class Rig:
         said = robot.actuators if self.file else tuple(a.ideal for a in robot.actuators)
         actuators = tuple(replace(actuator, **changes) for actuator in said)
         for actuator in actuators:
-            if actuator.is_winch and (actuator.stiffness <= 0 or actuator.pushes):
+            if actuator.is_winch and (actuator.stiffness < SMALLEST_WINCH or actuator.pushes):
                 expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
                 raise InputError("command", expected, repr(self.command))
         sensors = robot.sensors if self.file else ()
