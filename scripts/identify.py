@@ -1,26 +1,43 @@
 #!/usr/bin/env python3
-"""Identify stiffness, damping, masses and gears of a robot from measurements."""
+"""Identify parameters of a robot, or of the design of an arm, from measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from softdyn import SoftModel
-    from softdyn.identification import Parameter
+    from softdyn.identification import DesignFile, Parameter
 
 EPILOG = """\
+ROBOT is a URDF, a bundled name, or the TOML file of an arm, as `softdyn new` reads it.
+
 DATA is CSV. Its header names the columns: t (s), u.INPUT for every input, and the measured ones of
-q.JOINT (rad, m), tip.x, tip.y, tip.z (m) and length.TENDON (m). Time steps may differ.
+q.JOINT (rad, m), tip.x, tip.y, tip.z (m), length.TENDON (m), point.MARKER.x, .y, .z (m) and
+pose.MARKER.x … .rz (m, rotation vector in rad). Time steps may differ. A cell of a marker, of the
+tip or of a length may be empty. --static: each row is an equilibrium under its inputs, t may be
+missing.
+
+--points FILE says where the markers are, in TOML: [[point]] (or [[pose]]) with a name, and either
+link and xyz_mm, or s_mm along the arm and offset_mm. --camera fit identifies the frame of the
+markers, --camera X Y Z RX RY RZ (m, rad) states it: a point p of the robot is seen at R p + t.
+--relabel: the names of markers may change from row to row. Each marker is the point that makes the
+sum of squared distances least: with --static the model's in that row, else the last one seen.
 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
 tendon_damping or offset (the unknown zero of a length.TENDON). --free identifies each member in the
 file separately. --shared identifies one factor on the file's values of all members. The file's
 values are the first guess. If every joint is measured, samples near a stop are left out. Otherwise
 the run must begin at rest under its first input, and it is used up to its first stop.
+
+Of a TOML file, KIND is any key of a number without its unit, such as youngs_modulus, density or
+offset. offset.2 means second entries, offset.left those of the [[cable]] called left.
 
 --twin S shows, before there are data, what S seconds of them would identify. MuJoCo's twin moves
 with parameters drawn within 30 % of the file's, its outputs get noise (5 mrad, 0.1 mm of a
@@ -41,6 +58,13 @@ parser.add_argument("data", metavar="DATA", nargs="?", help="CSV")
 parser.add_argument("--free", nargs="+", metavar="KIND", help="default: stiffness damping")
 parser.add_argument("--shared", nargs="+", default=[], metavar="KIND")
 parser.option("--hold-out", cli.finite, "PART", "last part of the data, only for a test", 0.2)
+parser.add_argument("--static", action="store_true", help="each row is an equilibrium")
+parser.add_argument("--test", metavar="CSV", help="static data for the test, instead of --hold-out")
+parser.add_argument("--points", metavar="FILE", help="where the markers are, TOML")
+parser.add_argument(
+    "--camera", nargs="+", metavar="X", help="fit, or X Y Z RX RY RZ; default: the world's frame"
+)
+parser.add_argument("--relabel", action="store_true", help="markers' names change in the data")
 parser.add_argument("--step", type=cli.positive, metavar="S", help="longest step (s) of the model")
 parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of the twin's data")
 parser.add_argument(
@@ -69,7 +93,7 @@ parser.add_argument(
 )
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 parser.option("--timestep", cli.positive, "S", "longest step of the twin", 1e-4)
-parser.output("--out", "URDF", "write the robot's file with the new numbers")
+parser.output("--out", "FILE", "write the robot's file, URDF or TOML, with the new numbers")
 parser.output("--html", "FILE", "write a page: fit, residuals, intervals")
 cli.add_json(parser)
 
@@ -78,7 +102,6 @@ def command(arguments: cli.Arguments) -> int:
     """Read, fit and write."""
     import math
 
-    import softdyn
     from softdyn import InputError, identification
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -89,30 +112,88 @@ def command(arguments: cli.Arguments) -> int:
         raise InputError("--out, --html", "DATA", "--twin, which is no robot's measurement")
     if arguments.data is not None and arguments.excitations:
         raise InputError("--excitations", "--twin S", "DATA, whose inputs are as they are")
-    model = softdyn.load(arguments.robot)
-    unknowns = identification.unknowns_of(model, arguments.free or (), arguments.shared)
+    made, model = robot_of(arguments)
+    chosen = arguments.free or (), arguments.shared
     if arguments.twin is not None:
-        return of_twin(arguments, model, unknowns)
-    data = identification.read_csv(arguments.data, model)
+        return of_twin(arguments, model, identification.unknowns_of(model, *chosen))
+    raw = identification.read_csv(arguments.data, model, static=arguments.static)
+    given, fitted = camera_of(arguments)
+    data, taken = identification.prepared(
+        model, raw, static=arguments.static, camera=given, fit_camera=fitted,
+        relabel=arguments.relabel,
+    )  # fmt: skip
+    unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
+    if fitted and taken.view is not None:
+        unknowns += identification.camera_unknowns(taken.view.camera)
+    test = None
+    if arguments.test:
+        test = identification.read_csv(arguments.test, model, static=True)
+        test, _ = identification.prepared(
+            model, test, static=True, camera=taken.view.camera if taken.view else None,
+            relabel=arguments.relabel,
+        )  # fmt: skip
     if arguments.second_opinion:
         from softdyn.validation.identification import second_opinion as second
 
         second.check(model, data, unknowns, arguments.hold_out)
     found = identification.identify(
-        model, data, unknowns, hold_out=arguments.hold_out, step=arguments.step or math.inf
-    )
-    if arguments.out:
-        write_text(arguments.out, identification.rewritten(model.robot, found.values()))
+        model, data, unknowns, hold_out=arguments.hold_out, step=arguments.step or math.inf,
+        taken=taken, test=test,
+    )  # fmt: skip
+    values = found.values()
+    if arguments.out and made:
+        write_text(arguments.out, made.rewritten(values.get("design", {})))
+    elif arguments.out:
+        write_text(arguments.out, identification.rewritten(model.robot, values))
     if arguments.html:
-        write_text(arguments.html, page(model.name, data, found))
-    report = {"robot": model.name, "data": arguments.data, **found.report()}
-    text = str(found)
+        write_text(arguments.html, page(model.name, found))
+    lines = identification.doubts(found)
+    report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines}
+    text = "\n".join([str(found), *lines])
     if arguments.second_opinion:
         opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
         report["second_opinion"] = opinion.report()
         text += f"\n\n{opinion}"
     cli.write_report(report, arguments.json, text)
     return cli.PASSED if all(one.identified for one in found.estimates) else cli.FAILED
+
+
+def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
+    """The design, if the robot is a TOML file, and the model with the markers."""
+    import softdyn
+    from softdyn import InputError, identification
+    from softdyn.dynamics.mimic import build
+
+    markers = identification.read_points(arguments.points) if arguments.points else ()
+    for name, on in (("--test", arguments.test), ("--relabel", arguments.relabel)):
+        if on and not (arguments.static or name == "--relabel"):
+            raise InputError(name, "--static", "data over time")
+    if Path(arguments.robot).suffix == ".toml":
+        if arguments.twin is not None or arguments.second_opinion:
+            expected = "a URDF; `softdyn new` makes one of the TOML file"
+            raise InputError("--twin, --second-opinion", expected, arguments.robot)
+        made = identification.DesignFile(arguments.robot, markers)
+        return made, made.model
+    model = softdyn.load(arguments.robot)
+    return None, build(identification.marked(model.robot, markers)) if markers else model
+
+
+def camera_of(arguments: cli.Arguments) -> tuple[np.ndarray | None, bool]:
+    """The stated camera (6,), and whether it is to be identified."""
+    import numpy as np
+
+    from softdyn import InputError
+
+    words = arguments.camera
+    if words is None or words == ["fit"]:
+        return None, words is not None
+    try:
+        found = np.array([float(word) for word in words])
+    except ValueError:
+        found = np.zeros(0)
+    if found.shape != (6,) or not np.isfinite(found).all():
+        raise InputError("--camera", "fit, or six numbers: X Y Z RX RY RZ", " ".join(words))
+    return found, False
 
 
 def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Parameter]) -> int:

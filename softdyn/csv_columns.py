@@ -14,7 +14,10 @@ from softdyn.files import as_path, read_bytes
 
 MAX_BYTES, MAX_ROWS = 256_000_000, 1_000_000
 UNIT = re.compile(r"\s*\(([^()]*)\)$")  # the unit after a column's name, as in a log's CSV
-UNITS = {"t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",)}
+UNITS = {
+    "t": ("s",), "q": ("rad", "m"), "tip": ("m",), "length": ("m",), "point": ("m",),
+    "pose": ("m", "rad"),
+}  # fmt: skip
 
 
 def columns(path: str | Path) -> tuple[list[str], list[str], list[list[str]]]:
@@ -49,15 +52,22 @@ def once(path: str | Path, header: Sequence[str], names: Sequence[str]) -> None:
             raise InputError(str(path), f"one column {name}", f"{count} of them")
 
 
-def numbers(path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> np.ndarray:
+def numbers(
+    path: str | Path,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    gaps: tuple[str, ...] = (),
+) -> np.ndarray:
     """The rows' cells as finite numbers (rows, columns).
+
+    Cells of columns whose names begin with one of `gaps` may be empty; they become NaN.
 
     Raises
     ------
     InputError
         A cell that is no finite number; the error names its line and column.
     """
-    return np.array([_numbers(path, header, line, row) for line, row in enumerate(rows, 2)])
+    return np.array([_numbers(path, header, line, row, gaps) for line, row in enumerate(rows, 2)])
 
 
 def _without_unit(path: str | Path, title: str) -> str:
@@ -69,9 +79,18 @@ def _without_unit(path: str | Path, title: str) -> str:
     return name
 
 
-def _numbers(path: str | Path, header: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
+def _numbers(
+    path: str | Path,
+    header: Sequence[str],
+    line: int,
+    row: Sequence[str],
+    gaps: tuple[str, ...],
+) -> list[float]:
     values = []
     for name, text in zip(header, row, strict=True):
+        if name.startswith(gaps) and not text.strip():
+            values.append(np.nan)
+            continue
         try:
             value = float(text)
         except ValueError:

@@ -115,7 +115,15 @@ DATA = identification.Measurements(TIMES, np.zeros((30, 2)), NAMES, ANGLES)
 UNKNOWNS = identification.parameters(MODEL, "stiffness")
 FITTED = {"model": MODEL, "data": DATA, "unknowns": UNKNOWNS, "step": np.inf}
 IDENTIFICATION = [
-    (identification.read_csv, {"path": "data.csv", "model": MODEL}),
+    (identification.read_csv, {"path": "data.csv", "model": MODEL, "static": False}),
+    (identification.read_points, {"path": "points.toml"}),
+    (identification.marked, {"robot": MODEL.robot, "markers": (), "layout": None}),
+    (identification.camera_unknowns, {"start": np.zeros(6)}),
+    (identification.DesignFile, {"path": "arm.toml"}),
+    (identification.doubts, {"found": None}),
+    (identification.prepared,
+     {"model": MODEL, "data": DATA, "static": False, "camera": np.zeros(6), "fit_camera": False,
+      "relabel": False}),
     (identification.Measurements,
      {"t": TIMES, "u": np.zeros((30, 2)), "names": NAMES, "outputs": ANGLES}),
     (DATA.part, {"begin": 0, "end": 9}),
@@ -174,7 +182,17 @@ def test_the_table_lists_the_public_functions():
     tested = {getattr(function, "__name__", "") for function, _ in CALLS}
     tested |= {"distance", "of", "HardStops", "TipSearch", "Diagnosis", "StaticsError"}
     tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
-    tested |= {"Estimate", "Fit", "FitProblem", "Identified", "KINDS", "MAX_ROWS", "Parameter"}
+    tested |= {
+        "Acquisition",
+        "Estimate",
+        "Fit",
+        "FitProblem",
+        "Identified",
+        "KINDS",
+        "MAX_ROWS",
+        "Parameter",
+    }
+    tested |= {"Marker", "MarkerView"}
     for room in (statics, design):
         assert set(room.__all__) <= tested, room.__name__
     assert set(re.findall(r" as (\w+)", inspect.getsource(identification))) <= tested

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.description.rig import Sensor
-from softdyn.description.robot import ZERO, Joint, JointTerm, Tendon
+from softdyn.description.robot import ZERO, Joint, JointTerm, Robot, Tendon
 from softdyn.description.urdf_writer import write
 from softdyn.design.cables import ArmSensor, Cable, along
 from softdyn.design.chain import (
@@ -50,8 +50,19 @@ def urdf(arm: Arm) -> str:
     InputError
         For numbers that no soft arm has, unless `arm.unusual`: see `softdyn.design.plausible`.
     """
-    layout = lay_out(arm)
+    return write(robot(lay_out(arm)))
+
+
+def robot(layout: Layout) -> Robot:
+    """The robot that `urdf` writes.
+
+    Raises
+    ------
+    InputError
+        As in `urdf`.
+    """
     check(layout)
+    arm = layout.arm
     chain = Chain(arm.name, comment(layout), _colors(arm))
     last = 0.0
     for k, (x, group, body) in enumerate(
@@ -70,7 +81,7 @@ def urdf(arm: Arm) -> str:
         bounds = Input(GEAR, (0, cable.max_tension))
         chain.pull(_tendon(layout, cable), bounds, **words.get(cable.name, {}))
     sensors = [placed for sensor in arm.sensors for placed in _sensors(layout, sensor)]
-    return write(chain.finish(tip, sensors=sensors))
+    return chain.finish(tip, sensors=sensors)
 
 
 def comment(layout: Layout) -> str:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,15 @@ def along(profile: Profile, at: float) -> float:
     """The value of a profile at s / length = `at`."""
     if callable(profile):
         return float(profile(at))
+    if isinstance(profile, int | float):
+        return float(profile)
     values = np.atleast_1d(np.asarray(profile, float))
-    return float(np.interp(at, np.linspace(0, 1, len(values)), values))
+    return float(np.interp(at, _even(len(values)), values))
+
+
+@cache
+def _even(count: int) -> np.ndarray:
+    return np.linspace(0, 1, count)
 
 
 @dataclass(frozen=True)

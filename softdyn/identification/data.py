@@ -1,4 +1,4 @@
-"""Measurements of a robot over time: inputs, and joint angles, the tip or cable lengths."""
+"""Measurements of a robot: inputs, and joint angles, markers, the tip or cable lengths."""
 
 from __future__ import annotations
 
@@ -8,13 +8,17 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from softdyn.checks import array, did_you_mean, in_degrees, instances, length, whole
+from softdyn.checks import array, did_you_mean, flag, in_degrees, instances, length, whole
 from softdyn.csv_columns import columns, numbers, once
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, errors_in
+from softdyn.identification.markers.points import PREFIX
+from softdyn.sensing.sensors import SUFFIXES
 
+FAR = 5.0  # times its bound; an input this large is probably in another unit
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
 BESIDE = ("v.", "target.", "command.", "acting.", "measured.", "q_seen.", "v_seen.")
+GAPS = ("tip.", "length.", "point.", "pose.")  # columns whose cells may be empty
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
 ENOUGH = 0.2  # if this share of the data lies in stretches without a stop, hold no further joint
@@ -35,15 +39,16 @@ class Measurements:
     u : ndarray, (N, m)
         Inputs, each held from its sample to the next one.
     names : tuple of str
-        Names of the measured outputs: ``q.JOINT``, ``tip.x``, ``length.TENDON``.
+        Names of the measured outputs: ``q.JOINT``, ``tip.x``, ``length.TENDON``,
+        ``point.MARKER.x``, ``pose.MARKER.rx``.
     outputs : ndarray, (N, len(names))
-        Their values (rad or m, m, m).
+        Their values (rad or m); NaN where one was not measured. Joints have no gaps.
 
     Raises
     ------
     InputError
         For other shapes, numbers that are not finite or beyond `LARGEST`, a repeated output, times
-        that do not increase, and outputs that are all constant.
+        that do not increase, outputs that are all constant, and an output without a number.
     """
 
     t: np.ndarray
@@ -65,8 +70,9 @@ class Measurements:
         inputs = length("u[0]", rows[0]) if length("u", rows) else 0
         object.__setattr__(self, "u", array("u", rows, (samples, inputs)))
         shape = (samples, len(self.names))
-        object.__setattr__(self, "outputs", array("outputs", self.outputs, shape))
-        most = np.abs(self.outputs).max(0)
+        object.__setattr__(self, "outputs", array("outputs", self.outputs, shape, finite=False))
+        self._check_gaps()
+        most = np.nanmax(np.abs(self.outputs), axis=0)
         if most.max() > LARGEST:
             k = int(most.argmax())
             raise InputError(self.names[k], f"rad or m, at most {LARGEST:g}", f"{most[k]:g}")
@@ -74,12 +80,27 @@ class Measurements:
         if late.size:
             k = int(late[0])
             raise InputError("t", "increasing times", f"{self.t[k]:g}, then {self.t[k + 1]:g}")
-        if not np.ptp(self.outputs, axis=0).any():
+        if not spread(self.outputs).any():
             raise InputError("data", "outputs that move: excite the robot", "constant ones")
+
+    def _check_gaps(self) -> None:
+        """Refuse infinities, gaps of joints, and outputs without a number."""
+        missing = np.isnan(self.outputs)
+        for k, name in enumerate(self.names):
+            gaps = int(missing[:, k].sum())
+            if np.isinf(self.outputs[:, k]).any():
+                raise InputError(name, "finite numbers", "an infinite one")
+            if gaps == len(missing) or (gaps and name.startswith("q.")):
+                expected = "a number in every row" if name.startswith("q.") else "a number"
+                raise InputError(name, expected, f"{gaps} empty cells")
 
     def part(self, begin: int, end: int) -> Measurements:
         """The samples from `begin` to `end`."""
         keep = slice(whole("begin", begin), whole("end", end))
+        return self.rows(np.arange(len(self.t))[keep])
+
+    def rows(self, keep: np.ndarray) -> Measurements:
+        """The samples of these indices."""
         return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep])
 
     def joints(self, model: SoftModel) -> np.ndarray | None:
@@ -88,6 +109,12 @@ class Measurements:
         if not set(wanted) <= set(self.names):
             return None
         return self.outputs[:, [self.names.index(name) for name in wanted]]
+
+
+def spread(outputs: np.ndarray) -> np.ndarray:
+    """Largest minus least value (outputs,) of each output (N, outputs), without gaps."""
+    result: np.ndarray = np.nanmax(outputs, axis=0) - np.nanmin(outputs, axis=0)
+    return result
 
 
 def at_stops(model: SoftModel, joints: np.ndarray) -> np.ndarray:
@@ -151,6 +178,8 @@ def output_names(model: SoftModel) -> tuple[str, ...]:
     return (
         *(f"q.{name}" for name in model.joint_names), *(f"tip.{axis}" for axis in AXES),
         *(f"length.{name}" for name in model.tendons.names),
+        *(PREFIX[sensor.kind] + sensor.name + suffix for sensor in model.robot.sensors
+          if sensor.kind in PREFIX for suffix in SUFFIXES[sensor.kind.size]),
     )  # fmt: skip
 
 
@@ -172,25 +201,31 @@ def check_data(model: SoftModel, data: Measurements) -> None:
     room = BEYOND * (model.u_max - model.u_min)
     beyond = (data.u < model.u_min - room) | (data.u > model.u_max + room)
     for k, j in np.argwhere(beyond)[:1]:
+        low, high, most = model.u_min[j], model.u_max[j], np.abs(data.u[:, j]).max()
+        far = most > FAR * max(abs(low), abs(high))
         raise InputError(
             f"u.{model.robot.actuators[j].name}",
-            f"{model.u_min[j]:g} to {model.u_max[j]:g}, the bounds in the robot's file",
-            f"{data.u[k, j]:g} at t = {data.t[k]:g} s: another unit?",
+            f"{low:g} to {high:g}, the bounds in the robot's file",
+            f"{data.u[k, j]:g} at t = {data.t[k]:g} s: another unit"
+            + (", such as grams or mN?" if far else "?"),
         )
 
 
-def read_csv(path: str | Path, model: SoftModel) -> Measurements:
+def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Measurements:
     """Measurements from a CSV file whose header names the columns.
 
     The columns are ``t`` in seconds, ``u.NAME`` for every input, and any of ``q.JOINT`` (rad, m),
-    ``tip.x``, ``tip.y``, ``tip.z`` and ``length.TENDON`` (m).
+    ``tip.x``, ``tip.y``, ``tip.z``, ``length.TENDON`` and ``point.MARKER.x`` (m). An empty cell is
+    a gap.
 
     Parameters
     ----------
     path : str or Path
         The file.
     model : SoftModel
-        The robot whose joints, tendons and inputs it names.
+        The robot whose joints, tendons, inputs and sensors it names.
+    static : bool
+        Whether each row is an equilibrium. ``t`` may then be missing.
 
     Raises
     ------
@@ -198,6 +233,7 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
         A file that cannot be read, an unknown, missing or doubled column, a cell that is no finite
         number, angles in degrees, times in milliseconds, inputs beyond the file's bounds.
     """
+    static = flag("static", static)
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
     known = ("t", *inputs, *output_names(model))
     titles, header, rows = columns(path)
@@ -206,16 +242,18 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     header = [header[k] for k in kept]
     for name in header:
         if name not in known:
-            expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z or length.TENDON, of this robot"
+            expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x"
+            expected += " or pose.MARKER.rx, of this robot and its markers"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
-    once(path, header, ("t", *inputs))
+    timed = not static or "t" in header
+    once(path, header, ("t", *inputs) if timed else inputs)
     if len(set(header)) < len(header):
         raise InputError(str(path), "each column once", "one that is there twice")
-    table = numbers(path, header, [[row[k] for k in kept] for row in rows])
+    table = numbers(path, header, [[row[k] for k in kept] for row in rows], GAPS)
     column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
     outputs = tuple(name for name in known[1 + len(inputs) :] if name in header)
     if not outputs or not column:
-        expected = "rows, and a column of q.JOINT, tip.x or length.TENDON"
+        expected = "rows, and a column of q.JOINT, tip.x, length.TENDON or point.MARKER.x"
         raise InputError(str(path), expected, f"{len(table)} rows of {', '.join(header)}")
     for joint in model.robot.moving_joints:
         angles = column.get(f"q.{joint.name}", np.zeros(1))
@@ -226,10 +264,11 @@ def read_csv(path: str | Path, model: SoftModel) -> Measurements:
     stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
                for names in (inputs, outputs)]  # fmt: skip
     with errors_in(str(path)):
-        data = Measurements(column["t"], stacked[0], outputs, stacked[1])
+        times = column["t"] if timed else np.arange(float(len(table)))
+        data = Measurements(times, stacked[0], outputs, stacked[1])
         check_data(model, data)
     step = float(np.median(np.diff(data.t)))
-    if step >= SLOW and "t (s)" not in titles:
+    if step >= SLOW and "t (s)" not in titles and not static:
         expected = f"seconds, or the title t (s) where samples are {step:g} s apart"
         raise InputError(f"{path}: column t", expected, f"steps of {step:g}: milliseconds?")
     return data

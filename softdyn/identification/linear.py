@@ -10,8 +10,9 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
-from softdyn.identification.friction import friction_of
-from softdyn.identification.parameters import MotionSample, Parameter, columns_of
+from softdyn.identification.parameters import Parameter, columns_of, neighbours_of
+from softdyn.identification.unknowns.friction import friction_of
+from softdyn.identification.unknowns.kinds import Around, MotionSample
 
 MOST = 2000  # samples that the first guess uses
 WINDOW = 500  # samples that choose the smoothing
@@ -83,20 +84,21 @@ def first_guess(
     if not linear:
         return theta
     angles, rates, accelerations = smooth
+    around = Around(model, neighbours_of(model, unknowns, theta))
     rub, columns, loads, rows = friction_of(model), [], [], []
     for k in np.unique(np.linspace(1, len(data.t) - 2, MOST).astype(int)):
         use = np.flatnonzero(~stops[k])
         state = model.state(model.configuration(angles[k]), rates[k])
         # the input jumps at a sample, the smoothed acceleration does not: take the mean of both
         u = (data.u[k - 1] + data.u[k]) / 2
-        sample = MotionSample(state, accelerations[k], u, model)
+        sample = MotionSample(state, accelerations[k], u, around)
         Y = columns_of(unknowns, sample, len(unknowns))[:, linear]
         r = state.M @ accelerations[k] + state.h - state.B @ u + rub.size * rub.signs(rates[k])
         columns.append(Y[use])
         loads.append((Y @ theta[linear] - r)[use])  # r is linear: r = r₀ + Y (θ - θ₀)
         rows.append(use)
     A, b, joint = np.concatenate(columns), np.concatenate(loads), np.concatenate(rows)
-    lower = np.array([unknowns[p].kind.lower for p in linear])
+    lower = np.array([unknowns[p].lower for p in linear])
     size = np.maximum(np.abs(theta[linear]), 1e-12)
     weights = np.ones(model.nv)
     guess = theta.copy()

@@ -8,26 +8,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
-from softdyn.checks import array, instance, instances, number
+from softdyn.checks import instance, instances
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import DONE, ResidualBlock, least_squares, reduced
-from softdyn.identification.data import SHORTEST, Measurements, check_data
+from softdyn.identification.data import SHORTEST, Measurements, check_data, spread
+from softdyn.identification.intervals import (
+    FEWEST,
+    SHARE,
+    autocorrelation,
+    deviations,
+    fit_length,
+    half_widths,
+    ljung_box,
+    unidentifiable,
+    widening,
+)
 from softdyn.identification.linear import first_guess
 from softdyn.identification.parameters import Parameter, distinct, with_values
-from softdyn.identification.problem import FitProblem, Simulated, first_stop, problem_of
-from softdyn.identification.result import Estimate, Identified
+from softdyn.identification.problem import (
+    PLAIN,
+    Acquisition,
+    FitProblem,
+    Simulated,
+    first_stop,
+    problem_of,
+)  # fmt: skip
+from softdyn.identification.result import Estimate, Identified, distance, rms
 from softdyn.identification.trajectory import TrajectoryError
-from softdyn.identification.whiteness import autocorrelation, ljung_box, widening
+from softdyn.statics.equilibrium import StaticsError
 
-FEWEST = 10  # samples; a smoothing spline needs half of them
 CUTS = 4  # largest number of times that data without joint angles are cut at a simulated stop
 ROUNDS = 12  # largest number of rounds that estimate noise and unknowns in turn
 PIECE = 100  # samples of the first pieces that are fitted
 ROUGH = 1e-3  # pieces are joined if a step would reduce the cost by a smaller share
-WIDEST = 0.5  # a relative standard deviation above which a parameter is not identified
 
 
 def identify(
@@ -37,6 +53,8 @@ def identify(
     *,
     hold_out: float = 0.2,
     step: float = np.inf,
+    taken: Acquisition = PLAIN,
+    test: Measurements | None = None,
 ) -> Identified:
     """Parameters of the model from measurements, by the output-error method.
 
@@ -47,7 +65,10 @@ def identify(
     longer parts are fitted. The data end where the simulated motion brings a joint to a stop.
     The fit is Levenberg and Marquardt's with bounds and analytic derivatives; each output is
     weighted by its noise. The covariance is σ² (JᵀJ)⁻¹ of the whitened outputs. Coloured residuals
-    widen it (Newey–West, `whiteness.widening`).
+    widen it (Newey–West, `intervals.widening`).
+
+    If the data are static, each row is an equilibrium. All outputs of one kind then have one common
+    noise, and the intervals allow errors that the outputs of a row share (`half_widths`).
 
     Parameters
     ----------
@@ -57,9 +78,13 @@ def identify(
     unknowns : sequence of Parameter
         Unknowns from `parameters`.
     hold_out : float
-        Share of the data, at the end, that only tests the result.
+        Share of the data, at the end, that only tests the result; of static data every few rows.
     step : float
         Longest step (s) of the simulation; the samples' own by default.
+    taken : Acquisition
+        Whether the data are static, and how markers were seen.
+    test : Measurements, optional
+        Static data that only test the result; nothing of `data` is then held out.
 
     Raises
     ------
@@ -76,12 +101,15 @@ def identify(
         raise InputError("robot", "a fixed base and no mimic joints", model.name)
     distinct(unknowns)
     check_data(model, instance("data", data, Measurements, "Measurements"))
-    split = fit_length(data, hold_out)
-    if len(data.t) < FEWEST:
+    instance("taken", taken, Acquisition, "an Acquisition")
+    if test is not None:
+        check_data(model, instance("test", test, Measurements, "Measurements"))
+    keep, left_out = parts_of(data, hold_out if test is None else 0.0, taken.static)
+    if len(data.t) < FEWEST and not taken.static:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
-    whole = problem_of(model, data.part(0, split), unknowns, step)
+    whole = problem_of(model, data.rows(keep), unknowns, step, taken)
     found = fit(whole)
-    for _ in range(CUTS if whole.smooth is None else 0):
+    for _ in range(CUTS if whole.smooth is None and not taken.static else 0):
         end = first_stop(replace(found.problem, runs=whole.runs), found.theta)
         if end == found.problem.runs[0][1]:
             break
@@ -91,73 +119,42 @@ def identify(
     problem, theta, noise = found.problem, found.theta, found.noise
     residuals = problem.residuals(found.simulated)
     samples = np.isfinite(residuals).sum(0)
-    correlation = autocorrelation(residuals)
-    widened = np.sqrt(widening(correlation, samples))
-    deviations = _deviations(reduced(problem.blocks(found.simulated, noise * widened)).R)
-    changed = with_values(model, problem.unknowns, theta)
+    correlation = np.zeros((0, len(noise))) if taken.static else autocorrelation(residuals)
+    blocks = problem.blocks(found.simulated, noise * np.sqrt(widening(correlation, samples)))
+    if taken.static:
+        half = half_widths(blocks[0], np.nonzero(np.isfinite(residuals))[0])
+    else:
+        half = norm.ppf(SHARE) * deviations(reduced(blocks).R)
     kept = {id(one): k for k, one in enumerate(problem.unknowns)}
     estimates = tuple(
-        Estimate(one, float(theta[kept[id(one)]]), float(deviations[kept[id(one)]]), True)
+        Estimate(one, float(theta[kept[id(one)]]), float(half[kept[id(one)]]), True)
         if id(one) in kept
         else Estimate(one, one.nominal, np.inf, False)
         for one in unknowns
     )
     statistic, degrees = ljung_box(correlation, samples)
+    if test is None and left_out.size:
+        test = data.rows(left_out) if taken.static else data
+    missed = np.zeros((0, len(noise)))
+    if test is not None:
+        missed = _held_out(problem, theta, test, len(keep), noise)
     return Identified(
-        changed, estimates, data.names, residuals,
+        with_values(model, problem.unknowns, theta), estimates, problem.data, residuals,
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
-        _held_out(problem, theta, data, split, noise), found.unidentifiable,
-        _moved(found),
+        rms(missed / noise), distance(data.names, missed), found.unidentifiable,
+        np.nan if taken.static else _moved(found), taken.static,
     )  # fmt: skip
 
 
-def fit_length(data: Measurements, hold_out: float) -> int:
-    """The number of samples to fit if the share `hold_out` of the data is held out."""
-    if not 0 <= number("hold_out", hold_out) < 0.9:
-        raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
-    instance("data", data, Measurements, "Measurements")
-    return max(FEWEST, round(len(data.t) * (1 - hold_out)))
-
-
-def least_deviations(
-    model: SoftModel,
-    data: Measurements,
-    unknowns: Sequence[Parameter],
-    theta: np.ndarray,
-    noise: np.ndarray,
-    *,
-    hold_out: float = 0.2,
-    step: float = np.inf,
-) -> np.ndarray:
-    """Cramér and Rao's bound (P,): least standard deviations of an unbiased fit of the stretches.
-
-    It is infinite for parameters that `identify` would report as not identifiable with this noise.
-
-    Parameters
-    ----------
-    model, data, unknowns, hold_out, step
-        As for `identify`.
-    theta : ndarray, (P,)
-        The true values.
-    noise : ndarray, (outputs,)
-        The true standard deviation of each output; the noise is white.
-    """
-    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
-    split = fit_length(data, hold_out)
-    theta = array("theta", theta, (len(unknowns),))
-    noise = array("noise", noise, (len(data.names),))
-    problem = problem_of(model, data.part(0, split), unknowns, step)
-    if problem.smooth is None:
-        problem = replace(problem, runs=((0, first_stop(problem, theta)),))
-    R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
-    identifiable, drop = list(range(len(unknowns))), {-1}
-    while identifiable and drop:
-        drop, _ = _unidentifiable([unknowns[k] for k in identifiable], R[:, identifiable])
-        identifiable = [k for at, k in enumerate(identifiable) if at not in drop]
-    found = np.full(len(unknowns), np.inf)
-    found[identifiable] = _deviations(R[:, identifiable])
-    return found
+def parts_of(data: Measurements, hold_out: float, static: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the samples to fit and of those held out: the last ones, or spread rows."""
+    split, every = fit_length(data, hold_out), np.arange(len(data.t))
+    if not static:
+        return every[:split], every[split:]
+    count = round(len(every) * hold_out)
+    held = ((np.arange(count) + 0.5) * len(every) / max(count, 1)).astype(int)
+    return np.setdiff1d(every, held), held
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +197,7 @@ def fit(problem: FitProblem) -> Fit:
     for _ in range(ROUNDS + len(theta)):
         theta, firsts, simulated = _solve(problem, theta, firsts, noise)
         before, noise = noise, _noise(problem, theta, simulated, noise)
-        drop, new = _unidentifiable(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
+        drop, new = unidentifiable(problem.unknowns, reduced(problem.blocks(simulated, noise)).R)
         texts += new
         if drop:
             unknowns = tuple(p for k, p in enumerate(problem.unknowns) if k not in drop)
@@ -215,6 +212,9 @@ def fit(problem: FitProblem) -> Fit:
 
 def _starting_point(problem: FitProblem) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Parameters, first states and noise (outputs,) from which the fit starts."""
+    if problem.taken.static:
+        theta = np.array([parameter.nominal for parameter in problem.unknowns])
+        return theta, problem.firsts(), _pooled(problem, _first_noise(problem))
     if problem.smooth is None:
         return _fit_growing_part(problem), problem.firsts(), _first_noise(problem)
     guess = first_guess(problem.base, problem.unknowns, problem.data, problem.smooth, problem.stops)
@@ -280,14 +280,14 @@ def _fit_growing_part(problem: FitProblem) -> np.ndarray:
 
 def _first_noise(problem: FitProblem) -> np.ndarray:
     """A first value of the noise (outputs,), from the outputs' ranges."""
-    spread = np.ptp(problem.data.outputs, axis=0)
-    return 1e-3 * np.maximum(spread, 1e-3 * spread.max())
+    wide = spread(problem.data.outputs)
+    return 1e-3 * np.maximum(wide, 1e-3 * wide.max())
 
 
 def _misfit(problem: FitProblem, theta: np.ndarray, noise: np.ndarray) -> float:
     """Sum of squares of a run from rest."""
     out = problem.outputs(theta, problem.firsts())[0]
-    return float((((out - problem.data.outputs[: len(out)]) / noise) ** 2).sum())
+    return float(np.nansum(((out - problem.data.outputs[: len(out)]) / noise) ** 2))
 
 
 def _noise(
@@ -299,7 +299,22 @@ def _noise(
     spent = (len(theta) + sum(len(run.first) for run in simulated)) / left.shape[1]
     power = np.nansum(left**2, axis=0) / np.maximum(samples - spent, 1)
     least = 1e-9 * _first_noise(problem)
+    if problem.taken.static:
+        spent = len(theta) / left.shape[1]
+        return np.maximum(_pooled(problem, np.sqrt(np.nanmean(left**2, axis=0))), least) * float(
+            np.sqrt(samples.mean() / max(samples.mean() - spent, 0.5))
+        )
     return np.where(samples > 0, np.maximum(np.sqrt(power), least), before)
+
+
+def _pooled(problem: FitProblem, noise: np.ndarray) -> np.ndarray:
+    """One noise for all outputs of a kind, because few rows tell little about each output's."""
+    kinds = [(name.partition(".")[0], ".r" in name[-3:]) for name in problem.data.names]
+    found = np.empty(len(noise))
+    for kind in set(kinds):
+        same = np.array([one == kind for one in kinds])
+        found[same] = np.sqrt(np.mean(noise[same] ** 2))
+    return found
 
 
 def _solve(
@@ -310,7 +325,7 @@ def _solve(
     done: float = DONE,
 ) -> tuple[np.ndarray, list[np.ndarray], list[Simulated]]:
     """Parameters, first states and outputs with the least sum of squares, weighted by the noise."""
-    lower = np.array([p.kind.lower for p in problem.unknowns])
+    lower = np.array([p.lower for p in problem.unknowns])
     theta = np.maximum(theta, lower)
     best = problem.simulated(theta, firsts)  # an error at the first guess reaches the user
     kept = {_key(theta, firsts): best}
@@ -321,7 +336,7 @@ def _solve(
             kept.clear()
             try:
                 kept[key] = problem.simulated(at, own)
-            except TrajectoryError:
+            except (TrajectoryError, StaticsError, InputError):
                 return None  # these values cannot be simulated
         return problem.blocks(kept[key], noise)
 
@@ -332,11 +347,6 @@ def _solve(
 
 def _key(theta: np.ndarray, own: Sequence[np.ndarray]) -> bytes:
     return np.concatenate((theta, *own)).tobytes()
-
-
-def _deviations(R: np.ndarray) -> np.ndarray:
-    """Standard deviations (P,) of θ if residuals have variance 1."""
-    return np.linalg.norm(np.linalg.pinv(R), axis=1)
 
 
 def _moved(found: Fit) -> float:
@@ -353,47 +363,31 @@ def _moved(found: Fit) -> float:
     both = (problem.blocks(runs, found.noise) for runs in (coarse, fine))
     blocks = [a._replace(residual=b.residual - a.residual) for a, b in zip(*both, strict=True)]
     linear = reduced(blocks)
-    return float(np.abs(np.linalg.pinv(linear.R) @ linear.d / _deviations(linear.R)).max())
-
-
-def _unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
-    """Indices of parameters that are not identifiable, and the reasons as text.
-
-    First come all parameters that would not be identifiable even if all others were known. If there
-    are none, it is one parameter of the worst combination.
-    """
-    scaled = R * np.array([abs(p.nominal) or 1.0 for p in unknowns])
-    alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * WIDEST < 1)
-    if alone.size:
-        return set(map(int, alone)), [unknowns[int(k)].label for k in alone]
-    _, singular, directions = np.linalg.svd(scaled)
-    if singular[-1] * WIDEST >= 1:
-        return set(), []
-    share = np.abs(directions[-1]) / np.abs(directions[-1]).max()
-    # drop only the worst parameter, so that a combination such as a common scale loses one member
-    worst = int(np.argmax(share))
-    terms = [unknowns[int(k)].label for k in np.argsort(-share) if share[k] > 0.3]
-    text = " together with ".join(terms[:6]) + (" and others" if len(terms) > 6 else "")
-    return {worst}, [f"{text} (relative deviation {1 / max(singular[-1], 1e-300):.2g})"]
+    return float(np.abs(np.linalg.pinv(linear.R) @ linear.d / deviations(linear.R)).max())
 
 
 def _held_out(
     problem: FitProblem, theta: np.ndarray, data: Measurements, split: int, noise: np.ndarray
-) -> float:
-    """Rms residual over the noise in the held-out data; only its first states are fitted."""
+) -> np.ndarray:
+    """Residuals of the held-out data (N, outputs); only first states are fitted to them."""
+    none = np.zeros((0, len(noise)))
+    if problem.taken.static:
+        there = replace(problem, data=data, runs=((0, len(data.t)),))
+        return data.outputs - there.outputs(theta, there.firsts())[0]
     if split > len(data.t) - FEWEST:
-        return float("nan")
+        return none
     if problem.smooth is None:
         whole = replace(problem, data=data, runs=((0, len(data.t)),))
         end = first_stop(whole, theta)
         out = whole.outputs(theta, whole.firsts())[0]
-        left = (out - data.outputs)[split:end]
-        return float(np.sqrt(np.mean((left / noise) ** 2))) if end > split else float("nan")
+        return (data.outputs - out)[split:end]
     changed = with_values(problem.base, problem.unknowns, theta)
     try:
-        rest = problem_of(changed, data.part(split, len(data.t)), (), problem.step)
+        rest = problem_of(
+            changed, data.part(split, len(data.t)), (), problem.step, problem.seen(theta)
+        )
     except InputError:  # no joint moves there, or all samples are at stops
-        return float("nan")
-    none, firsts, _ = _joined(rest, np.zeros(0))
-    _, _, simulated = _solve(rest, none, firsts, noise)
-    return float(np.sqrt(np.nanmean((rest.residuals(simulated) / noise) ** 2)))
+        return none
+    zero, firsts, _ = _joined(rest, np.zeros(0))
+    _, _, simulated = _solve(rest, zero, firsts, noise)
+    return rest.residuals(simulated)

@@ -1,159 +1,22 @@
-"""The kinds of parameters: each kind's columns in r = M q̈ + h - B u, and its setter."""
+"""The unknowns of a fit: numbers of a kind, and models with other values of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from softdyn.checks import array, did_you_mean, flag, instances
-from softdyn.description.robot import Robot
-from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.mimic import build
-from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
-from softdyn.identification.friction import friction_of
+from softdyn.identification.markers.camera import CAMERA
+from softdyn.identification.unknowns.kinds import KINDS, SEEN, Kind, MotionSample, Neighbour
 
-
-class MotionSample(NamedTuple):
-    """A state with its acceleration and input, and the model with the file's inertias."""
-
-    state: State
-    a: np.ndarray
-    u: np.ndarray
-    file: SoftModel
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of parameter, such as stiffness; a member is one joint's, tendon's or input's.
-
-    Attributes
-    ----------
-    name, unit : str
-        Texts for the user.
-    members : callable
-        SoftModel → names of the members.
-    nominal : callable
-        SoftModel → their values in the file (members,).
-    columns : callable
-        MotionSample → ∂r/∂value (n, members), r = M a + h - B u.
-    amended : callable
-        (Robot, {name: value}) → the robot with these values; masses are set in the engine.
-    lower : float
-        The least possible value.
-    measures : str
-        For a kind that is only added to outputs: their name up to the member's name.
-    """
-
-    name: str
-    unit: str
-    members: Callable[[SoftModel], Sequence[str]]
-    nominal: Callable[[SoftModel], np.ndarray]
-    columns: Callable[[MotionSample], np.ndarray]
-    amended: Callable[[Robot, dict[str, float]], Robot]
-    lower: float = 0.0
-    measures: str = ""
-
-
-def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot]:
-    """A setter of one attribute of the robot's joints, tendons or actuators."""
-
-    def amended(robot: Robot, values: dict[str, float]) -> Robot:
-        parts: tuple[Any, ...] = getattr(robot, field)
-        changed = tuple(
-            replace(part, **{attribute: values[part.name]}) if part.name in values else part
-            for part in parts
-        )
-        found: Robot = replace(robot, **{field: changed})  # type: ignore[arg-type]
-        return found
-
-    return amended
-
-
-def _joints(model: SoftModel) -> Sequence[str]:
-    return model.joint_names
-
-
-def _tendons(model: SoftModel) -> Sequence[str]:
-    return model.tendons.names
-
-
-def _inputs(model: SoftModel) -> Sequence[str]:
-    return [actuator.name for actuator in model.robot.actuators]
-
-
-def _coordinates(sample: MotionSample) -> np.ndarray:
-    return sample.state.model.coordinates(sample.state.q)
-
-
-def _rubbing(sample: MotionSample) -> np.ndarray:
-    return np.diag(friction_of(sample.state.model).signs(sample.state.v))
-
-
-def _stretch(sample: MotionSample) -> np.ndarray:
-    return _coordinates(sample) - sample.state.model.rest
-
-
-def _mass_columns(sample: MotionSample) -> np.ndarray:
-    state = sample.state
-    return mass_columns(sample.file, state.q, state.v, sample.a)
-
-
-def _gear_columns(sample: MotionSample) -> np.ndarray:
-    tree = tree_of(sample.state.model)
-    return -(sample.state.moment_arms[tree.actuated] * sample.u[:, None]).T
-
-
-def _tendon_spring(sample: MotionSample) -> np.ndarray:
-    model, state = sample.state.model, sample.state
-    stretch = (state.lengths - model.tendon_rest) * _taut(state)
-    return (state.moment_arms * stretch[:, None]).T
-
-
-def _tendon_damper(sample: MotionSample) -> np.ndarray:
-    arms = sample.state.moment_arms
-    rates = (arms @ sample.state.v) * _taut(sample.state)
-    return (arms * rates[:, None]).T
-
-
-def _taut(state: State) -> np.ndarray:
-    """Whether (tendons,) each tendon's spring and damper act."""
-    gain, damping = taut_gains(state.model, state.lengths, state.moment_arms @ state.v)
-    return ~state.model.tendon_slack | (gain > 0) | (damping > 0)
-
-
-KINDS = {
-    kind.name: kind
-    for kind in (
-        Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
-             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness")),
-        Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
-             lambda sample: np.diag(sample.state.v), _in("joints", "damping")),
-        Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
-             _rubbing, _in("joints", "friction")),
-        Kind("rest", "rad, m", _joints, lambda model: model.rest,
-             lambda sample: -np.diag(sample.state.model.stiffness), _in("joints", "rest"), -np.inf),
-        Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,
-             lambda sample: np.diag(sample.a), _in("joints", "armature")),
-        Kind("mass", "of the file's", _joints, lambda model: np.ones(model.nv),
-             _mass_columns,
-             lambda robot, values: robot),
-        Kind("gear", "N per unit of u", _inputs, lambda model: tree_of(model).gear,
-             _gear_columns, _in("actuators", "gear"), -np.inf),
-        Kind("tendon_stiffness", "N/m", _tendons, lambda model: model.tendon_stiffness,
-             _tendon_spring, _in("tendons", "stiffness")),
-        Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
-             _tendon_damper, _in("tendons", "damping")),
-        Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
-             lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
-             -np.inf, "length."),
-    )
-}  # fmt: skip
+DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are central differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +42,31 @@ class Parameter:
     @property
     def unit(self) -> str:
         """Unit of θ."""
-        return "of the file's" if np.count_nonzero(self.weights) > 1 else self.kind.unit
+        if np.count_nonzero(self.weights) > 1:
+            return "of the file's"
+        if self.kind.maker is not None:
+            return self.kind.maker.unit(self.label)
+        if self.kind is SEEN:
+            return "rad" if self.names[1].startswith("r") else "m"
+        return self.kind.unit
+
+    @property
+    def lower(self) -> float:
+        """The least value of θ; a number of a design keeps its sign if it is positive."""
+        if self.kind.maker is None:
+            return self.kind.lower
+        return 0.0 if self.nominal > 0 else -np.inf
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Its kind and its member, ``all`` for a common factor; both are in the label."""
+        kind, _, member = self.label.partition(" ")
+        return kind.rstrip(","), member
+
+    @property
+    def scale(self) -> float:
+        """Size of θ, which makes deviations relative."""
+        return 1.0 if self.kind.about_zero else abs(self.nominal) or 1.0
 
     def shift(self, model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
         """∂output/∂θ (outputs,) at a given motion: 1 if θ is the offset of that measurement."""
@@ -214,7 +101,7 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     shared = flag("shared", shared)
     known = KINDS[kind]
     nominal, names = np.asarray(known.nominal(model)), known.members(model)
-    about_zero = known in (KINDS["rest"], KINDS["offset"])
+    about_zero = known.about_zero or known is KINDS["rest"]
     present = np.arange(len(names)) if about_zero else np.flatnonzero(nominal)
     if not present.size:
         raise InputError(kind, "a first guess in the robot's file", "none of it")
@@ -222,10 +109,17 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
         raise InputError(kind, "each for itself, --free", "one factor for all")
     if shared:
         return (Parameter(known, f"{kind}, all", nominal.copy(), 1.0),)
-    units = np.eye(len(names))
-    return tuple(
-        Parameter(known, f"{kind} {names[int(k)]}", units[k], float(nominal[k])) for k in present
-    )
+    return tuple(_member(known, names, int(k), float(nominal[k])) for k in present)
+
+
+def _member(kind: Kind, names: Sequence[str], k: int, nominal: float) -> Parameter:
+    return Parameter(kind, f"{kind.name} {names[k]}", np.eye(len(names))[k], nominal)
+
+
+def camera_unknowns(start: np.ndarray) -> tuple[Parameter, ...]:
+    """The camera's six numbers, from a first guess (6,)."""
+    start = array("start", start, (len(CAMERA),))
+    return tuple(_member(SEEN, CAMERA, k, float(value)) for k, value in enumerate(start))
 
 
 def unknowns_of(
@@ -278,7 +172,24 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
         weights = np.stack([parameter.weights for parameter in same], 1)
         found[:, at : at + len(same)] = same[0].kind.columns(sample) @ weights
         at += len(same)
+    for k, low, high, width in sample.around.neighbours:
+        found[:, k] = (sample.residual(high) - sample.residual(low)) / width
     return found
+
+
+def neighbours_of(
+    model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray
+) -> tuple[Neighbour, ...]:
+    """Two models for each unknown from which the robot is made, for central differences."""
+    found = []
+    for k, unknown in enumerate(unknowns):
+        if unknown.kind.maker is not None:
+            shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * unknown.scale)
+            low, high = theta.copy(), theta.copy()
+            low[k], high[k] = theta[k] - shift, theta[k] + shift
+            models = (with_values(model, unknowns, there) for there in (low, high))
+            found.append(Neighbour(k, next(models), next(models), high[k] - low[k]))
+    return tuple(found)
 
 
 def member_values(
@@ -303,8 +214,12 @@ def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarr
         return check_model(model)
     values = member_values(model, unknowns, theta)
     robot = model.robot
+    kinds = {one.kind.name: one.kind for one in unknowns}
+    makers = {kind.maker: name for name, kind in kinds.items() if kind.maker is not None}
+    for maker, name in makers.items():
+        robot = maker.robot(values.pop(name))
     for name, members in values.items():
-        robot = KINDS[name].amended(robot, members)
+        robot = kinds[name].amended(robot, members)
     changed = build(robot)
     if "mass" in values:  # set in the engine, so that the file's text stays unchanged
         engine = tree_of(changed).pin_model

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from softdyn.checks import instance, instances, number
-from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock
@@ -23,10 +22,13 @@ from softdyn.identification.data import (
     stretches,
 )
 from softdyn.identification.linear import smoothed
-from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
+from softdyn.identification.markers.camera import MarkerView
+from softdyn.identification.parameters import Parameter, neighbours_of, with_values
+from softdyn.identification.rests import rests
 from softdyn.identification.trajectory import Driven, Start, follow
-from softdyn.statics.equilibria import settle
+from softdyn.identification.unknowns.kinds import SEEN, Around
 
+MARKS = ("point.", "pose.")
 CLEAR = 10  # a held joint follows its measurement if its motion over its noise is larger
 
 
@@ -37,6 +39,28 @@ class Simulated(NamedTuple):
     by_theta: np.ndarray
     by_first: np.ndarray
     first: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Acquisition:
+    """How the data were taken.
+
+    Attributes
+    ----------
+    static : bool
+        Whether each row is an equilibrium under its input.
+    view : MarkerView, optional
+        The markers and the camera that saw them; without it the outputs are in the world's frame.
+    guesses : dict
+        Equilibria of the rows (n,) from earlier simulations, where the next search starts.
+    """
+
+    static: bool = False
+    view: MarkerView | None = None
+    guesses: dict[bytes, np.ndarray] = field(default_factory=dict)
+
+
+PLAIN = Acquisition()
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +86,8 @@ class FitProblem:
         Joints that are at their stops in all runs.
     finer : int
         Factor of the number of steps in each interval between samples.
+    taken : Acquisition
+        How the data were taken.
     """
 
     base: SoftModel
@@ -73,37 +99,71 @@ class FitProblem:
     stops: np.ndarray
     held: np.ndarray
     finer: int = 1
+    taken: Acquisition = PLAIN
 
     def simulated(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[Simulated]:
         """Outputs of each run and their derivatives by θ and by the run's first state."""
         model, count, found = with_values(self.base, self.unknowns, theta), len(theta), []
+        around = Around(self.base, neighbours_of(self.base, self.unknowns, theta))
         for run, first in zip(self.runs, firsts, strict=True):
-            out, slope = self._outputs(model, theta, run, self._start(model, run, first))
-            for k, unknown in enumerate(self.unknowns):
-                slope[:, :, k] += unknown.shift(model, self.data.names)
+            start = None if self.taken.static else self._start(model, around, run, first)
+            out, slope = self._outputs(model, theta, run, start, around)
             found.append(Simulated(out, slope[:, :, :count], slope[:, :, count:], first))
         return found
 
     def outputs(self, theta: np.ndarray, firsts: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Outputs (N, outputs) of each run without derivatives, in half the time."""
         model, found = with_values(self.base, self.unknowns, theta), []
-        none = np.zeros((model.nv, 0))
+        around, none = Around(self.base), np.zeros((model.nv, 0))
         for run, first in zip(self.runs, firsts, strict=True):
-            start = replace(self._start(model, run, first), by_q=none, by_v=none)
-            found.append(self._outputs(model, theta, run, start)[0])
+            start = None
+            if not self.taken.static:
+                start = replace(self._start(model, around, run, first), by_q=none, by_v=none)
+            found.append(self._outputs(model, theta, run, start, around)[0])
         return found
 
     def _outputs(
-        self, model: SoftModel, theta: np.ndarray, run: tuple[int, int], start: Start
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, model: SoftModel, theta: np.ndarray, run: tuple[int, int], start: Start | None,
+        around: Around,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
-        unknowns = self.unknowns if start.by_q.size else ()
-        driven = self._driven(run)
-        path, by = follow(model, unknowns, t, u, start, driven, self.step, self.base, self.finer)
-        out, slope = measured_outputs(model, self.data.names, path, by)
-        for unknown, value in zip(self.unknowns, theta, strict=True):
-            out += value * unknown.shift(model, self.data.names)
+        if start is None:
+            path, by = rests(model, self.unknowns, u, around, self.taken.guesses)
+        else:
+            unknowns, driven = self.unknowns if start.by_q.size else (), self._driven(run)
+            path, by = follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
+        names = self.data.names
+        out, slope = measured_outputs(model, names, path, by)
+        for k, low, high, width in around.neighbours:  # their markers may be elsewhere, too
+            ends = (measured_outputs(one, names, path, by[:, :, :0])[0] for one in (high, low))
+            slope[:, :, k] += np.subtract(*ends) / width
+        for k, (unknown, value) in enumerate(zip(self.unknowns, theta, strict=True)):
+            shift = unknown.shift(model, names)
+            out += value * shift
+            if slope.shape[2]:
+                slope[:, :, k] += shift
+        self._see(theta, out, slope, self.data.outputs[slice(*run)])
         return out, slope
+
+    def _see(self, theta: np.ndarray, out: np.ndarray, slope: np.ndarray, data: np.ndarray) -> None:
+        """Move the outputs of a run and their derivatives into the camera's frame, in place."""
+        view = self.seen(theta).view
+        if view is None:
+            return
+        by = view.seen(out, slope, data)
+        for k, one in enumerate(self.unknowns if slope.shape[2] else ()):
+            if one.kind is SEEN:
+                slope[:, :, k] += by @ one.weights
+
+    def seen(self, theta: np.ndarray) -> Acquisition:
+        """The experiment with the camera of θ."""
+        if self.taken.view is None:
+            return self.taken
+        camera = np.array(self.taken.view.camera)
+        for one, value in zip(self.unknowns, theta, strict=True):
+            if one.kind is SEEN:
+                camera[one.weights != 0] = value
+        return replace(self.taken, view=replace(self.taken.view, camera=camera))
 
     def blocks(self, simulated: Sequence[Simulated], noise: np.ndarray) -> list[ResidualBlock]:
         """Residuals of the counted outputs and of the first rates, over their standard deviations.
@@ -116,9 +176,9 @@ class FitProblem:
         use, found = self.counted(), []
         for (begin, end), run, near in zip(self.runs, simulated, self.firsts(), strict=True):
             residual = ((run.out - self.data.outputs[begin:end]) / noise)[:, use]
-            by_theta, by_first = (
-                (part / noise[:, None])[:, use].reshape(residual.size, -1) for part in run[1:3]
-            )
+            known = np.isfinite(residual)
+            residual = residual[known]
+            by_theta, by_first = ((part / noise[:, None])[:, use][known] for part in run[1:3])
             wide = 1 / self.wide()[1]
             rates = slice(len(near) - len(wide), None)
             left = (run.first - near)[rates] * wide
@@ -162,10 +222,12 @@ class FitProblem:
         free = ~self.held
         return [self.smooth[:2, begin, free].ravel() for begin, _ in self.runs]
 
-    def _start(self, model: SoftModel, run: tuple[int, int], first: np.ndarray) -> Start:
+    def _start(
+        self, model: SoftModel, around: Around, run: tuple[int, int], first: np.ndarray
+    ) -> Start:
         """The start from the unknown state of the free joints; `follow` sets the held ones."""
         if self.smooth is None:
-            return self.at_rest(model)
+            return self.at_rest(model, around)
         free = np.flatnonzero(~self.held)
         q, v = np.zeros((2, self.base.nv))
         q[free], v[free] = np.split(first, 2)
@@ -190,25 +252,20 @@ class FitProblem:
         place = np.where(place.std(0) > CLEAR * noise, place, place.mean(0))
         return Driven(joints, make_interp_spline(self.data.t[slice(*run)], place, k=5))
 
-    def at_rest(self, model: SoftModel) -> Start:
+    def at_rest(self, model: SoftModel, around: Around) -> Start:
         """The start in equilibrium under the first input."""
-        n, count = model.nv, len(self.unknowns)
-        by_q, by_v = np.zeros((2, n, count))
-        u = self.data.u[0]
-        rest = settle(model, u)
-        state = model.state(rest.q, np.zeros(n))
-        sample = MotionSample(state, np.zeros(n), u, self.base)
-        columns = columns_of(self.unknowns, sample, count)
-        free = (model.coordinates(rest.q) > model.lower) & (model.coordinates(rest.q) < model.upper)
-        block = np.ix_(free, free)
-        by_q[free] = -np.linalg.solve(stiffness(model, rest.q, u)[block], columns[free])
-        return Start(model.coordinates(rest.q), np.zeros(n), by_q, by_v)
+        path, by = rests(model, self.unknowns, self.data.u[:1], around, {})
+        still = np.zeros(model.nv)
+        return Start(path[0], still, by[0], np.zeros_like(by[0]))
 
 
 def measured_outputs(
     model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, outputs) of a path (N, n), and their derivatives from the path's."""
+    """Outputs (N, outputs) of a path (N, n), and their derivatives from the path's.
+
+    Those of a rotation vector are by a turn in the marker's own axes.
+    """
     instances("names", names, str, "an output's name")
     for name, value, axes in (("path", path, 2), ("by", by, 3)):
         shape = instance(name, value, np.ndarray, "an array").shape
@@ -222,28 +279,42 @@ def measured_outputs(
     of_cables = [(k, lengths[name]) for k, name in enumerate(names) if name in lengths]
     for k, j in of_joints:
         out[:, k], slope[:, k] = path[:, j], by[:, j]
-    if of_tip or of_cables:
-        still = np.zeros(model.nv)
+    of_marks = [(k, name) for k, name in enumerate(names) if name.startswith(MARKS)]
+    if of_tip or of_cables or of_marks:
+        still, none = np.zeros(model.nv), np.zeros(model.nu)
+        rows: list[tuple[int, int]] = []
         for i, point in enumerate(path):
             state = model.state(model.configuration(point), still)
             for k, axis in of_tip:
                 out[i, k], slope[i, k] = state.y[axis], state.J[axis] @ by[i]
             for k, t in of_cables:
                 out[i, k], slope[i, k] = state.lengths[t], state.moment_arms[t] @ by[i]
+            if of_marks:
+                found = model.measure(state, none)
+                known = found.components.names
+                rows = rows or [(k, known.index(name.partition(".")[2])) for k, name in of_marks]
+                for k, row in rows:
+                    out[i, k] = found.values[row]
+                    slope[i, k] = found.jacobian[row, : model.nv] @ by[i]
     return out, slope
 
 
 def problem_of(
-    model: SoftModel, data: Measurements, unknowns: tuple[Parameter, ...], step: float
+    model: SoftModel,
+    data: Measurements,
+    unknowns: tuple[Parameter, ...],
+    step: float = np.inf,
+    taken: Acquisition = PLAIN,
 ) -> FitProblem:
     """The problem of these unknowns on the stretches of the data that no stop disturbs."""
     check_data(check_model(model), instance("data", data, Measurements, "Measurements"))
     unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
     step = number("step", step, above=0.0, finite=False)
-    joints = data.joints(model)
+    joints = None if taken.static else data.joints(model)
     if joints is None:
         none = np.zeros((len(data.t), model.nv), bool)
-        return FitProblem(model, unknowns, data, step, ((0, len(data.t)),), None, none, none[0])
+        whole = ((0, len(data.t)),)
+        return FitProblem(model, unknowns, data, step, whole, None, none, none[0], taken=taken)
     smooth = smoothed(data, joints)
     stops = at_stops(model, smooth[0])
     held, runs = stretches(stops)
@@ -253,7 +324,7 @@ def problem_of(
     for begin, end in runs if held.any() else ():
         part = slice(begin, end)
         smooth[:, part, held] = smoothed(data.part(begin, end), joints[part][:, held])
-    return FitProblem(model, unknowns, data, step, tuple(runs), smooth, stops, held)
+    return FitProblem(model, unknowns, data, step, tuple(runs), smooth, stops, held, taken=taken)
 
 
 def first_stop(problem: FitProblem, z: np.ndarray) -> int:
@@ -261,7 +332,8 @@ def first_stop(problem: FitProblem, z: np.ndarray) -> int:
     model = with_values(problem.base, problem.unknowns, z)
     end, none = problem.runs[0][1], np.zeros((model.nv, 0))
     t, u = problem.data.t[:end], problem.data.u[:end]
-    start = replace(problem.at_rest(model), by_q=none, by_v=none)
-    path, _ = follow(model, (), t, u, start, None, problem.step, problem.base)
+    around = Around(problem.base)
+    start = replace(problem.at_rest(model, around), by_q=none, by_v=none)
+    path, _ = follow(model, (), t, u, start, None, problem.step, around)
     near = np.flatnonzero(at_stops(model, path).any(1))
     return int(near[0]) if near.size else end

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from scipy.stats import norm
 
 from softdyn.dynamics.model import SoftModel
+from softdyn.identification.data import Measurements
+from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.parameters import Parameter, member_values
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
@@ -21,21 +24,25 @@ NOT_WHITE = (
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """One parameter: value, standard deviation, 95 % interval.
+    """One parameter: value, and half the width of its 95 % interval.
 
     If it is not identified, the value is the file's.
     """
 
     parameter: Parameter
     value: float
-    deviation: float
+    half: float
     identified: bool
 
     @property
+    def deviation(self) -> float:
+        """The standard deviation of a normal distribution with this interval."""
+        return float(self.half / norm.ppf(0.975))
+
+    @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval, by the normal distribution."""
-        half = norm.ppf(0.975) * self.deviation
-        return self.value - half, self.value + half
+        """The 95 % interval."""
+        return self.value - self.half, self.value + self.half
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +54,8 @@ class Identified:
     model : SoftModel
         The model with the identified values.
     estimates : tuple of Estimate
-    names : tuple of str
-        Names of the outputs.
+    data : Measurements
+        The samples that were fitted.
     residuals : ndarray, (N, outputs)
         Measured minus simulated outputs; NaN if a stop may have pushed a joint.
     noise : ndarray, (outputs,)
@@ -58,24 +65,40 @@ class Identified:
     white : float
         Probability of a larger Ljung–Box statistic if all residuals were white.
     held_out : float
-        Rms of the residuals over `noise` in the part of the data that the fit did not see.
+        Rms of the residuals over `noise` in the data that the fit did not see.
+    rms_held_out : float
+        The same in the outputs' own units: of the markers' distances (m), or else of all outputs.
     unidentifiable : tuple of str
         The parameters, or combinations of them, that are not identifiable, as text.
     moved : float
         Largest change of an estimate with half of every step, over its standard deviation. It is
-        NaN if the model cannot be simulated with half of every step.
+        NaN if the model cannot be simulated with half of every step, and for static data.
+    static : bool
+        Whether each sample is an equilibrium.
     """
 
     model: SoftModel
     estimates: tuple[Estimate, ...]
-    names: tuple[str, ...]
+    data: Measurements
     residuals: np.ndarray
     noise: np.ndarray
     autocorrelation: np.ndarray
     white: float
     held_out: float
+    rms_held_out: float
     unidentifiable: tuple[str, ...]
     moved: float
+    static: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.data.names
+
+    @property
+    def rms(self) -> float:
+        """Rms residual of the fit, as `rms_held_out`."""
+        return distance(self.names, self.residuals)
 
     @property
     def vague(self) -> tuple[str, ...]:
@@ -95,13 +118,15 @@ class Identified:
         """The results as plain data."""
         return {
             "parameters": [
-                {"kind": one.parameter.kind.name, "label": one.parameter.label,
-                 "unit": one.parameter.unit, "identified": one.identified, "value": one.value,
-                 "deviation": one.deviation, "interval": one.interval,
-                 "file": one.parameter.nominal}
+                {"kind": one.parameter.names[0], "member": one.parameter.names[1],
+                 "label": one.parameter.label, "unit": one.parameter.unit, "value": one.value,
+                 "low": one.interval[0], "high": one.interval[1], "identifiable": one.identified,
+                 "identified": one.identified, "deviation": one.deviation,
+                 "interval": one.interval, "file": one.parameter.nominal}
                 for one in self.estimates
             ],
             "noise": dict(zip(self.names, self.noise.tolist(), strict=True)),
+            "rms": self.rms, "rms_held_out": self.rms_held_out,
             "white": self.white, "held_out": self.held_out, "not_told": list(self.unidentifiable),
             "moved": self.moved,
         }  # fmt: skip
@@ -114,7 +139,7 @@ class Identified:
             if one.identified:
                 low, high = one.interval
                 line += f"   95 %: {low:.6g} … {high:.6g}"
-                if one.parameter.nominal:
+                if one.parameter.nominal and not one.parameter.kind.about_zero:
                     line += f"   file {one.value / one.parameter.nominal - 1:+.1%}"
             else:
                 line += "   NOT IDENTIFIED: the file's value"
@@ -124,6 +149,12 @@ class Identified:
         lines.append(f"residuals, standard deviation: {low:.3g} … {high:.3g}")
         if np.isfinite(self.held_out):
             lines.append(f"held-out part: {self.held_out:.3g} times the fit's residuals")
+        if MarkerView.of(self.names).positions:
+            lines.append(
+                f"distance of the markers, rms: {1e3 * self.rms:.3g} mm in the fit"
+                + (f", {1e3 * self.rms_held_out:.3g} mm in the data held out"
+                   if np.isfinite(self.rms_held_out) else "")
+            )  # fmt: skip
         if self.moved > COARSE:
             lines.append(
                 f"half the step of the simulation would move an estimate by {self.moved:.2g} of its"
@@ -132,3 +163,17 @@ class Identified:
         if self.white < 0.01:
             lines.append(f"the residuals are not white: {NOT_WHITE}")
         return "\n".join(lines)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square of the numbers that are finite; NaN without any."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+
+
+def distance(names: Sequence[str], residuals: np.ndarray) -> float:
+    """Rms residual: of the distance (m) if positions of markers were measured, else of all."""
+    view = MarkerView.of(names)
+    if not view.positions:
+        return rms(residuals)
+    return rms(np.linalg.norm(view.points(residuals), axis=2))

@@ -9,7 +9,7 @@ from softdyn.checks import instance, number
 from softdyn.description.robot import Robot, moving_link_of
 from softdyn.description.urdf_writer import write
 from softdyn.exceptions import InputError
-from softdyn.identification.parameters import KINDS
+from softdyn.identification.unknowns.kinds import KINDS
 
 
 def rewritten(robot: Robot, values: Mapping[str, Mapping[str, float]]) -> str:

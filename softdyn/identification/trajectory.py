@@ -12,8 +12,9 @@ from scipy.interpolate import BSpline
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import SoftdynError
-from softdyn.identification.friction import Friction, friction_of
-from softdyn.identification.parameters import MotionSample, Parameter, columns_of
+from softdyn.identification.parameters import Parameter, columns_of
+from softdyn.identification.unknowns.friction import Friction, friction_of
+from softdyn.identification.unknowns.kinds import Around, MotionSample
 
 # Five stages with one diagonal entry, order 4, L-stable and stiffly accurate (Hairer and Wanner,
 # Solving Ordinary Differential Equations II, table IV.6.5), because joint damping is stiff and
@@ -69,7 +70,7 @@ def follow(
     start: Start,
     driven: Driven | None = None,
     step: float = np.inf,
-    file: SoftModel | None = None,
+    around: Around | None = None,
     finer: int = 1,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joint coordinates (N, n) at the samples, and their derivatives (N, n, P).
@@ -95,8 +96,8 @@ def follow(
         Joints that follow their measured motion, because stops push them; `start` has the others.
     step : float
         Longest step (s).
-    file : SoftModel, optional
-        A model with the file's masses, if those of `model` differ.
+    around : Around, optional
+        The model with the file's masses, and neighbours; by default `model` alone.
     finer : int
         Factor of the number of steps in each interval.
 
@@ -127,14 +128,14 @@ def follow(
             if driven:
                 known = driven.at(t[k] + h * (piece + ends))
             q, v, dq, dv, a, inverse = _step(
-                (model, file or model), rub, unknowns, q, v, dq, dv, a, u[k], h,
+                (model, around or Around(model)), rub, unknowns, q, v, dq, dv, a, u[k], h,
                 free, joints, known, inverse,
             )  # fmt: skip
     return path, sensitivities
 
 
 def _step(
-    models: tuple[SoftModel, SoftModel], rub: Friction, unknowns: Sequence[Parameter],
+    models: tuple[SoftModel, Around], rub: Friction, unknowns: Sequence[Parameter],
     q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, a: np.ndarray, u: np.ndarray,
     h: float, free: np.ndarray, driven: np.ndarray, known: np.ndarray, inverse: np.ndarray | None,
 ) -> tuple[
@@ -145,7 +146,7 @@ def _step(
     Each stage's iterations use the Newton matrix of the stage before, until it is computed anew at
     their solution. `known` (stages, 3, driven) is the motion of the driven joints.
     """
-    model, file = models
+    model, around = models
 
     def linearised() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         by_q, by_v = residual_derivatives(model, configuration, V, a, u)
@@ -202,7 +203,7 @@ def _step(
             configuration = model.configuration(Q)
             state = model.state(configuration, V)
             by_q, by_v, inverse = linearised()
-            columns = columns_of(unknowns, MotionSample(state, a, u, file), dq.shape[1])
+            columns = columns_of(unknowns, MotionSample(state, a, u, around), dq.shape[1])
             load = columns + by_q @ (dq0 + hg * dv0) + by_v @ dv0
             dA[free] = -inverse @ load[free]
         dV = dv0 + hg * dA

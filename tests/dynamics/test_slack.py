@@ -17,7 +17,7 @@ from softdyn.dynamics.derivatives import (
     tangent_dynamics,
 )
 from softdyn.dynamics.integrators import step_rk4
-from softdyn.identification.parameters import KINDS, MotionSample
+from softdyn.identification.unknowns.kinds import KINDS, Around, MotionSample
 from softdyn.statics.equilibrium import potential, residual
 from tests.proof.crosschecks.random_robots import write_robot
 from tests.support.arms import PROJECTIONS
@@ -130,7 +130,7 @@ def test_columns_of_parameters(tmp_path):
     """∂r/∂k and ∂r/∂d of r = M a + h - B u, which identification fits: zero for a slack tendon."""
     model = slackened(source(16, tmp_path))
     for q, v, _ in cases(model):
-        sample = MotionSample(model.state(q, v), v, np.zeros(model.nu), model)
+        sample = MotionSample(model.state(q, v), v, np.zeros(model.nu), Around(model))
         for kind, field in (("tendon_stiffness", "stiffness"), ("tendon_damping", "damping")):
             columns = KINDS[kind].columns(sample)
             for t, tendon in enumerate(model.robot.tendons):

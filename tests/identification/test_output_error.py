@@ -17,9 +17,10 @@ from softdyn.identification import Measurements, blocks, output_error, problem
 from softdyn.identification.data import stretches
 from softdyn.identification.linear import first_guess
 from softdyn.identification.output_error import _joined, _solve
-from softdyn.identification.parameters import MotionSample, Parameter, columns_of, with_values
+from softdyn.identification.parameters import Parameter, columns_of, with_values
 from softdyn.identification.problem import measured_outputs, problem_of
 from softdyn.identification.result import COARSE
+from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
 from tests.support import cart
 
@@ -80,7 +81,9 @@ def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     q, v, a = rng.uniform(-1, 1, (3, model.nv))
     u = rng.uniform(model.u_min, model.u_max)
     several = identification.parameters(model, kind)
-    columns = columns_of(several, MotionSample(model.state(q, v), a, u, model), len(several))
+    columns = columns_of(
+        several, MotionSample(model.state(q, v), a, u, Around(model)), len(several)
+    )
     nominal = np.array([one.nominal for one in several])
     for k in range(len(several)):
         step = np.zeros(len(several))

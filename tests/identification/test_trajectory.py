@@ -12,9 +12,10 @@ import softdyn
 from softdyn import identification
 from softdyn.dynamics.mimic import build
 from softdyn.identification import trajectory
-from softdyn.identification.friction import friction_of
 from softdyn.identification.parameters import with_values
 from softdyn.identification.trajectory import Driven, Start, follow
+from softdyn.identification.unknowns.friction import friction_of
+from softdyn.identification.unknowns.kinds import Around
 from softdyn.validation.identification.trials import Excitation, trial
 from tests.support import cart
 from tests.support.control_cases import robot
@@ -62,7 +63,7 @@ def test_the_trajectory_s_derivatives(finger, stopped, rubs, monkeypatch):
     def path(at):
         start = Start(at[count : count + n], at[count + n :], *eyes)
         changed = with_values(finger, several, at[:count])
-        return follow(changed, several, t, u, start, driven, file=finger)
+        return follow(changed, several, t, u, start, driven, around=Around(finger))
 
     _, slope = path(z)
     for k in rng.choice(len(z), 8, replace=False):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from softdyn.identification.whiteness import LAGS, autocorrelation, ljung_box, widening
+from softdyn.identification.intervals import LAGS, autocorrelation, ljung_box, widening
 
 
 def test_autocorrelation_and_what_follows_from_it():

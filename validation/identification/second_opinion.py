@@ -251,7 +251,7 @@ def second_opinion(
     deviations = half[: len(identified)] * size / norm.ppf(0.975)
     next_ = np.linalg.lstsq(result.jac, np.concatenate(at_best))[0][: len(identified)] * size
     theirs = tuple(
-        replace(one, value=float(value), deviation=float(deviation))
+        replace(one, value=float(value), half=float(norm.ppf(0.975) * deviation))
         for one, value, deviation in zip(ours, best["theta"].value * size, deviations, strict=True)
     )
     unidentified = tuple(one.parameter.label for one in found.estimates if not one.identified)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from softdyn.identification import Identified, Measurements
+from softdyn.identification import Identified
+from softdyn.identification.data import spread
 from softdyn.identification.result import NOT_WHITE
 from softdyn.validation.report.plot_style import style
 from softdyn.validation.tables import Table
@@ -26,15 +27,13 @@ th:first-child, td:first-child { text-align: left; } tr { border-bottom: 1px sol
 """
 
 
-def page(name: str, data: Measurements, found: Identified) -> str:
+def page(name: str, found: Identified) -> str:
     """One HTML page, which needs no network.
 
     Parameters
     ----------
     name : str
         Name of the robot.
-    data : Measurements
-        All measurements; the fit used the first part.
     found : Identified
     """
     rows = []
@@ -45,16 +44,19 @@ def page(name: str, data: Measurements, found: Identified) -> str:
         rows.append([one.parameter.label, *shown, one.parameter.nominal, one.parameter.unit])
     table = Table(TITLES, rows, ("", ".6g", "", ".6g", ""))
     bad = [() if one.identified else range(len(TITLES)) for one in found.estimates]
-    white = "white" if found.white >= 0.01 else f"not white: {NOT_WHITE}"
     notes = [
-        f"Residuals are {white} (Ljung–Box p = {found.white:.2g}); the intervals account for it.",
-        f"In the part of the data held out they are {found.held_out:.3g} times the fit's.",
+        f"In the part of the data held out the residuals are {found.held_out:.3g} times the fit's.",
         *(f"Not identifiable from these data: {text}." for text in found.unidentifiable),
-        f"Half the step of the simulation would move an estimate by {found.moved:.2g} of its"
-        " standard deviation, at most.",
     ]
+    if not found.static:
+        white = "white" if found.white >= 0.01 else f"not white: {NOT_WHITE}"
+        notes += [
+            f"They are {white} (Ljung–Box p = {found.white:.2g}); the intervals account for it.",
+            f"Half the step of the simulation would move an estimate by {found.moved:.2g} of its"
+            " standard deviation, at most.",
+        ]
     with style():
-        pictures = (_outputs(data, found), _correlation(found))
+        pictures = [_outputs(found)] + ([] if found.static else [_correlation(found)])
         images = [f'<p><img alt="" src="data:image/svg+xml;base64,{_svg(f)}">' for f in pictures]
     title = f"Identification of {name}"
     return "".join([
@@ -64,25 +66,25 @@ def page(name: str, data: Measurements, found: Identified) -> str:
     ])  # fmt: skip
 
 
-def _outputs(data: Measurements, found: Identified) -> Figure:
+def _outputs(found: Identified) -> Figure:
     """Measured and simulated values, and residuals, of the outputs that fit worst."""
     count = min(SHOWN, len(found.names))
-    samples = len(found.residuals)
-    spread = np.maximum(np.ptp(data.outputs, axis=0), 1e-12)
-    worst = np.argsort(-found.noise / spread)[:count]
+    data = found.data
+    wide = np.maximum(spread(data.outputs), 1e-12)
+    worst = np.argsort(-found.noise / wide)[:count]
     figure = Figure(figsize=(9, 1.9 * count), layout="constrained")
     axes = figure.subplots(count, 2, squeeze=False, sharex=True)
     for (left, right), k in zip(axes, worst, strict=True):
-        times, values = data.t[:samples], data.outputs[:samples, k]
+        times, values = data.t, data.outputs[:, k]
         left.plot(times, values, ".", ms=2, color="0.6", label="measured")
         left.plot(times, values - found.residuals[:, k], lw=1, label="fitted")
         left.set_ylabel(found.names[k])
-        right.plot(data.t[:samples], found.residuals[:, k], ".", ms=2)
+        right.plot(data.t, found.residuals[:, k], ".", ms=2)
         right.axhline(0, color="0.7", lw=0.8)
         right.set_ylabel("residual")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     for axis in axes[-1]:
-        axis.set_xlabel("Time (s)")
+        axis.set_xlabel("Row" if found.static else "Time (s)")
     return figure
 
 

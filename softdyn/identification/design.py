@@ -1,0 +1,252 @@
+"""Identify the numbers of a design: those in the TOML file from which `softdyn new` makes an arm.
+
+Any number in the file may be unknown. Its kind is its key without the unit, its member is the place
+in the file: ``offset cable left [2]`` is the second entry of ``offset_mm`` in the ``[[cable]]``
+called left. Values are in SI units.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import did_you_mean, instances, number
+from softdyn.description.robot import Robot
+from softdyn.description.urdf import parse_text
+from softdyn.description.urdf_writer import write
+from softdyn.design import arm_file
+from softdyn.design.arm_table import read_arm
+from softdyn.design.layout import lay_out
+from softdyn.design.source import arm_of, read
+from softdyn.design.units import UNITS, TomlTable
+from softdyn.dynamics.mimic import build
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError, errors_in
+from softdyn.files import as_path, read_toml
+from softdyn.identification.markers.points import Marker, marked
+from softdyn.identification.parameters import Parameter, distinct
+from softdyn.identification.unknowns.kinds import Kind
+
+COUNTS = ("segments", "discs", "disc", "count")  # whole numbers, not to be identified
+SUFFIX = {
+    suffix: (next(one for one, factor in units.items() if factor == 1.0), units[suffix])
+    for units in UNITS.values()
+    for suffix in units
+    if suffix
+}
+HEADER = re.compile(r"\s*(\[\[?)\s*([\w.\-\"' ]+?)\s*\]\]?\s*(?:#.*)?$")
+ENTRY = re.compile(r"(\s*)([\w-]+)(\s*=\s*)([^#]*)(.*)$", re.DOTALL)
+NUMBER = re.compile(r"[-+]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of the file.
+
+    Attributes
+    ----------
+    path : tuple
+        Keys and indices that lead to it.
+    label : str
+        Kind and member.
+    words : frozenset of str
+        Words that choose it: its key without the unit, names of its tables, its place in a list.
+    unit : str
+        SI unit.
+    factor : float
+        SI value of the file's unit.
+    """
+
+    path: tuple[str | int, ...]
+    label: str
+    words: frozenset[str]
+    unit: str
+    factor: float
+
+    @property
+    def kind(self) -> str:
+        """Its key without the unit."""
+        return self.label.partition(" ")[0]
+
+
+class DesignFile:
+    """An arm's TOML file with numbers to identify, and the markers on the arm.
+
+    Parameters
+    ----------
+    path : str or Path
+    markers : sequence of Marker
+
+    Raises
+    ------
+    InputError
+        For a file from which no robot can be made.
+    """
+
+    def __init__(self, path: str | Path, markers: Sequence[Marker] = ()) -> None:
+        self.path = as_path("path", path)
+        self.markers = instances("markers", markers, Marker, "a Marker")
+        self.table = read_toml(self.path)
+        if "section" in self.table:
+            arm_of(self.table, str(self.path))  # refuses numbers that no soft arm has
+        self.entries = {one.label: one for one in _entries(self.table, (), ())}
+        self.model: SoftModel = build(self.robot({}))
+        names = tuple(self.entries)
+        nominal = np.array([self._value(one) for one in self.entries.values()])
+        self.kind = Kind(
+            "design", "", lambda model: names, lambda model: nominal,
+            lambda sample: np.zeros((len(sample.a), len(names))), lambda robot, values: robot,
+            maker=self,
+        )  # fmt: skip
+
+    def unknowns(
+        self, free: Sequence[str] = (), shared: Sequence[str] = ()
+    ) -> tuple[Parameter, ...]:
+        """Unknown numbers; a word is a key without its unit, with more words after dots.
+
+        ``offset`` means all offsets, ``offset.2`` second entries, ``offset.left`` those of the
+        table called left.
+
+        Parameters
+        ----------
+        free, shared : sequence of str
+            Words with one unknown for each number, and words with one factor for all.
+
+        Raises
+        ------
+        InputError
+            For words that no number of the file has, no words, and a number in two unknowns.
+        """
+        found: list[Parameter] = []
+        labels, nominal = list(self.entries), self.kind.nominal(self.model)
+        for word, common in [(word, False) for word in free] + [(word, True) for word in shared]:
+            own = np.array([set(word.split(".")) <= one.words for one in self.entries.values()])
+            own &= np.array([word.split(".")[0] == one.kind for one in self.entries.values()])
+            if not own.any():
+                known = {one.kind for one in self.entries.values()}
+                raise InputError(word, f"a number in {self.path}", did_you_mean(word, known))
+            if common:
+                found.append(Parameter(self.kind, f"{word}, all", np.where(own, nominal, 0), 1.0))
+            else:
+                found += [
+                    Parameter(self.kind, labels[k], np.eye(len(labels))[k], float(nominal[k]))
+                    for k in np.flatnonzero(own)
+                ]
+        if not found:
+            raise InputError("--free", "numbers of the design, such as youngs_modulus", "none")
+        distinct(found)
+        return tuple(found)
+
+    def unit(self, label: str) -> str:
+        """SI unit of a number."""
+        return self.entries[label].unit if label in self.entries else ""
+
+    def robot(self, values: Mapping[str, float]) -> Robot:
+        """The robot with other values (SI), by label; see `Maker`."""
+        table, where = self.changed(values), str(self.path)
+        with errors_in(where):
+            layout = lay_out(read_arm(TomlTable(table, where))) if "section" in table else None
+            text = read(table, where).text if layout is None else write(arm_file.robot(layout))
+            robot = parse_text(text, path=self.path.with_suffix(".urdf"))
+            return marked(robot, self.markers, layout)
+
+    def changed(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """The file's table with other values (SI), by label."""
+        table = copy.deepcopy(self.table)
+        for label, value in values.items():
+            entry = self.entries[label]
+            part: Any = table
+            for key in entry.path[:-1]:
+                part = part[key]
+            part[entry.path[-1]] = float(f"{number(label, value) / entry.factor:.12g}")
+        return table
+
+    def rewritten(self, values: Mapping[str, float]) -> str:
+        """The file's text with other values (SI), by label; comments stay.
+
+        Raises
+        ------
+        InputError
+            For a number that does not stand on its key's line.
+        """
+        wanted = self.changed(values)
+        new: dict[tuple[Any, ...], float] = {}
+        for label in values:
+            part: Any = wanted
+            for key in (path := self.entries[label].path):
+                part = part[key]
+            new[path] = part
+        text = "".join(_replaced(self.path.read_text(encoding="utf-8"), new))
+        if tomllib.loads(text) != wanted:
+            raise InputError(str(self.path), "each number on its key's line", "another layout")
+        return text
+
+    def _value(self, entry: Entry) -> float:
+        part: Any = self.table
+        for key in entry.path:
+            part = part[key]
+        return float(part) * entry.factor
+
+
+def _entries(part: Any, path: tuple[str | int, ...], words: tuple[str, ...]) -> Iterator[Entry]:
+    """The numbers below a table."""
+    for key, value in part.items():
+        if isinstance(value, Mapping):
+            yield from _entries(value, (*path, key), (*words, key))
+        elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
+            for k, one in enumerate(value):
+                name = str(one.get("name", f"{key}_{k + 1}"))
+                yield from _entries(one, (*path, key, k), (*words, key, name))
+        elif key not in COUNTS:
+            several = value if isinstance(value, list) else [value]
+            for k, one in enumerate(several):
+                if isinstance(one, bool) or not isinstance(one, int | float):
+                    continue
+                stem, unit, factor = _without_unit(key)
+                place = (*words, f"[{k + 1}]") if isinstance(value, list) else words
+                own = (*path, key, k) if isinstance(value, list) else (*path, key)
+                label = " ".join((stem, *place)) if place else f"{stem} arm"
+                chosen = frozenset((stem, *words, str(k + 1)))
+                yield Entry(own, label, chosen, unit, factor)
+
+
+def _without_unit(key: str) -> tuple[str, str, float]:
+    """A key without its unit, the SI unit, and the SI value of the key's unit."""
+    for k in (i for i, letter in enumerate(key) if letter == "_"):
+        if key[k + 1 :] in SUFFIX:
+            return key[:k], *SUFFIX[key[k + 1 :]]
+    return key, "", 1.0
+
+
+def _replaced(text: str, new: Mapping[tuple[Any, ...], float]) -> Iterator[str]:
+    """The lines of a TOML text with new numbers, by path."""
+    counts: dict[tuple[Any, ...], int] = {}
+    table: tuple[Any, ...] = ()
+    for line in text.splitlines(keepends=True):
+        if header := HEADER.match(line):
+            table = ()
+            names = [name.strip(" \"'") for name in header[2].split(".")]
+            for depth, name in enumerate(names):
+                table = (*table, name)
+                if header[1] == "[[" and depth == len(names) - 1:
+                    counts[table] = counts.get(table, -1) + 1
+                if table in counts:
+                    table = (*table, counts[table])
+        elif entry := ENTRY.match(line):
+            path = (*table, entry[2])
+            pieces = NUMBER.split(entry[4])
+            found = NUMBER.findall(entry[4])
+            for k, old in enumerate(found):
+                value = new.get((*path, k), new.get(path) if len(found) == 1 else None)
+                found[k] = old if value is None else repr(float(value))
+            value_text = "".join(chain(*zip(pieces, [*found, ""], strict=True)))
+            line = entry[1] + entry[2] + entry[3] + value_text + entry[5]
+        yield line

@@ -1,0 +1,157 @@
+"""Intervals of a fit's unknowns, unknowns that the data do not determine, white residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from softdyn.checks import array, instance, instances, number
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError
+from softdyn.identification.blocks import ResidualBlock, reduced
+from softdyn.identification.data import Measurements
+from softdyn.identification.parameters import Parameter
+from softdyn.identification.problem import first_stop, problem_of
+
+WIDEST = 0.5  # a relative standard deviation above which a parameter is not identified
+LAGS = 20  # number of lags of the residuals' autocorrelation
+FEWEST = 10  # samples; a smoothing spline needs half of them
+SHARE = 0.975  # of the distribution below the upper end of a 95 % interval
+
+
+def deviations(R: np.ndarray) -> np.ndarray:
+    """Standard deviations (P,) of θ if residuals have variance 1."""
+    return np.linalg.norm(np.linalg.pinv(R), axis=1)
+
+
+def half_widths(block: ResidualBlock, groups: np.ndarray) -> np.ndarray:
+    """Half of each 95 % interval (P,) from whitened residuals of variance 1.
+
+    Residuals of one group, such as the markers of one pose, may share an error of the model. The
+    interval is the wider one of two: with independent residuals, and with independent groups
+    (Liang and Zeger 1986, with the correction of small samples), each by Student's t.
+
+    Parameters
+    ----------
+    block : ResidualBlock
+        The residuals and their derivatives, without unknowns of runs.
+    groups : ndarray of int, (rows,)
+        The group of each residual.
+    """
+    e, J = block.residual, block.shared
+    inverse = np.linalg.pinv(reduced([block]).R)
+    spent = max(len(e) - J.shape[1], 1)
+    alone = np.linalg.norm(inverse, axis=1) * float(student.ppf(SHARE, spent))
+    members = np.unique(groups, return_inverse=True)[1]
+    count = int(members.max(initial=0)) + 1
+    if count < 2:
+        return alone
+    scores = np.zeros((count, J.shape[1]))
+    np.add.at(scores, members, J * e[:, None])
+    factor = count / (count - 1) * max(len(e) - 1, 1) / spent
+    together = np.linalg.norm(inverse @ inverse.T @ scores.T, axis=1) * np.sqrt(factor)
+    return np.maximum(alone, together * float(student.ppf(SHARE, count - 1)))
+
+
+def unidentifiable(unknowns: Sequence[Parameter], R: np.ndarray) -> tuple[set[int], list[str]]:
+    """Indices of parameters that are not identifiable, and the reasons as text.
+
+    First come all parameters that would not be identifiable even if all others were known. If there
+    are none, it is one parameter of the worst combination.
+    """
+    scaled = R * np.array([p.scale for p in unknowns])
+    alone = np.flatnonzero(np.linalg.norm(scaled, axis=0) * WIDEST < 1)
+    if alone.size:
+        return set(map(int, alone)), [unknowns[int(k)].label for k in alone]
+    _, singular, directions = np.linalg.svd(scaled)
+    if singular[-1] * WIDEST >= 1:
+        return set(), []
+    share = np.abs(directions[-1]) / np.abs(directions[-1]).max()
+    # drop only the worst parameter, so that a combination such as a common scale loses one member
+    worst = int(np.argmax(share))
+    terms = [unknowns[int(k)].label for k in np.argsort(-share) if share[k] > 0.3]
+    text = " together with ".join(terms[:6]) + (" and others" if len(terms) > 6 else "")
+    return {worst}, [f"{text} (relative deviation {1 / max(singular[-1], 1e-300):.2g})"]
+
+
+def fit_length(data: Measurements, hold_out: float) -> int:
+    """The number of samples to fit if the share `hold_out` of the data is held out."""
+    if not 0 <= number("hold_out", hold_out) < 0.9:
+        raise InputError("hold_out", "a part from 0 to 0.9", hold_out)
+    instance("data", data, Measurements, "Measurements")
+    return max(FEWEST, round(len(data.t) * (1 - hold_out)))
+
+
+def least_deviations(
+    model: SoftModel,
+    data: Measurements,
+    unknowns: Sequence[Parameter],
+    theta: np.ndarray,
+    noise: np.ndarray,
+    *,
+    hold_out: float = 0.2,
+    step: float = np.inf,
+) -> np.ndarray:
+    """Cramér and Rao's bound (P,): least standard deviations of an unbiased fit of the stretches.
+
+    It is infinite for parameters that `identify` would report as not identifiable with this noise.
+
+    Parameters
+    ----------
+    model, data, unknowns, hold_out, step
+        As for `identify`.
+    theta : ndarray, (P,)
+        The true values.
+    noise : ndarray, (outputs,)
+        The true standard deviation of each output; the noise is white.
+    """
+    unknowns = instances("unknowns", unknowns, Parameter, "a Parameter")
+    split = fit_length(data, hold_out)
+    theta = array("theta", theta, (len(unknowns),))
+    noise = array("noise", noise, (len(data.names),))
+    problem = problem_of(model, data.part(0, split), unknowns, step)
+    if problem.smooth is None:
+        problem = replace(problem, runs=((0, first_stop(problem, theta)),))
+    R = reduced(problem.blocks(problem.simulated(theta, problem.firsts()), noise)).R
+    identifiable, drop = list(range(len(unknowns))), {-1}
+    while identifiable and drop:
+        drop, _ = unidentifiable([unknowns[k] for k in identifiable], R[:, identifiable])
+        identifiable = [k for at, k in enumerate(identifiable) if at not in drop]
+    found = np.full(len(unknowns), np.inf)
+    found[identifiable] = deviations(R[:, identifiable])
+    return found
+
+
+def autocorrelation(residuals: np.ndarray) -> np.ndarray:
+    """ρ at lags 1 … LAGS (LAGS, outputs), over pairs without NaN."""
+    lags = min(LAGS, len(residuals) - 2)
+    found = np.zeros((lags, residuals.shape[1]))
+    count = np.maximum(np.isfinite(residuals).sum(0), 1)  # avoids 0/0 if a joint is held throughout
+    power = np.nansum(residuals**2, axis=0) / count
+    for lag in range(1, lags + 1):
+        product = residuals[lag:] * residuals[:-lag]
+        pairs = np.isfinite(product).sum(0)
+        total = np.nansum(product, axis=0) / np.maximum(pairs, 1)
+        found[lag - 1] = total / np.where(power > 0, power, np.inf)
+    return np.nan_to_num(found)
+
+
+def widening(correlation: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Factor of the variance for coloured residuals, 1 + 2 Σ w ρ (Newey and West 1987)."""
+    lags = len(correlation)
+    weights = 1 - np.arange(1, lags + 1) / (lags + 1)
+    band = 2 / np.sqrt(np.maximum(samples, 1))
+    significant = np.where(np.abs(correlation) > band, correlation, 0)
+    return np.maximum(1.0, 1 + 2 * weights @ significant)
+
+
+def ljung_box(correlation: np.ndarray, samples: np.ndarray) -> tuple[float, int]:
+    """The statistic over all outputs, and its degrees of freedom (Ljung and Box 1978)."""
+    lags = np.arange(1, len(correlation) + 1)[:, None]
+    use = samples > 4 * len(correlation)
+    counted = samples[use]
+    terms = counted * (counted + 2) * correlation[:, use] ** 2 / np.maximum(counted - lags, 1)
+    return float(terms.sum()), max(1, int(terms.size))

@@ -1,0 +1,5 @@
+"""Kinds of unknown numbers.
+
+- `kinds`: each kind's columns in the equations of motion, and how the robot gets other values;
+- `friction`: dry friction of joints, which the controllers' model lacks.
+"""

@@ -1,0 +1,199 @@
+"""The kinds of parameters: each kind's columns in r = M q̈ + h - B u, and its setter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from softdyn.description.robot import Robot
+from softdyn.dynamics.derivatives import mass_columns
+from softdyn.dynamics.model import SoftModel, State, taut_gains
+from softdyn.dynamics.tree import tree_of
+from softdyn.identification.markers.camera import CAMERA
+from softdyn.identification.unknowns.friction import friction_of
+
+DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are central differences
+
+
+class Neighbour(NamedTuple):
+    """Two models on either side of θ along unknown number `at`, `width` apart."""
+
+    at: int
+    low: SoftModel
+    high: SoftModel
+    width: float
+
+
+class Around(NamedTuple):
+    """What derivatives by θ need beside the model: the file's inertias, and neighbours of θ."""
+
+    file: SoftModel
+    neighbours: tuple[Neighbour, ...] = ()
+
+
+class MotionSample(NamedTuple):
+    """A state with its acceleration and input, and the models around its own."""
+
+    state: State
+    a: np.ndarray
+    u: np.ndarray
+    around: Around
+
+    def residual(self, model: SoftModel) -> np.ndarray:
+        """r = M a + h - B u (n,) of another model at this motion."""
+        state = model.state(self.state.q, self.state.v)
+        result: np.ndarray = state.M @ self.a + state.h - state.B @ self.u
+        return result
+
+
+class Maker(Protocol):
+    """Makes a robot from numbers that are not in its URDF, such as those of a design."""
+
+    def robot(self, values: Mapping[str, float]) -> Robot:
+        """The robot with other values, by member."""
+
+    def unit(self, label: str) -> str:
+        """Unit of a member."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of parameter, such as stiffness; a member is one joint's, tendon's or input's.
+
+    Attributes
+    ----------
+    name, unit : str
+        Texts for the user.
+    members : callable
+        SoftModel → names of the members.
+    nominal : callable
+        SoftModel → their values in the file (members,).
+    columns : callable
+        MotionSample → ∂r/∂value (n, members), r = M a + h - B u.
+    amended : callable
+        (Robot, {name: value}) → the robot with these values; masses are set in the engine.
+    lower : float
+        The least possible value.
+    measures : str
+        For a kind that is only added to outputs: their name up to the member's name.
+    maker : Maker, optional
+        For a kind of numbers from which the robot is made; the members name these.
+    about_zero : bool
+        Whether the values are about zero, so that no deviation is relative to them.
+    """
+
+    name: str
+    unit: str
+    members: Callable[[SoftModel], Sequence[str]]
+    nominal: Callable[[SoftModel], np.ndarray]
+    columns: Callable[[MotionSample], np.ndarray]
+    amended: Callable[[Robot, dict[str, float]], Robot]
+    lower: float = 0.0
+    measures: str = ""
+    maker: Maker | None = None
+    about_zero: bool = False
+
+
+def _in(field: str, attribute: str) -> Callable[[Robot, dict[str, float]], Robot]:
+    """A setter of one attribute of the robot's joints, tendons or actuators."""
+
+    def amended(robot: Robot, values: dict[str, float]) -> Robot:
+        parts: tuple[Any, ...] = getattr(robot, field)
+        changed = tuple(
+            replace(part, **{attribute: values[part.name]}) if part.name in values else part
+            for part in parts
+        )
+        found: Robot = replace(robot, **{field: changed})  # type: ignore[arg-type]
+        return found
+
+    return amended
+
+
+def _joints(model: SoftModel) -> Sequence[str]:
+    return model.joint_names
+
+
+def _tendons(model: SoftModel) -> Sequence[str]:
+    return model.tendons.names
+
+
+def _inputs(model: SoftModel) -> Sequence[str]:
+    return [actuator.name for actuator in model.robot.actuators]
+
+
+def _coordinates(sample: MotionSample) -> np.ndarray:
+    return sample.state.model.coordinates(sample.state.q)
+
+
+def _rubbing(sample: MotionSample) -> np.ndarray:
+    return np.diag(friction_of(sample.state.model).signs(sample.state.v))
+
+
+def _stretch(sample: MotionSample) -> np.ndarray:
+    return _coordinates(sample) - sample.state.model.rest
+
+
+def _mass_columns(sample: MotionSample) -> np.ndarray:
+    state = sample.state
+    return mass_columns(sample.around.file, state.q, state.v, sample.a)
+
+
+def _gear_columns(sample: MotionSample) -> np.ndarray:
+    tree = tree_of(sample.state.model)
+    return -(sample.state.moment_arms[tree.actuated] * sample.u[:, None]).T
+
+
+def _tendon_spring(sample: MotionSample) -> np.ndarray:
+    model, state = sample.state.model, sample.state
+    stretch = (state.lengths - model.tendon_rest) * _taut(state)
+    return (state.moment_arms * stretch[:, None]).T
+
+
+def _tendon_damper(sample: MotionSample) -> np.ndarray:
+    arms = sample.state.moment_arms
+    rates = (arms @ sample.state.v) * _taut(sample.state)
+    return (arms * rates[:, None]).T
+
+
+def _taut(state: State) -> np.ndarray:
+    """Whether (tendons,) each tendon's spring and damper act."""
+    gain, damping = taut_gains(state.model, state.lengths, state.moment_arms @ state.v)
+    return ~state.model.tendon_slack | (gain > 0) | (damping > 0)
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("stiffness", "N m/rad, N/m", _joints, lambda model: model.stiffness,
+             lambda sample: np.diag(_stretch(sample)), _in("joints", "stiffness")),
+        Kind("damping", "N m s/rad, N s/m", _joints, lambda model: model.damping,
+             lambda sample: np.diag(sample.state.v), _in("joints", "damping")),
+        Kind("friction", "N m, N", _joints, lambda model: friction_of(model).size,
+             _rubbing, _in("joints", "friction")),
+        Kind("rest", "rad, m", _joints, lambda model: model.rest,
+             lambda sample: -np.diag(sample.state.model.stiffness), _in("joints", "rest"), -np.inf),
+        Kind("armature", "kg m^2, kg", _joints, lambda model: model.armature,
+             lambda sample: np.diag(sample.a), _in("joints", "armature")),
+        Kind("mass", "of the file's", _joints, lambda model: np.ones(model.nv),
+             _mass_columns,
+             lambda robot, values: robot),
+        Kind("gear", "N per unit of u", _inputs, lambda model: tree_of(model).gear,
+             _gear_columns, _in("actuators", "gear"), -np.inf),
+        Kind("tendon_stiffness", "N/m", _tendons, lambda model: model.tendon_stiffness,
+             _tendon_spring, _in("tendons", "stiffness")),
+        Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
+             _tendon_damper, _in("tendons", "damping")),
+        Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
+             lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
+             -np.inf, "length.", about_zero=True),
+    )
+}  # fmt: skip
+SEEN = Kind(
+    "camera", "m, rad", lambda model: CAMERA, lambda model: np.zeros(len(CAMERA)),
+    lambda sample: np.zeros((len(sample.a), len(CAMERA))), lambda robot, values: robot,
+    -np.inf, "camera.", about_zero=True,
+)  # fmt: skip
+"""The camera's numbers; a fit starts from a first guess that is not in the robot's file."""

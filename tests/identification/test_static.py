@@ -1,0 +1,224 @@
+"""Static rows, and the design of an arm: data from known values, seen by a turned camera."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, identification, statics
+from softdyn.commands import identify as command
+from softdyn.dynamics.mimic import build
+from softdyn.identification import DesignFile, Marker, Measurements
+from softdyn.identification.blocks import ResidualBlock
+from softdyn.identification.intervals import half_widths
+from softdyn.identification.markers.camera import MarkerView, seen_at
+from softdyn.identification.parameters import neighbours_of
+from softdyn.identification.problem import Acquisition, measured_outputs, problem_of
+from softdyn.identification.unknowns.kinds import Around
+
+ARM = """\
+name = "arm"
+[material]  # silicone
+youngs_modulus_MPa = 0.30  # a first guess
+poissons_ratio = 0.45
+density_kg_m3 = 1100
+[[section]]
+length_mm = 200
+radius_mm = [12, 8]
+segments = 6
+[[cable]]
+name = "pull"
+count = 3
+offset_mm = [9, 6.0] # tapers
+routing = "channel"
+max_tension_N = 6
+"""
+POINTS = """\
+[[point]]
+name = "a"
+s_mm = 80
+offset_mm = [0, 0, 15]
+[[point]]
+name = "b"
+s_mm = 140
+offset_mm = [0, 0, -15]
+[[point]]
+name = "c"
+s_mm = 200
+offset_mm = [5, 0, 0]
+"""
+CAMERA = np.array([0.3, -0.2, 1.0, 0.4, 1.2, -0.8])
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "points.toml").write_text(POINTS)
+    return DesignFile(tmp_path / "arm.toml", identification.read_points(tmp_path / "points.toml"))
+
+
+def poses(model, names, rng, rows, noise):
+    """Markers at rest under random inputs, in the world's frame."""
+    u = rng.uniform(0, 0.8, (rows, model.nu)) * model.u_max
+    path = np.array([model.coordinates(statics.settle(model, one).q) for one in u])
+    out, _ = measured_outputs(model, names, path, np.zeros((rows, model.nv, 0)))
+    return u, out + noise * rng.normal(size=out.shape)
+
+
+def written(path, model, u, names, out):
+    titles = [*(f"u.{one.name}" for one in model.robot.actuators), *names]
+    cells = [["" if np.isnan(x) else f"{x:.9g}" for x in row] for row in np.hstack((u, out))]
+    path.write_text("\n".join(",".join(row) for row in [titles, *cells]) + "\n")
+    return str(path)
+
+
+def test_a_design_from_relabelled_markers_with_gaps_in_an_unknown_frame(arm, tmp_path, capsys):
+    true = {"youngs_modulus material": 0.42e6, "offset cable pull [2]": 0.005}
+    model, rng = build(arm.robot(true)), np.random.default_rng(3)
+    names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
+    u, out = poses(model, names, rng, 30, 1e-3)
+    seen = seen_at(CAMERA, out.reshape(-1, 3, 3))
+    for row in seen:
+        row[:] = row[rng.permutation(3)]
+    seen[3, 1] = seen[8, 0] = seen[20] = np.nan
+    data = written(tmp_path / "data.csv", model, u, names, seen.reshape(-1, 9))
+    base = [str(arm.path), data, "--static", "--points", str(tmp_path / "points.toml")]
+    free = ["--free", "youngs_modulus", "offset.2", "--camera", "fit", "--relabel"]
+    out_file = tmp_path / "found.toml"
+    page = str(tmp_path / "page.html")
+    code = command.main([*base, *free, "--json", "-", "--out", str(out_file), "--html", page])
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0
+    assert len(report["parameters"]) == 8
+    for one in report["parameters"]:
+        assert one["identifiable"]
+        assert one["low"] < one["value"] < one["high"]
+    modulus, offset = report["parameters"][:2]
+    assert (modulus["kind"], modulus["member"], modulus["unit"]) == (
+        "youngs_modulus", "material", "Pa",
+    )  # fmt: skip
+    for one, truth in ((modulus, 0.42e6), (offset, 0.005)):
+        assert one["value"] == pytest.approx(truth, rel=0.02)
+        assert one["low"] < truth < one["high"]
+    assert 0.001 < report["rms_held_out"] < 0.0025
+    # the design's text keeps its comments, and its values are those found
+    text = out_file.read_text()
+    assert "# a first guess" in text
+    assert "# tapers" in text
+    table = tomllib.loads(text)
+    assert table["material"]["youngs_modulus_MPa"] == pytest.approx(modulus["value"] / 1e6)
+    assert table["cable"][0]["offset_mm"] == [9, pytest.approx(1e3 * offset["value"])]
+    assert "Ljung" not in (tmp_path / "page.html").read_text()
+
+
+def test_derivatives_of_equilibria_by_the_design_and_the_camera(arm):
+    model = arm.model
+    names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
+    rng = np.random.default_rng(5)
+    u, out = poses(model, names, rng, 4, 0.0)
+    unknowns = arm.unknowns(["youngs_modulus", "length"], ["offset"])
+    unknowns += identification.camera_unknowns(CAMERA)
+    view = MarkerView.of(names, CAMERA)
+    data = Measurements(np.arange(4.0), u, names, out)
+    problem = problem_of(model, data, unknowns, taken=Acquisition(True, view))
+    theta = np.array([one.nominal for one in unknowns])
+    (run,) = problem.simulated(theta, problem.firsts())
+    assert [one.label for one in unknowns[:3]] == [
+        "youngs_modulus material", "length section section_1", "offset, all",
+    ]  # fmt: skip
+    for k, one in enumerate(unknowns):
+        step = 1e-5 * max(abs(theta[k]), 1e-3 * one.scale) * np.eye(len(theta))[k]
+        ends = [problem.outputs(theta + s * step, problem.firsts())[0] for s in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * step[k])
+        np.testing.assert_allclose(run.by_theta[:, :, k], slope, rtol=2e-4, atol=1e-5)
+
+
+def test_words_that_choose_numbers(arm):
+    def labels(*words):
+        return [one.label for one in arm.unknowns(words)]
+
+    assert labels("offset") == ["offset cable pull [1]", "offset cable pull [2]"]
+    assert labels("offset.2", "radius.1") == [
+        "offset cable pull [2]",
+        "radius section section_1 [1]",
+    ]
+    assert labels("offset.pull.1", "density.material") == [
+        "offset cable pull [1]", "density material",
+    ]  # fmt: skip
+    for word, message in (
+        ("youngs_modul", "did you mean 'youngs_modulus'"),
+        ("segments", "a number in"),
+        ("material", "a number in"),
+    ):
+        with pytest.raises(InputError, match=message):
+            arm.unknowns([word])
+    with pytest.raises(InputError, match="twice"):
+        arm.unknowns(["offset"], ["offset.2"])
+    assert neighbours_of(arm.model, (), np.zeros(0)) == ()
+    assert Around(arm.model).neighbours == ()
+
+
+def test_a_design_s_number_on_another_line_is_refused(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM.replace("[9, 6.0]", "[9,\n 6.0]"))
+    made = DesignFile(tmp_path / "arm.toml")
+    with pytest.raises(InputError, match="each number on its key's line"):
+        made.rewritten({"offset cable pull [2]": 0.005})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda u, out: (102 * u, out), "another unit, such as grams or mN"),
+        (lambda u, out: (u, 1e3 * out), "millimetres?"),
+        (lambda u, out: (u, out[:, [3, 4, 5, 0, 1, 2, 6, 7, 8]]), "a and point.b are probably exc"),
+        (lambda u, out: (u, out[:, [0, 2, 1, 3, 5, 4, 6, 8, 7]] * ([1, 1, -1] * 3)), "turned by"),
+    ],
+)  # fmt: skip
+def test_wrong_data_is_one_line(arm, tmp_path, capsys, spoil, message):
+    names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
+    u, out = poses(arm.model, names, np.random.default_rng(9), 12, 1e-3)
+    data = written(tmp_path / "d.csv", arm.model, *[spoil(u, out)[0]], names, spoil(u, out)[1])
+    points = str(tmp_path / "points.toml")
+    code = command.main(
+        [str(arm.path), data, "--static", "--points", points, "--free", "youngs_modulus"]
+    )
+    error = capsys.readouterr().err
+    assert code == 2
+    assert message in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_robot_s_stiffness_from_its_markers(tmp_path, capsys):
+    """The finger's three links; an unidentifiable damping is named."""
+    finger = softdyn.load("finger")
+    links = [link.name for link in finger.robot.links]
+    markers = [Marker(f"m{k}", links[k], xyz=(0.01, 0.004, 0.0)) for k in (2, 3, 4)]
+    model = build(identification.marked(finger.robot, markers))
+    springs = identification.parameters(model, "stiffness")
+    true = identification.with_values(model, springs, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01)
+    rng = np.random.default_rng(11)
+    names = tuple(f"point.m{k}.{a}" for k in (2, 3, 4) for a in "xyz")
+    u = rng.uniform(finger.u_min, finger.u_max, (40, 2)) * 0.2
+    path = np.array([model.coordinates(statics.settle(true, one).q) for one in u])
+    out, _ = measured_outputs(true, names, path, np.zeros((40, 4, 0)))
+    data = Measurements(np.arange(40.0), u, names, out + 1e-3 * rng.normal(size=out.shape))
+    data, taken = identification.prepared(model, data, static=True)
+    unknowns = (*springs, *identification.parameters(model, "damping", shared=True))
+    found = identification.identify(model, data, unknowns, taken=taken)
+    assert found.unidentifiable == ("damping, all",)
+    for one, truth in zip(found.estimates, np.array([1.2, 0.8, 1.1, 0.9]) * 0.01, strict=False):
+        assert one.interval[0] < truth < one.interval[1]
+
+
+def test_intervals_allow_errors_that_a_pose_shares():
+    rng = np.random.default_rng(1)
+    J, groups = np.ones((60, 1)), np.repeat(np.arange(10), 6)
+    white, shared = rng.normal(size=60), np.repeat(rng.normal(size=10), 6)
+    alone = half_widths(ResidualBlock(white, J, np.zeros((60, 0))), groups)
+    wide = half_widths(ResidualBlock(shared, J, np.zeros((60, 0))), groups)
+    assert alone[0] == pytest.approx(2.0 / np.sqrt(60), rel=0.3)
+    assert wide[0] == pytest.approx(2.26 / np.sqrt(10), rel=0.5)
