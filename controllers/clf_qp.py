@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softdyn import SoftModel, State
@@ -12,7 +14,8 @@ from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
 from softdyn.controllers.qps.linear_algebra import cholesky, dot, inner, lq, put, row_space
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
-from softdyn.controllers.qps.tip_error import TipError
+from softdyn.controllers.qps.stacked_error import TaskRows, task_error
+from softdyn.tasks.task import Task
 
 
 class ClfQp(TaskLaw):
@@ -24,6 +27,8 @@ class ClfQp(TaskLaw):
         The robot.
     gains : Gains, optional
         By default the paper's, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Raises
     ------
@@ -33,9 +38,16 @@ class ClfQp(TaskLaw):
 
     name = "clf-qp"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
         gains = resolve(model, self.name, gains)
-        super().__init__(model, gains, Linearisation(model, gains))
+        error = task_error(model, gains, tasks)
+        super().__init__(model, gains, Linearisation(model, gains), error)
 
 
 class Linearisation:
@@ -52,10 +64,10 @@ class Linearisation:
         self._bounds = model.u_min, model.u_max
         self._u = np.zeros(model.nu)
 
-    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TaskRows, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""
         residual, delta = _law(
-            state.M, state.h, state.v, state.B.T, state.J, state.Jdot,
+            state.M, state.h, state.v, state.B.T, tip.J, tip.Jdot,
             tip.mu_ref, tip.yddot, tip.row, tip.bound, *self._weights, *self._bounds, self._u,
         )  # fmt: skip
         if residual != residual:
@@ -73,20 +85,20 @@ def _law(
     M, h, v, Bt, J, Jdot, mu_ref, yddot, row, bound, w1, rho, lower, upper, u
 ):  # fmt: skip
     """Write the input into `u` (m,); return the residual of its QP, and δ."""
-    m, n = Bt.shape
-    right, stacked, wanted = np.empty((m + 4, n)), np.zeros((4, m)), np.empty(4)
-    for x in range(3):
+    (m, n), k = Bt.shape, len(J)
+    right, stacked, wanted = np.empty((m + k + 1, n)), np.zeros((k + 1, m)), np.empty(k + 1)
+    for x in range(k):
         put(right[x], J[x])
     for i in range(m):
-        put(right[3 + i], Bt[i])
-    put(right[3 + m], h)
+        put(right[k + i], Bt[i])
+    put(right[k + m], h)
     half = cholesky(M, right)[1]
-    products = inner(half[:3], half[3:])  # J M⁻¹ [B h]
+    products = inner(half[:k], half[k:])  # J M⁻¹ [B h]
     # √w1 (μ - μ_ref) and √ρ δ are the rows of stacked u - wanted
     first, second, slack = np.sqrt(w1), np.sqrt(rho), -bound[0]
     along, rest, at_reference = np.zeros(m), slack, slack
     linear = products[:, :m].copy()
-    for x in range(3):
+    for x in range(k):
         drift = dot(Jdot[x], v) - products[x, m] - yddot[x]
         wanted[x] = first * (mu_ref[x] - drift)
         rest += row[x] * drift
@@ -95,14 +107,14 @@ def _law(
             stacked[x, j] = first * linear[x, j]
             along[j] += row[x] * linear[x, j]
     for j in range(m):
-        stacked[3, j] = second * along[j]
-    wanted[3] = -second * rest
+        stacked[k, j] = second * along[j]
+    wanted[k] = -second * rest
     # With δ = max(0, …) the objective is one of two quadratics, with δ or without it. The right one
     # has a minimiser with the sign of δ that it assumes.
     residual, delta, late = np.nan, np.nan, at_reference > 0
     for _ in range(2):
-        count = 4 if late else 3
-        Q = row_space(linear if w1 > 0 else stacked[3:count])
+        count = k + 1 if late else k
+        Q = row_space(linear if w1 > 0 else stacked[k:count])
         r = len(Q)
         basis, triangle, d = np.empty((r, count)), np.empty((r, r)), np.empty(r)
         lq(inner(Q, stacked[:count]), basis, triangle)

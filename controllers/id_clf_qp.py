@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softdyn import SoftModel, State
@@ -17,8 +19,9 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
     substitute_back,
 )
+from softdyn.controllers.qps.stacked_error import TaskRows, task_error
 from softdyn.controllers.qps.task_qp import Condensed, TaskQp
-from softdyn.controllers.qps.tip_error import TipError
+from softdyn.tasks.task import Task
 
 
 class IdClfQp(TaskLaw):
@@ -32,6 +35,8 @@ class IdClfQp(TaskLaw):
         The robot.
     gains : Gains, optional
         By default the paper's of the Soft ID-CLF-QP, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Raises
     ------
@@ -41,10 +46,17 @@ class IdClfQp(TaskLaw):
 
     name = "id-clf-qp"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
         gains = resolve(model, self.name, gains)
-        objective = HardInverseDynamics(gains, model.nu)
-        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True))
+        error = task_error(model, gains, tasks)
+        objective = HardInverseDynamics(gains, model.nu, error.rows)
+        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True), error)
 
 
 class HardInverseDynamics:
@@ -53,17 +65,17 @@ class HardInverseDynamics:
     w1 ‖μ - μ_ref‖² + w2 ‖q̈‖² + w3 ‖u‖² + w4 ‖N (q̈ + D q̇)‖².
     """
 
-    def __init__(self, gains: Gains, nu: int) -> None:
+    def __init__(self, gains: Gains, nu: int, rows: int = 3) -> None:
         self.size = nu
         self._weights = np.array(
             [gains.w1, gains.w2, gains.w3, gains.w4, gains.null_damping], float
         )
-        self._condensed = Condensed.empty(nu)
+        self._condensed = Condensed.empty(nu, rows)
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TaskRows) -> Condensed:
         """The QP at this state."""
         _condense(
-            M, h, state.v, state.B.T, state.J, state.Jdot, tip.mu_ref, tip.yddot,
+            M, h, state.v, state.B.T, tip.J, tip.Jdot, tip.mu_ref, tip.yddot,
             self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
@@ -88,8 +100,8 @@ def _condense(M, h, v, Bt, J, Jdot, mu_ref, yddot, weights, H, g, mu_map, mu_0):
     RX, Rd = inner(row_basis, X[:m]), np.empty(r)
     for x in range(r):
         Rd[x] = dot(row_basis[x], damped)
-    short = np.empty(3)
-    for x in range(3):
+    short = np.empty(len(J))
+    for x in range(len(J)):
         for j in range(m):
             mu_map[x, j] = dot(J[x], X[j])
         mu_0[x] = dot(J[x], drift) + dot(Jdot[x], v) - yddot[x]

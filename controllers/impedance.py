@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softdyn import SoftModel, State
@@ -23,7 +25,8 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute,
 )
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.tip_error import TipError
+from softdyn.controllers.qps.stacked_error import TaskRows, task_error
+from softdyn.tasks.task import Task
 
 
 @compiled
@@ -35,11 +38,11 @@ def task_force(
     Parameters
     ----------
     M : ndarray, (n, n)
-    J : ndarray, (3, n)
+    J : ndarray, (k, n)
     row_basis : ndarray, (r, n)
         R, orthonormal rows that span those of J, without its singular directions.
-    ahead : ndarray, (3,)
-        a, an acceleration of the tip.
+    ahead : ndarray, (k,)
+        a, an acceleration of the tasks; k is 3 for the tip.
 
     Returns
     -------
@@ -48,7 +51,7 @@ def task_force(
     """
     r = len(row_basis)
     half = cholesky(M, row_basis)[1]
-    basis, triangle, x = np.empty((r, 3)), np.empty((r, r)), np.empty(r)
+    basis, triangle, x = np.empty((r, len(J))), np.empty((r, r)), np.empty(r)
     lq(inner(row_basis, J), basis, triangle)
     for i in range(r):
         x[i] = dot(basis[i], ahead)
@@ -67,8 +70,8 @@ def _law(
     f = Λ ÿ + J⁺ᵀ C q̇ - Λ J̇ q̇ with ÿ = ÿ_ref - K_d ė - K_p e: paper, (eq:impedance_acc) and
     (impedance_acc). Jᵀ J⁺ᵀ projects C q̇ onto range(Jᵀ); the rows of `row_basis` span that range.
     """
-    row_basis, ahead, coriolis = row_space(J), np.empty(3), bias - g
-    for x in range(3):
+    row_basis, ahead, coriolis = row_space(J), np.empty(len(J)), bias - g
+    for x in range(len(J)):
         ahead[x] = yddot[x] + mu_ref[x] - dot(Jdot[x], v)
     force = task_force(M, J, row_basis, ahead)
     for x in range(len(row_basis)):
@@ -105,12 +108,12 @@ class ImpedanceLaw:
         self._B: np.ndarray | None = None
         self._factors = (np.empty((0, 0)),) * 3
 
-    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TaskRows, guard: InputGuard) -> Command:
         """The input, clamped to its bounds."""
         if state.B is not self._B:
             self._factors, self._B = factor(state.B.T), state.B
         u = _law(
-            state.M, state.h, state.bias, state.g, state.v, state.J, state.Jdot,
+            state.M, state.h, state.bias, state.g, state.v, tip.J, tip.Jdot,
             tip.mu_ref, tip.yddot, *self._factors, self._project,
         )  # fmt: skip
         return guard.accept(u, tip.V, np.nan, clamped=True)
@@ -125,6 +128,8 @@ class Impedance(TaskLaw):
         The robot.
     gains : Gains, optional
         By default the paper's, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Raises
     ------
@@ -134,8 +139,16 @@ class Impedance(TaskLaw):
 
     name = "ic"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        super().__init__(model, resolve(model, self.name, gains), ImpedanceLaw(project=False))
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
+        gains = resolve(model, self.name, gains)
+        error = task_error(model, gains, tasks)
+        super().__init__(model, gains, ImpedanceLaw(project=False), error)
 
 
 class UnderactuatedImpedance(TaskLaw):
@@ -149,6 +162,8 @@ class UnderactuatedImpedance(TaskLaw):
         The robot.
     gains : Gains, optional
         By default the paper's, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Raises
     ------
@@ -158,8 +173,16 @@ class UnderactuatedImpedance(TaskLaw):
 
     name = "uic"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
-        super().__init__(model, resolve(model, self.name, gains), ImpedanceLaw(project=True))
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
+        gains = resolve(model, self.name, gains)
+        error = task_error(model, gains, tasks)
+        super().__init__(model, gains, ImpedanceLaw(project=True), error)
 
 
 @compiled

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from softdyn import SoftModel
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.qps.stacked_error import task_error
 from softdyn.controllers.qps.task_qp import TaskQp
+from softdyn.tasks.task import Task
 
 
 class ImpedanceQp(TaskLaw):
@@ -18,6 +22,8 @@ class ImpedanceQp(TaskLaw):
         The robot.
     gains : Gains, optional
         By default the paper's, for a bundled robot; required for any other.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Raises
     ------
@@ -27,7 +33,14 @@ class ImpedanceQp(TaskLaw):
 
     name = "ic-qp"
 
-    def __init__(self, model: SoftModel, gains: Gains | None = None) -> None:
+    def __init__(
+        self,
+        model: SoftModel,
+        gains: Gains | None = None,
+        *,
+        tasks: Sequence[Task] | None = None,
+    ) -> None:
         gains = resolve(model, self.name, gains)
-        objective = SoftInverseDynamics(gains, model.nu)
-        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=False))
+        error = task_error(model, gains, tasks)
+        objective = SoftInverseDynamics(gains, model.nu, rows=error.rows)
+        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=False), error)

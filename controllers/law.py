@@ -1,25 +1,27 @@
-"""The base of the paper's six controllers: gains, the tip's error, the guard of the input."""
+"""The base of the paper's six controllers: gains, the tasks' error, the guard of the input."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from softdyn import Reference, SetPoint, SoftModel, State
 from softdyn.controllers.controller import Command, GuardedController, InputGuard, warm_up
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.tip_error import TipError
+from softdyn.controllers.qps.stacked_error import StackedError, TaskRows
 
 
 class InputRule(Protocol):
-    """Computes a controller's input from the tip's error: by a QP, or in closed form."""
+    """Computes a controller's input from its tasks' error: by a QP, or in closed form."""
 
     @property
     def solvers(self) -> tuple[DenseQp, ...]:
         """The QPs that it solves; none for a controller in closed form."""
         ...
 
-    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TaskRows, guard: InputGuard) -> Command:
         """The input at this state, as a command of `guard`."""
         ...
 
@@ -39,6 +41,8 @@ class TaskLaw(GuardedController):
         The controller's parameters.
     rule : InputRule
         Computes the input.
+    error : TaskRows
+        The error that it regulates.
 
     Attributes
     ----------
@@ -46,6 +50,8 @@ class TaskLaw(GuardedController):
         Its name on the command line and in tables.
     options : tuple of str
         Names of further parameters of the class; a table of gains may hold them too.
+    error : TaskRows
+        The tasks' error at the last call.
     solvers : tuple of DenseQp
         The solvers of the rule, so that a caller can time them.
     """
@@ -53,11 +59,15 @@ class TaskLaw(GuardedController):
     name = ""
     options: tuple[str, ...] = ()
 
-    def __init__(self, model: SoftModel, gains: Gains, rule: InputRule) -> None:
+    def __init__(self, model: SoftModel, gains: Gains, rule: InputRule, error: TaskRows) -> None:
         self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)
         self.solvers = rule.solvers
-        self._rule, self._tip_error = rule, TipError(gains)
-        warm_up(self, model)
+        self._rule, self.error = rule, error
+        if isinstance(error, StackedError):  # its tasks have no targets yet
+            rule.command(model.state(model.q0, np.zeros(model.nv)), error, self.guard)
+            self.reset(0.0)
+        else:
+            warm_up(self, model)
 
     def reset(self, period: float) -> None:
         """Begin a run; these controllers do not use the control period (s)."""
@@ -65,5 +75,6 @@ class TaskLaw(GuardedController):
         self._rule.reset()
 
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
-        self._tip_error.update(state, reference)
-        return self._rule.command(state, self._tip_error, self.guard)
+        error = self.error
+        error.update(state, reference)
+        return self._rule.command(state, error, self.guard)

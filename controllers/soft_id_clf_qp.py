@@ -13,7 +13,9 @@ from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
+from softdyn.controllers.qps.stacked_error import task_error
 from softdyn.controllers.qps.task_qp import TaskQp
+from softdyn.tasks.task import Task
 
 
 class SoftIdClfQp(TaskLaw):
@@ -32,6 +34,8 @@ class SoftIdClfQp(TaskLaw):
         shapes from relaxing, see `docs/beyond.md`; 0 in the paper.
     barriers : sequence of ControlBarrier
         Obstacles and limits, see `barriers`. Their rows hold over the horizon and over a period.
+    tasks : sequence of softdyn.tasks.Task, optional
+        What to control; by default the position of the tip.
 
     Attributes
     ----------
@@ -56,13 +60,15 @@ class SoftIdClfQp(TaskLaw):
         horizon: float = 0.0,
         u_ref: np.ndarray | float = 0.0,
         barriers: Sequence[ControlBarrier] = (),
+        tasks: Sequence[Task] | None = None,
     ) -> None:
         gains = resolve(model, self.name, gains)
         self.horizon = number("horizon", horizon, lower=0.0)
         given = [u_ref] * model.nu if np.ndim(u_ref) == 0 else u_ref
         self.u_ref = array("u_ref", given, (model.nu,))
         self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
-        objective = SoftInverseDynamics(gains, model.nu, self.u_ref)
+        error = task_error(model, gains, tasks)
+        objective = SoftInverseDynamics(gains, model.nu, self.u_ref, error.rows)
         qp = TaskQp(
             model,
             gains,
@@ -71,7 +77,7 @@ class SoftIdClfQp(TaskLaw):
             horizon=Horizon(model, self.horizon),
             barriers=self.barrier_rows,
         )
-        super().__init__(model, gains, qp)
+        super().__init__(model, gains, qp, error)
 
     def reset(self, period: float) -> None:
         """Begin a run; barriers then have rows over its control period (s) too."""

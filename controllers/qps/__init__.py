@@ -2,6 +2,7 @@
 
 - `clf`: the Lyapunov function V (8), its P from the Riccati equation (9), the decrease of V (10);
 - `certificate`: the true rate of V under a controller, beside the rate that its QP assumes;
+- `stacked_error`: the errors of several tasks as one;
 - `tip_error`: the tip's error η (6, 7), μ_ref, and V's condition on μ, for every controller;
 - `soft_inverse_dynamics`: the objective of (13) and (22) on the actuated rows (12), condensed;
 - `horizon`: M and h of the dynamics (1) at the end of a horizon instead of now;

@@ -8,8 +8,8 @@ subject to the actuated rows of the dynamics, u = B⁺(M q̈ + h), plus a free n
 rank. As equations they read U (M q̈ + h) = U B u; the rows of U are an orthonormal basis of
 range(B). `docs/derivations.md` proves that the optimum is q̈ = -c q̇ + Zᵀ z with
 c = w4 D / (w2 + w4); the rows of Z are an orthonormal basis of the rows of [U M; J]. The actuated
-rows give the first part of z from u. The unknowns are u and the rest of z, at most three numbers.
-u_ref is 0 in the paper.
+rows give the first part of z from u. The unknowns are u and the rest of z, at most as many numbers
+as J has rows. u_ref is 0 in the paper.
 """
 
 from __future__ import annotations
@@ -29,18 +29,31 @@ from softdyn.controllers.qps.linear_algebra import (
     row_space,
     substitute,
 )
+from softdyn.controllers.qps.stacked_error import TaskRows
 from softdyn.controllers.qps.task_qp import Condensed
-from softdyn.controllers.qps.tip_error import TipError
 
 
 class SoftInverseDynamics:
     """Builds the condensed QP; keeps the range of B while B does not change.
 
-    `size` is the number of unknowns, m + 3; if rank(J) < 3, some of them are unused.
+    `size` is the number of unknowns, m + rows; if J has a lower rank, some of them are unused.
+
+    Parameters
+    ----------
+    gains : Gains
+        The controller's gains.
+    nu : int
+        Number m of inputs.
+    u_ref : ndarray, (nu,), optional
+        The input that has no cost.
+    rows : int
+        Number of rows of J.
     """
 
-    def __init__(self, gains: Gains, nu: int, u_ref: np.ndarray | None = None) -> None:
-        self.size = 3 + nu
+    def __init__(
+        self, gains: Gains, nu: int, u_ref: np.ndarray | None = None, rows: int = 3
+    ) -> None:
+        self.size = rows + nu
         self._u_ref = np.zeros(nu) if u_ref is None else np.array(u_ref)
         total = gains.w2 + gains.w4
         # w2 = w4 = 0 leaves q̈ outside Z undetermined: take the least-norm one
@@ -48,15 +61,15 @@ class SoftInverseDynamics:
         self._weights = np.array([gains.w1, gains.w2, gains.w3, gains.w4, c], float)
         self._B: np.ndarray | None = None
         self._span = self._span_B = np.empty((0, 0))
-        self._condensed = Condensed.empty(self.size)
+        self._condensed = Condensed.empty(self.size, rows)
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TaskRows) -> Condensed:
         """The QP at this state."""
         if state.B is not self._B:
             self._span, self._span_B = range_of(state.B.T)
             self._B = state.B
         _condense(
-            M, h, state.v, state.J, state.Jdot, state.ydot, self._span, self._span_B,
+            M, h, state.v, tip.J, tip.Jdot, tip.ydot, self._span, self._span_B,
             tip.mu_ref, tip.yddot, self._u_ref, self._weights, *self._condensed,
         )  # fmt: skip
         return self._condensed
@@ -75,7 +88,7 @@ def _condense(
 ):  # fmt: skip
     w1, w2, w3, w4, c = weights[0], weights[1], weights[2], weights[3], weights[4]
     a, m = span_B.shape
-    n, size = len(v), m + 3
+    n, size = len(v), len(g)
     row_basis = row_space(J)
     r = len(row_basis)
     Z, triangle, right = np.empty((a + r, n)), np.empty((a, a)), np.empty((a, m + 1))
@@ -99,8 +112,8 @@ def _condense(
     _through(along, right, a, k, mu_map, mu_0)
     for x in range(r):
         Rv[x] = dot(row_basis[x], v)
-    short = np.empty(3)
-    for x in range(3):
+    short = np.empty(len(J))
+    for x in range(len(J)):
         mu_0[x] += dot(Jdot[x], v) - yddot[x] - c * ydot[x]
         short[x] = mu_0[x] - mu_ref[x]
 

@@ -12,7 +12,7 @@ from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
-from softdyn.controllers.qps.tip_error import TipError
+from softdyn.controllers.qps.stacked_error import TaskRows
 
 # The QP's bounds are tightened by this share of their range, the solver's own accuracy, so that its
 # answer lies inside the true bounds without clipping.
@@ -28,9 +28,9 @@ class Condensed(NamedTuple):
         Quadratic part of the objective.
     g : ndarray, (k,)
         Linear part of the objective.
-    mu_map : ndarray, (3, k)
-        The map in μ = mu_0 + mu_map x.
-    mu_0 : ndarray, (3,)
+    mu_map : ndarray, (r, k)
+        The map in μ = mu_0 + mu_map x; r is the number of rows of all tasks.
+    mu_0 : ndarray, (r,)
         The constant in it (m/s²).
     """
 
@@ -40,9 +40,9 @@ class Condensed(NamedTuple):
     mu_0: np.ndarray
 
     @classmethod
-    def empty(cls, size: int) -> Condensed:
-        """An empty objective in `size` unknowns."""
-        return cls(np.zeros((size, size)), np.zeros(size), np.zeros((3, size)), np.zeros(3))
+    def empty(cls, size: int, rows: int) -> Condensed:
+        """An empty objective in `size` unknowns, for tasks of `rows` rows."""
+        return cls(np.zeros((size, size)), np.zeros(size), np.zeros((rows, size)), np.zeros(rows))
 
 
 class Objective(Protocol):
@@ -50,7 +50,7 @@ class Objective(Protocol):
 
     size: int
 
-    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TipError) -> Condensed:
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TaskRows) -> Condensed:
         """The objective at this state with the dynamics M q̈ + h = B u.
 
         The next call may overwrite it.
@@ -121,7 +121,7 @@ class TaskQp:
     def reset(self) -> None:
         """Do nothing; the QP has no memory."""
 
-    def command(self, state: State, tip: TipError, guard: InputGuard) -> Command:
+    def command(self, state: State, tip: TaskRows, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""
         M, h = (state.M, state.h) if self._horizon is None else self._horizon(state)
         condensed, problem = self._objective.condense(state, M, h, tip), self._problem
@@ -156,9 +156,9 @@ def _write(H, g, mu_map, mu_0, row, bound, rho, decrease, m, H2, g2, A, lower, u
     if decrease:
         H2[k, k] = 2 * rho
         upper[m] = bound[0]
-        for x in range(3):
+        for x in range(len(row)):
             upper[m] -= row[x] * mu_0[x]
         for j in range(k):
             A[m, j] = 0.0
-            for x in range(3):
+            for x in range(len(row)):
                 A[m, j] += row[x] * mu_map[x, j]

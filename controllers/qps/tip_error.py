@@ -8,10 +8,13 @@ from softdyn import Reference, SetPoint, State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
+from softdyn.tasks.targets import StackedReference
 
 
 class TipError:
     """Error of the tip, paper section "Input-Output Linearization"; updated at every step.
+
+    In a stacked reference its target is the one called `name`.
 
     Attributes
     ----------
@@ -25,19 +28,27 @@ class TipError:
         The bound of this condition.
     V : float
         Value of the Lyapunov function.
+    J, Jdot, ydot : ndarray, (3, n), (3, n), (3,)
+        Those of the state.
     """
 
-    def __init__(self, gains: Gains) -> None:
+    rows = 3
+
+    def __init__(self, gains: Gains, name: str = "") -> None:
         clf = make_clf(gains.eps)
         self._numbers = float(gains.Kp), float(gains.Kd), float(clf.eps), clf.P_eps
         values = np.zeros(10)
         self.mu_ref, self.yddot, self.row = values[:3], values[3:6], values[6:9]
         self.bound = values[9:]
         self._goal = np.zeros((3, 3))
+        self._name = name
         self.V = 0.0
 
     def update(self, state: State, reference: Reference | SetPoint) -> None:
         """The error of `state` against `reference`."""
+        if self._name and isinstance(reference, StackedReference):
+            reference = reference.targets.get(self._name, reference)
+        self.J, self.Jdot, self.ydot = state.J, state.Jdot, state.ydot
         goal = self._goal  # a copy, so that the kernel always gets one kind of array
         goal[0], goal[1], goal[2] = reference.y, reference.ydot, reference.yddot
         self.V = _error(

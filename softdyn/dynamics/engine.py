@@ -161,12 +161,15 @@ class Scratch(threading.local):
         The results of `memory`.
     arguments : tuple
         Arguments of the State's kernel; the first State fills it.
+    latest : ndarray or None
+        The q of the State whose kinematics the memory still holds.
     """
 
     def __init__(self, model: pin.Model) -> None:
         self.data = model.createData()
         self.memory, self.in_view = memory(self.data)
         self.arguments: tuple[Any, ...] = ()
+        self.latest: np.ndarray | None = None
 
 
 def _read(data: pin.Data) -> Memory:

@@ -151,6 +151,7 @@ class TreeModel(SoftModel):
         scratch = self._scratch
         here = self.about_base(q) if self.chart.floating else q
         pin.nonLinearEffects(self.pin_model, scratch.data, here, v)
+        scratch.latest = q
         return self._assemble(q, here, v, scratch)
 
     def _by_kernel(self, q: np.ndarray, here: np.ndarray, v: np.ndarray, scratch: Scratch) -> State:
@@ -311,7 +312,8 @@ class TreeModel(SoftModel):
 
     @property
     def pin_data(self) -> pin.Data:
-        """Pinocchio's scratch memory in the calling thread."""
+        """Pinocchio's scratch memory in the calling thread; its user may overwrite it."""
+        self._scratch.latest = None
         return self._scratch.data
 
     def about_base(self, q: np.ndarray) -> np.ndarray:
@@ -335,6 +337,16 @@ class TreeModel(SoftModel):
         if not scratch.in_view:
             scratch.memory.copy_from(scratch.data)
         return scratch.memory.rotations, scratch.memory.translations
+
+    def kinematics(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joint Jacobian columns, as rows (n, 6), and the `placements`, all views of the engine.
+
+        For the q of the last State nothing is computed.
+        """
+        if self._scratch.latest is not q:
+            self.joint_jacobian(q)
+        rotations, translations = self.placements()
+        return self._scratch.memory.S, rotations, translations
 
     def joint_jacobian(self, q: np.ndarray) -> np.ndarray:
         """Joint Jacobian columns (v; ω) (6, n) about the world's or a floating base's origin."""

@@ -57,10 +57,18 @@ class PointTask(FrameTask):
 
     point: Any = (0.0, 0.0, 0.0)
 
+    size = 3
+
     def __post_init__(self) -> None:
         point = tuple(array("point", self.point, (3,)).tolist())
         object.__setattr__(self, "point", point)
         super().__post_init__()
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is the whole position of the link's origin, without an own weight or gain."""
+        alone = self.point == (0.0, 0.0, 0.0) and self.axes is None and self.target is None
+        return alone and self.Kp is None and bool(np.all(np.equal(self.weight, 1.0)))
 
     @property
     def takes_plain(self) -> bool:
@@ -83,6 +91,7 @@ class PointTask(FrameTask):
 class OrientationTask(FrameTask):
     """A link's axes along given ones: e = log₃(R R_rᵀ) (rad). Its name is LINK.orientation."""
 
+    size = 3
     suffix = ".orientation"
 
     def evaluate(self, state: State, target: Any) -> TaskError:
@@ -109,6 +118,7 @@ class PoseTask(FrameTask):
 
     point: Any = (0.0, 0.0, 0.0)
 
+    size = 6
     suffix = ".pose"
 
     def __post_init__(self) -> None:
@@ -144,6 +154,7 @@ class AxisTask(FrameTask):
 
     axis: Any
 
+    size = 3
     suffix = ".axis"
 
     def __post_init__(self) -> None:

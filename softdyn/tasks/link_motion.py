@@ -120,14 +120,13 @@ class LinkKinematics:
 
     def _bodies(self, state: State) -> _Bodies:
         tree, v = self._tree, state.v if self._S is None else self._S @ state.v
-        columns = tree.joint_jacobian(_tree_configuration(state)).T
-        rotations, translations = tree.placements()
-        count, n = len(translations), len(v)
+        found = tree.kinematics(_tree_configuration(state))
+        count, n = len(found[2]), len(v)
         bodies = _Bodies(
             np.empty((n, 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
             np.zeros((count, 6)), np.zeros((count, 6)),
         )  # fmt: skip
-        _kinematics(columns, rotations, translations, self._columns, np.array(v), *bodies)
+        _kinematics(*found, self._columns, v, *bodies)
         return bodies
 
     def _find(self, link: str, point: tuple[float, ...]) -> _Place:

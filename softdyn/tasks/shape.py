@@ -37,6 +37,7 @@ class ShapeTask(Task):
         if not arcs:
             raise InputError("arcs", "the arc length of a point or more", "none")
         object.__setattr__(self, "arcs", arcs)
+        object.__setattr__(self, "size", 3 * len(arcs))
         super().__post_init__()
 
     def evaluate(self, state: State, target: Any) -> TaskError:
@@ -98,6 +99,7 @@ class JointTask(Task):
     def __post_init__(self) -> None:
         if self.joints is not None:
             object.__setattr__(self, "joints", instances("joints", self.joints, str, "a name"))
+            object.__setattr__(self, "size", len(self.joints))
         super().__post_init__()
 
     def evaluate(self, state: State, target: Any) -> TaskError:
@@ -138,6 +140,7 @@ class StrainTask(Task):
     def __post_init__(self) -> None:
         instance("basis", self.basis, Basis, "a Basis, from softdyn.design.strain_basis(…)")
         object.__setattr__(self, "_inverse", np.linalg.pinv(self.basis.matrix))
+        object.__setattr__(self, "size", len(self.basis.names))
         super().__post_init__()
 
     def evaluate(self, state: State, target: Any) -> TaskError:

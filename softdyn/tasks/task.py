@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,10 +39,12 @@ class TaskError(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Task(ABC):
-    """A quantity to be controlled: a subclass has one method, `evaluate`.
+    """A quantity to be controlled: a subclass has one method, `evaluate`, and a `size`.
 
     Attributes
     ----------
+    size : int or None
+        Number of rows that `evaluate` returns; None for as many as the robot has joints.
     name : str
         Name of its target in a `StackedReference`; each kind has a default.
     weight : float or array_like, (r,)
@@ -72,6 +74,7 @@ class Task(ABC):
     target: Any = None
 
     kind = "task"  # the name of one without
+    size: ClassVar[int | None] = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
