@@ -154,7 +154,7 @@ def kernel_sources(file: Path) -> str:
     """A digest of Numba's version and of all modules whose kernels this file may call."""
     package = Path(__file__).parent
     beside = file.resolve().parent
-    ours = [(package / room).resolve() for room in ("dynamics", "controllers")]
+    ours = [(package / room).resolve() for room in ("dynamics", "estimation", "controllers")]
     inside = any(beside.is_relative_to(folder) for folder in ours)
     return _digest(tuple(ours) if inside else (beside,))
 

@@ -139,7 +139,7 @@ class Tendons:
             Velocity.
         """
         segments = self.segments
-        return _curvature(
+        return segment_curvature(
             np.ascontiguousarray(jacobian), *self._directions(rotations, translations),
             segments.bodies, segments.pairs, segments.signs, force, np.asarray(v, float),
         )  # fmt: skip
@@ -202,7 +202,7 @@ def moment_arms(arms, lengths, S, rotations, translations, bodies, offsets, pair
 
 
 @compiled
-def _curvature(jacobian, start, direction, norms, bodies, pairs, signs, force, v):
+def segment_curvature(jacobian, start, direction, norms, bodies, pairs, signs, force, v):
     """Compute `Tendons.curvature`; only joints between a segment's ends contribute."""
     nv = jacobian.shape[1]
     total, rates = np.zeros((nv, nv)), np.zeros((len(force), nv))

@@ -77,6 +77,8 @@ class Sensors:
     ----------
     model : SoftModel
         The robot's model.
+    sensors : tuple of Sensor, optional
+        Sensors that replace those of the robot.
 
     Attributes
     ----------
@@ -91,13 +93,14 @@ class Sensors:
         For a sensor of a tendon, link or joint that the robot does not have.
     """
 
-    def __init__(self, model: SoftModel) -> None:
+    def __init__(self, model: SoftModel, sensors: tuple[Sensor, ...] | None = None) -> None:
         self.model = check_model(model)
+        sensors = model.robot.sensors if sensors is None else sensors
         tree, _ = underlying_tree(model)
         names: list[str] = []
         turned, wrapped = [], []
         self._parts: list[tuple[Callable[[Moment, Place, SensorRows], None], Place, slice]] = []
-        for sensor in model.robot.sensors:
+        for sensor in sensors:
             place, first = _place(tree, sensor), len(names)
             names += [sensor.name + suffix for suffix in SUFFIXES[sensor.kind.size]]
             self._parts.append((READERS[sensor.kind], place, slice(first, len(names))))
@@ -106,7 +109,7 @@ class Sensors:
             if sensor.kind is SensorKind.JOINT and tree.chart.continuous[place.number]:
                 wrapped.append(first)
         self.components = Components(tuple(names), tuple(turned), tuple(wrapped))
-        kinds = [sensor.kind for sensor in model.robot.sensors]
+        kinds = [sensor.kind for sensor in sensors]
         self._accelerates = SensorKind.ACCELEROMETER in kinds
 
     def measure(self, state: State, u: np.ndarray) -> Measurement:

@@ -1,0 +1,27 @@
+"""The robot's state, slow disturbances and forces, from its sensors.
+
+    from softdyn.estimation import Ekf
+
+    observer = Ekf(model, sensors="file", disturbances=("tip_force",))
+    estimate = observer.step(t, measurements, u)  # q, v, covariance, disturbances
+
+- `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
+- `estimate`: what it returns, and what an observer of a closed loop is;
+- `balance`, `implicit_step`: the prediction and its exact Jacobians;
+- `covariance`: prediction and updates of the covariance;
+- `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
+- `drives`: delay, rate and lag of motors;
+- `consistency`: normalised errors, and their bounds.
+"""
+
+from softdyn.estimation.balance import Disturbance
+from softdyn.estimation.consistency import chi_squared_bounds, nees
+from softdyn.estimation.ekf import Ekf
+from softdyn.estimation.estimate import Observer
+from softdyn.estimation.estimate import StateEstimate as Estimate
+from softdyn.estimation.parameters import EkfCounts, EkfParameters
+
+__all__ = [
+    "Disturbance", "Ekf", "EkfCounts", "EkfParameters", "Estimate", "Observer",
+    "chi_squared_bounds", "nees",
+]  # fmt: skip

@@ -1,0 +1,133 @@
+"""The own times of sensors' readings, and the readings that arrive.
+
+A reading that arrives at t belongs to its own time: t - latency, or with a rate the newest multiple
+of 1 / rate that is as old. At its own time the filter appends the predicted reading to the errors
+that it estimates; when the reading arrives, it is of this value. For a linear system this is the
+optimal use of a late reading: the estimate is that of a filter that waited for it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.description.rig import Sensor
+from softdyn.dynamics.model import SoftModel
+from softdyn.sensing import Measurement, Sensors
+
+SAME = 1e-6  # of a sampling interval
+LEAST = 1e-6  # m, rad, …: noise below this is taken as this
+
+
+@dataclass(eq=False)
+class SensorChannel:
+    """Sensors with one rate and one latency.
+
+    Attributes
+    ----------
+    sensors : Sensors
+        They evaluate the readings and their Jacobians.
+    rows : ndarray of int, (k,)
+        Their numbers among all readings.
+    bias, variance : ndarray, (k,)
+        The known error, and the variance of the noise and of the rounding.
+    rate, latency : float
+        Readings per second (0: one in each step), and age (s).
+    last : int
+        The number of the last sample that has arrived.
+    """
+
+    sensors: Sensors
+    rows: np.ndarray
+    bias: np.ndarray
+    variance: np.ndarray
+    rate: float
+    latency: float
+    last: int = -1
+
+    def own_time(self, t: float) -> float:
+        """The own time (s) of the reading that is there at time t (s)."""
+        return t - self.latency if self.rate == 0 else self._number(t) / self.rate
+
+    def arrives(self, t: float) -> bool:
+        """Whether a new reading is there at time t (s); it counts as taken."""
+        if self.rate == 0:
+            return True
+        number = self._number(t)
+        new, self.last = number > self.last, max(number, self.last)
+        return new
+
+    def waits(self, begin: float, end: float) -> Iterator[float]:
+        """Own times in (begin, end] of readings that arrive later than that, in steps so long."""
+        step = end - begin
+        if self.rate == 0:
+            if self.latency > 0 and step > 0:
+                yield end + step * math.floor(self.latency / step + SAME) - self.latency
+            return
+        interval = 1.0 / self.rate
+        k = math.floor(begin * self.rate + SAME) + 1 if step > 0 else self._sample_at(end)
+        while k >= 0 and k * interval <= end + SAME * interval:
+            arrival = k * interval + self.latency
+            if step > 0:
+                arrival = end + step * max(math.ceil((arrival - end) / step - SAME), 0)
+            direct = self.latency == 0 and abs(k * interval - end) <= SAME * interval
+            if not direct and (step == 0 or self._number(arrival) == k):
+                yield k * interval
+            k += 1
+
+    def _number(self, t: float) -> int:
+        return math.floor((t - self.latency) * self.rate + SAME)
+
+    def _sample_at(self, t: float) -> int:
+        """The number of the sample at just this time; -1 if there is none."""
+        nearest = round(t * self.rate)
+        return nearest if abs(nearest - t * self.rate) <= SAME else -1
+
+
+@dataclass(eq=False)
+class LateReading:
+    """A predicted reading that waits for its arrival.
+
+    Attributes
+    ----------
+    channel : SensorChannel
+        Its sensors.
+    time : float
+        Its own time (s).
+    predicted : Measurement
+        The prediction at that time.
+    change : ndarray, (k,)
+        The corrections of its errors since.
+    shift, variance : ndarray, (k,)
+        See `softdyn.estimation.second_order`.
+    """
+
+    channel: SensorChannel
+    time: float
+    predicted: Measurement
+    change: np.ndarray
+    shift: np.ndarray
+    variance: np.ndarray
+
+
+def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[SensorChannel]:
+    """The channels of sensors, in the order of the first sensor of each."""
+    ends = np.cumsum([0, *(sensor.kind.size for sensor in sensors)])
+    chosen: dict[tuple[float, float], list[int]] = {}
+    for k, sensor in enumerate(sensors):
+        chosen.setdefault((sensor.rate, sensor.latency), []).append(k)
+    found = []
+    for (rate, latency), members in chosen.items():
+        numbers = [np.arange(ends[k], ends[k + 1]) for k in members]
+        bias, noise, resolution = (
+            np.concatenate([
+                np.broadcast_to(getattr(sensors[k], field), sensors[k].kind.size) for k in members
+            ]) for field in ("bias", "noise", "resolution")
+        )  # fmt: skip
+        variance = np.maximum(noise**2 + resolution**2 / 12, LEAST**2)
+        reader = Sensors(model, tuple(sensors[k] for k in members))
+        found.append(SensorChannel(reader, np.concatenate(numbers), bias, variance, rate, latency))
+    return found

@@ -1,0 +1,347 @@
+"""An extended Kalman filter on the analytic model: state and slow disturbances from sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import fields
+
+import numpy as np
+
+from softdyn.checks import array, instances, vector
+from softdyn.description.rig import Sensor
+from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.estimation.arrivals import SAME, LateReading, SensorChannel, sensor_channels
+from softdyn.estimation.balance import Disturbance
+from softdyn.estimation.covariance import predict, update
+from softdyn.estimation.drives import Drives
+from softdyn.estimation.estimate import StateEstimate
+from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
+from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
+from softdyn.estimation.second_order import second_order
+from softdyn.exceptions import InputError
+
+FROM_FILE = "file"
+LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
+HALVINGS = 4  # of a step without a solution
+LARGEST = 1e6  # no reading is larger (rad, m, N, …)
+
+
+class Ekf:
+    """An extended Kalman filter of a robot's state and slow disturbances.
+
+    The prediction is a backward Euler step with exact Jacobians and joint stops
+    (`softdyn.estimation.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
+    are fused at their own time (`softdyn.estimation.arrivals`). Motors have the lag, delay and rate
+    of the robot's file (`softdyn.estimation.drives`). An estimate beyond a stop is moved onto it
+    along the covariance (Simon and Chia 2002).
+
+    A disturbance is a first-order Gauss-Markov process with its deviation and the time `memory`.
+    Accelerometers are read as without disturbances.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model, with the rig's motors in its file.
+    sensors : str or sequence of Sensor
+        ``"file"`` for the sensors of the robot's file, or others.
+    disturbances : sequence of Disturbance or str
+        The disturbances to estimate, e.g. ``("tip_force",)``.
+    parameters : EkfParameters, optional
+        The assumed deviations.
+    start : (array_like, array_like), optional
+        The first q (nq,) and v (nv,); rest at q = 0 by default.
+
+    Attributes
+    ----------
+    model : SoftModel
+        The robot's model.
+    disturbances : tuple of Disturbance
+        Those that are estimated.
+    components : int
+        The number of readings that a step takes.
+
+    Raises
+    ------
+    InputError
+        A robot with a floating base, no sensor, an unknown disturbance, or one without effect.
+    """
+
+    def __init__(
+        self,
+        model: SoftModel,
+        sensors: str | Iterable[Sensor] = FROM_FILE,
+        disturbances: Iterable[Disturbance | str] = (),
+        *,
+        parameters: EkfParameters | None = None,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        self.model = check_model(model)
+        if model.robot.floating:
+            raise InputError("model", "a robot on a fixed base", model.name)
+        self.parameters = EkfParameters() if parameters is None else parameters
+        chosen = model.robot.sensors if sensors == FROM_FILE else instances(
+            "sensors", sensors, Sensor, "a Sensor"
+        )  # fmt: skip
+        if not chosen:
+            raise InputError("sensors", "at least one <sensor> in the file, or a Sensor", "none")
+        self.disturbances = disturbances_of(model, disturbances)
+        self.components = sum(sensor.kind.size for sensor in chosen)
+        self._channels = sensor_channels(model, tuple(chosen))
+        self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
+        q, v = (model.q0, np.zeros(model.nv)) if start is None else start
+        self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
+        sizes = [one.size(model) for one in self.disturbances]
+        ends = np.cumsum([0, *sizes])
+        self._slices = {
+            one.value: slice(int(a), int(b))
+            for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
+        }
+        self._first, self._force_noise, self._disturbed = self.parameters.variances(
+            model, self.disturbances
+        )
+        self.reset()
+
+    def reset(
+        self, q: np.ndarray | None = None, v: np.ndarray | None = None, *, counts: bool = True
+    ) -> None:
+        """Begin anew at q (nq,) and v (nv,), the given start by default.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or a number that is not finite.
+        """
+        model = self.model
+        self._q = vector("q", self._start[0] if q is None else q, model.nq)
+        self._v = vector("v", self._start[1] if v is None else v, model.nv)
+        self._d = np.zeros(len(self._disturbed))
+        self._late: list[LateReading] = []
+        self._cover()
+        self._held = np.zeros(model.nv, np.int64)
+        self._time = math.nan
+        self._inputs = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        for channel in self._channels:
+            channel.last = -1
+        if counts:
+            self._counted = dict.fromkeys((field.name for field in fields(EkfCounts)), 0)
+        self._nis, self._used = 0.0, 0
+
+    def _cover(self) -> None:
+        """Set the covariance of the start; late readings are forgotten."""
+        self._P = np.diag(np.concatenate((self._first, self._disturbed)))
+        self._late.clear()
+
+    @property
+    def counts(self) -> EkfCounts:
+        """What the filter did with its data."""
+        return EkfCounts(**self._counted)
+
+    def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> StateEstimate:
+        """The estimate at time t, from the readings that are there at t.
+
+        Parameters
+        ----------
+        t : float
+            Time (s), later than in the last step.
+        measurements : array_like, (k,)
+            Readings in the sensors' order, NaN for one that is not there. A sensor with a rate
+            is read at the multiples of its interval; the same value may be given in between.
+        u : array_like, (nu,)
+            The commands that were sent at the last step and have been held since: u, or for a
+            winch the free length or its rate. The first step ignores them.
+
+        Raises
+        ------
+        InputError
+            For arrays of another shape or text.
+        """
+        readings = array("measurements", measurements, (self.components,), finite=False)
+        commands = array("u", u, (self.model.nu,), finite=False)
+        t = float(t)
+        first = math.isnan(self._time)
+        if not math.isfinite(t) or (not first and t <= self._time):
+            self._count("refused")
+            return self._estimate()
+        self._nis, self._used = 0.0, 0
+        if first:
+            self._drives.reset(self.model.state(self._q, self._v), t)
+        else:
+            if np.isfinite(commands).all():
+                self._drives.send(self._time, commands)
+            else:
+                self._count("held")
+            if t - self._time > LONGEST_GAP:
+                self._count("gaps")
+                self._cover()
+                self._time = t
+        begin = t if first else self._time
+        waiting = sorted(
+            ((own, one) for one in self._channels for own in one.waits(begin, t)),
+            key=lambda pair: pair[0],
+        )
+        # a camera's picture of this instant is expected once the other readings of it are known
+        soon = [pair for pair in waiting if pair[0] < t - SAME * (t - begin)] if t > begin else []
+        if self._predict(begin, t, soon) and self._correct(t, readings):
+            for own, channel in waiting[len(soon) :]:
+                self._append(channel, own)
+        else:
+            self._count("restarts")
+            self.reset(counts=False)
+            self._drives.reset(self.model.state(self._q, self._v), t)
+        self._time = t
+        return self._estimate()
+
+    def _count(self, name: str, more: int = 1) -> None:
+        self._counted[name] += more
+
+    def _estimate(self) -> StateEstimate:
+        n = self.model.nv
+        deviations = np.sqrt(np.diag(self._P)[2 * n : 2 * n + len(self._d)])
+        return StateEstimate(
+            self._q.copy(), self._v.copy(), self._P[: 2 * n, : 2 * n].copy(),
+            {name: self._d[part].copy() for name, part in self._slices.items()},
+            {name: deviations[part].copy() for name, part in self._slices.items()},
+            self._nis, self._used,
+        )  # fmt: skip
+
+    # -- prediction ----------------------------------------------------------------------------
+
+    def _predict(
+        self, begin: float, end: float, waiting: list[tuple[float, SensorChannel]]
+    ) -> bool:
+        """Predict to `end`, and append the late readings on the way; False if it fails."""
+        at = begin
+        for own, channel in waiting:
+            if own > at + SAME * (end - begin):
+                if not self._advance(at, own):
+                    return False
+                at = own
+            self._append(channel, own)
+        return at == end or self._advance(at, end)
+
+    def _advance(self, begin: float, end: float) -> bool:
+        """Steps of equal length, none longer than `longest`."""
+        count = math.ceil((end - begin) / self.parameters.longest - SAME)
+        step = (end - begin) / count
+        for k in range(count):
+            commands = self._drives.over(begin + k * step, begin + (k + 1) * step)
+            if not self._hold(commands, step, HALVINGS):
+                return False
+        return True
+
+    def _hold(self, commands: np.ndarray, step: float, halvings: int) -> bool:
+        """A step under constant commands, or two of half its length if it has no solution."""
+        found = self._step(self._q, self._v, commands, self._d, step, self._held)
+        if found is None:
+            return halvings > 0 and all(
+                self._hold(commands, step / 2, halvings - 1) for _ in range(2)
+            )
+        kept = math.exp(-step / self.parameters.memory)
+        predict(
+            self._P, found.by_state, found.by_force, self._force_noise / step, found.held,
+            step, kept, self._disturbed * (1 - kept * kept),
+        )  # fmt: skip
+        self._q, self._v, self._held = found.q, found.v, found.held
+        self._d *= kept
+        self._inputs = found.inputs.copy()
+        return True
+
+    def _append(self, channel: SensorChannel, own: float) -> None:
+        """Append the predicted readings at their own time to the errors."""
+        n, size = self.model.nv, len(self._P)
+        late = self._expect(channel, own, self.model.state(self._q, self._v))
+        found = late.predicted
+        cross = found.jacobian @ self._P[: 2 * n]
+        P = np.empty((size + len(found), size + len(found)))
+        P[:size, :size], P[size:, :size], P[:size, size:] = self._P, cross, cross.T
+        P[size:, size:] = cross[:, : 2 * n] @ found.jacobian.T
+        self._P = P
+        self._late.append(late)
+
+    def _expect(self, channel: SensorChannel, time: float, state: State) -> LateReading:
+        """The readings that the estimate predicts now."""
+        n = self.model.nv
+        predicted = channel.sensors.measure(state, self._inputs)
+        shift, variance = second_order(
+            channel.sensors, (self.model, self._q, self._v, self._inputs), predicted,
+            self._P[: 2 * n, : 2 * n], channel.variance,
+        )  # fmt: skip
+        return LateReading(channel, time, predicted, np.zeros(len(shift)), shift, variance)
+
+    # -- correction ----------------------------------------------------------------------------
+
+    def _correct(self, t: float, readings: np.ndarray) -> bool:
+        """Fuse the readings that are there at t; False if the result is not finite."""
+        rows, errors, variances = [], [], []
+        done: list[LateReading] = []
+        state = None
+        for channel in self._channels:
+            if not channel.arrives(t):
+                continue
+            given = readings[channel.rows]
+            good = np.abs(given) <= LARGEST  # NaN is not
+            own = channel.own_time(t)
+            late = [one for one in self._late if one.channel is channel and one.time < own + 1e-9]
+            match = next((one for one in late if abs(one.time - own) <= 1e-9), None)
+            done += late
+            self._count("skipped", int((~good).sum()))
+            if not good.any():
+                continue
+            if match is None and abs(own - t) > 1e-9:
+                self._count("unmatched", int(good.sum()))
+                continue
+            if match is None:
+                state = self.model.state(self._q, self._v) if state is None else state
+                match = self._expect(channel, t, state)
+                h = np.zeros((len(good), len(self._P)))
+                h[:, : 2 * self.model.nv] = match.predicted.jacobian
+            else:
+                h = self._row_of(match)
+            values = np.where(good, given, match.predicted.values)
+            error = match.predicted.errors_of(values) - channel.bias - match.shift - match.change
+            rows.append(h)
+            errors.append(np.where(good, error, np.nan))
+            variances.append(match.variance)
+        if rows:
+            change = np.zeros(len(self._P))
+            self._nis, self._used = update(
+                self._P, np.vstack(rows), np.concatenate(errors), np.concatenate(variances), change
+            )
+            self._count("used", self._used)
+            if not math.isfinite(change @ change):
+                return False
+            self._move(change)
+        self._forget(done)
+        return bool(math.isfinite(np.trace(self._P)))
+
+    def _row_of(self, late: LateReading) -> np.ndarray:
+        """The Jacobian (k, s) of a late reading by the errors."""
+        first = 2 * self.model.nv + len(self._d)
+        for one in self._late:
+            if one is late:
+                break
+            first += len(one.change)
+        return np.eye(len(late.change), len(self._P), first)
+
+    def _move(self, change: np.ndarray) -> None:
+        """Correct the estimate, and move it onto the stops that it is beyond."""
+        model, n = self.model, self.model.nv
+        change = onto_stops(model, model.coordinates(self._q), change, self._P)
+        self._q = model.integrate(self._q, change[:n])
+        self._v = self._v + change[n : 2 * n]
+        first = 2 * n + len(self._d)
+        self._d += change[2 * n : first]
+        for one in self._late:
+            one.change += change[first : first + len(one.change)]
+            first += len(one.change)
+
+    def _forget(self, done: list[LateReading]) -> None:
+        """Remove late readings that have arrived, or never will."""
+        if not done:
+            return
+        keep = [np.ones(2 * self.model.nv + len(self._d), bool)]
+        keep += [np.full(len(one.change), one not in done) for one in self._late]
+        chosen = np.flatnonzero(np.concatenate(keep))
+        self._P = np.ascontiguousarray(self._P[np.ix_(chosen, chosen)])
+        self._late = [one for one in self._late if one not in done]

@@ -1,0 +1,241 @@
+"""One backward Euler step with joint stops, and its exact Jacobians.
+
+With q⁺ = q ⊕ T v⁺ the step solves
+
+    r(q⁺, v⁺, (v⁺ - v) / T; c, d) = 0
+
+by Newton's method, r from `softdyn.estimation.balance`. A joint that would leave its limits is
+held at the stop, q⁺ = limit, as long as the stop pushes it inward: an active set inside each Newton
+step.
+With A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
+
+    ∂v⁺/∂v = A⁻¹ M / T,   ∂v⁺/∂q = -A⁻¹ ∂r/∂q,   ∂v⁺/∂d = -A⁻¹ ∂r/∂d,
+
+and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softdyn.compiled import compiled
+from softdyn.dynamics.model import SoftModel
+from softdyn.estimation.balance import Disturbance, ForceBalance
+
+NEAR = (
+    1e-10  # rad, m: a Newton step of this size is the last one; the Jacobians are of the one before
+)
+MOST = 12  # Newton steps
+ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
+ROUNDS = 20  # changes of the active set in a Newton step
+
+
+class ImplicitStepResult(NamedTuple):
+    """A step and its derivatives.
+
+    Attributes
+    ----------
+    q, v : ndarray, (nq,), (n,)
+        The state after it.
+    by_state : ndarray, (n, 2n + nd)
+        ∂v⁺ by q, v and d.
+    by_force : ndarray, (n, n)
+        ∂v⁺ by a joint force that acts during the step.
+    held : ndarray of int, (n,)
+        1 for a joint at its upper stop, -1 at the lower one, 0 for a free joint.
+    inputs : ndarray, (m,)
+        The inputs u at its end.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    by_state: np.ndarray
+    by_force: np.ndarray
+    held: np.ndarray
+    inputs: np.ndarray
+
+
+class ImplicitStep:
+    """Backward Euler steps of a robot.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model, without a floating base.
+    disturbances : tuple of Disturbance
+        The disturbances, in the order of d.
+    """
+
+    def __init__(self, model: SoftModel, disturbances: tuple[Disturbance, ...] = ()) -> None:
+        self._model, self._balance = model, ForceBalance(model, disturbances)
+        self._limits = np.column_stack((model.lower, model.upper))
+
+    def __call__(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        commands: np.ndarray,
+        d: np.ndarray,
+        step: float,
+        held: np.ndarray,
+    ) -> ImplicitStepResult | None:
+        """The state after a step; None if the iteration does not converge.
+
+        Parameters
+        ----------
+        q, v : ndarray, (nq,), (n,)
+            State.
+        commands : ndarray, (m,)
+            Constant inputs; for a winch the free length of its cable.
+        d : ndarray, (nd,)
+            Disturbances.
+        step : float
+            T (s).
+        held : ndarray of int, (n,)
+            The stops that held in the last step, a first guess.
+        """
+        model = self._model
+        plain = model.nq == model.nv
+        speed, held = v.copy(), held.copy()
+        for _ in range(MOST):
+            there = q + step * speed if plain else model.integrate(q, step * speed)
+            terms = self._balance(there, speed, (speed - v) / step, commands, d)
+            at = there if plain else model.coordinates(there)
+            try:
+                change = _newton_step(
+                    terms.residual, terms.by_q, terms.by_v, terms.by_a, at, self._limits, held, step
+                )  # fmt: skip
+            except np.linalg.LinAlgError:  # singular, or not finite
+                return None
+            speed += change
+            if step * np.abs(change).max() < NEAR:
+                by_state, by_force = _derivatives(
+                    terms.by_q, terms.by_v, terms.by_a, terms.by_d, held, step
+                )  # fmt: skip
+                end = q + step * speed if plain else model.integrate(q, step * speed)
+                return ImplicitStepResult(end, speed, by_state, by_force, held, terms.inputs)
+        return None
+
+
+def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """The correction (s,) that ends within the joint limits, nearest to `asked` in P⁻¹.
+
+    It is the projection of Simon and Chia (2002). To clip each joint alone would leave the others
+    where they fit a shape that the robot cannot have.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    at : ndarray, (n,)
+        Joint coordinates that it corrects.
+    asked : ndarray, (s,)
+        A correction, of q first.
+    P : ndarray, (s, s)
+        Covariance of the errors.
+    """
+    n, change = model.nv, asked
+    there = at + change[:n]
+    if ((there <= model.upper) & (there >= model.lower)).all():
+        return change
+    held = np.zeros(n, bool)
+    for _ in range(n):
+        there = at + change[:n]
+        beyond = (there > model.upper + ROUNDED) | (there < model.lower - ROUNDED)
+        beyond &= np.diag(P)[:n] > 0
+        if not (beyond & ~held).any():
+            break
+        held |= beyond
+        k = np.flatnonzero(held)
+        wanted = at[k] + asked[k]
+        target = np.clip(wanted, model.lower[k], model.upper[k]) - wanted
+        variances = P[np.ix_(k, k)] + np.diag(RIDGE * np.diag(P)[k])
+        change = asked + P[:, k] @ np.linalg.solve(variances, target)
+    change[:n] = np.clip(at + change[:n], model.lower, model.upper) - at  # what rounding left
+    return change
+
+
+@compiled
+def _newton_step(residual, by_q, by_v, by_a, at, limits, held, step):
+    """The change of v⁺ (n,); updates `held`."""
+    n = len(residual)
+    A, change = _matrix(by_q, by_v, by_a, step), np.empty(n)
+    for _ in range(ROUNDS):
+        rows = _held_rows(A, held)
+        for i in range(n):
+            if held[i] == 0:
+                change[i] = -residual[i]
+            else:
+                change[i] = (limits[i, (held[i] + 1) // 2] - at[i]) / step
+        change = np.linalg.solve(rows, change)
+        if not _changed(A, residual, change, at, limits, held, step):
+            break
+    return change
+
+
+@compiled
+def _matrix(by_q, by_v, by_a, step):
+    n = len(by_q)
+    A = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = by_a[i, j] / step + by_v[i, j] + step * by_q[i, j]
+    return A
+
+
+@compiled
+def _held_rows(A, held):
+    """A with the identity's rows for joints that are held."""
+    n, rows = len(A), A.copy()
+    for i in range(n):
+        if held[i] != 0:
+            for j in range(n):
+                rows[i, j] = 1.0 if i == j else 0.0
+    return rows
+
+
+@compiled
+def _derivatives(by_q, by_v, by_a, by_d, held, step):
+    """∂v⁺ by the state (n, 2n + nd), and by a joint force (n, n)."""
+    n, nd = len(by_q), by_d.shape[1]
+    inverse = np.linalg.inv(_held_rows(_matrix(by_q, by_v, by_a, step), held))
+    right = np.zeros((n, 2 * n + nd))
+    for i in range(n):
+        if held[i] != 0:
+            right[i, i] = -1.0 / step
+            continue
+        for j in range(n):
+            right[i, j] = -by_q[i, j]
+            right[i, n + j] = by_a[i, j] / step
+        for j in range(nd):
+            right[i, 2 * n + j] = -by_d[i, j]
+    by_state = np.dot(inverse, right)
+    for j in range(n):
+        if held[j] != 0:
+            for i in range(n):
+                inverse[i, j] = 0.0
+    return by_state, inverse
+
+
+@compiled
+def _changed(A, residual, change, at, limits, held, step):
+    """Hold joints that leave their limits; else release those that are pulled outward."""
+    n, changed = len(A), False
+    for i in range(n):
+        there = at[i] + step * change[i]
+        if held[i] == 0 and (there > limits[i, 1] or there < limits[i, 0]):
+            held[i] = 1 if there > limits[i, 1] else -1
+            changed = True
+    if changed:
+        return True
+    for i in range(n):
+        if held[i] != 0:
+            push = residual[i]  # the force of the stop
+            for j in range(n):
+                push += A[i, j] * change[j]
+            if push * held[i] > 0:
+                held[i] = 0
+                changed = True
+    return changed

@@ -1,0 +1,140 @@
+"""The deviations that a filter assumes, the disturbances that it estimates, and its counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from softdyn.checks import number
+from softdyn.dynamics.model import SoftModel
+from softdyn.estimation.balance import Disturbance
+from softdyn.exceptions import InputError
+
+HORIZON = 0.3  # s, of the force that moves a joint without a spring, and of the first velocity
+CORRELATED = 0.01  # s, over which a joint force of the process noise is constant
+
+
+@dataclass(frozen=True)
+class EkfParameters:
+    """Deviations that the filter assumes; the same defaults for every robot.
+
+    Attributes
+    ----------
+    spread : float
+        Standard deviation of each joint's first position, as a share of its range (of 1 rad or 1 m
+        without limits, and at most of these).
+    process : float
+        Standard deviation of the unmodelled joint forces, each constant over 10 ms, as a share of
+        the force of the joint's spring over its range. Without a spring it is the force that moves
+        the joint through its range in `HORIZON`.
+    memory : float
+        Time (s) over which a disturbance may change by its own deviation.
+    tip_force : float
+        Standard deviation of the force at the tip (N).
+    payload : float
+        Of the payload (kg).
+    stiffness : float
+        Of the springs' relative change.
+    joint_offsets : float
+        Of the rest positions, as a share of each joint's range.
+    longest : float
+        No step of the prediction is longer (s).
+    """
+
+    spread: float = 0.1
+    process: float = 0.15
+    memory: float = 3.0
+    tip_force: float = 1.0
+    payload: float = 0.05
+    stiffness: float = 0.2
+    joint_offsets: float = 0.05
+    longest: float = 0.005
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            number(field.name, getattr(self, field.name), above=0.0)
+
+    def variances(
+        self, model: SoftModel, disturbances: tuple[Disturbance, ...]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Variances of the start (2 nv,), of joint forces (nv,), of the disturbances (nd,).
+
+        That of a joint force is for a second; over a step of length T it is divided by T.
+        """
+        span = np.minimum(model.upper - model.lower, 1.0)
+        rest = model.state(model.q0, np.zeros(model.nv))
+        moved = np.diag(rest.M) / HORIZON**2 + np.diag(rest.D) / HORIZON
+        stiff = np.where(model.stiffness > 0, model.stiffness, moved)
+        position = self.spread * span
+        known = {
+            Disturbance.TIP_FORCE: self.tip_force,
+            Disturbance.PAYLOAD: self.payload,
+            Disturbance.STIFFNESS: self.stiffness,
+            Disturbance.JOINT_OFFSETS: self.joint_offsets * span,
+        }
+        parts = [np.broadcast_to(known[one], one.size(model)) for one in disturbances]
+        return (
+            np.concatenate((position, position / HORIZON)) ** 2,
+            (self.process * stiff * span) ** 2 * CORRELATED,
+            np.concatenate([*parts, np.zeros(0)]) ** 2,
+        )
+
+
+@dataclass(frozen=True)
+class EkfCounts:
+    """What a filter did with its data since its last `reset`.
+
+    Attributes
+    ----------
+    used : int
+        Readings used.
+    skipped : int
+        Readings that are not finite or larger than any robot's.
+    unmatched : int
+        Late readings whose own time was in no step.
+    refused : int
+        Steps whose time is not finite or not after the last one; they change nothing.
+    gaps : int
+        Pauses longer than 0.5 s. The covariance begins anew at the estimate.
+    held : int
+        Steps without finite commands. The last ones are taken to act on.
+    restarts : int
+        Estimates that were lost, because a prediction had no solution or was not finite. The
+        filter begins anew at its start.
+    """
+
+    used: int = 0
+    skipped: int = 0
+    unmatched: int = 0
+    refused: int = 0
+    gaps: int = 0
+    held: int = 0
+    restarts: int = 0
+
+
+def disturbances_of(
+    model: SoftModel, given: Iterable[Disturbance | str]
+) -> tuple[Disturbance, ...]:
+    """Disturbances by their names.
+
+    Raises
+    ------
+    InputError
+        For an unknown one, one given twice, or springs' disturbances of a robot without springs.
+    """
+    words = [one.value for one in Disturbance]
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise InputError("disturbances", f"a sequence of {' or '.join(words)}", repr(given))
+    found = []
+    for one in given:
+        if not isinstance(one, Disturbance) and one not in words:
+            raise InputError("disturbances", " or ".join(words), repr(one))
+        found.append(Disturbance(one))
+    if len(set(found)) < len(found):
+        raise InputError("disturbances", "each one once", ", ".join(one.value for one in found))
+    springs = {Disturbance.STIFFNESS, Disturbance.JOINT_OFFSETS} & set(found)
+    if springs and not model.stiffness.any():
+        raise InputError("disturbances", "a robot with joint springs", model.name)
+    return tuple(found)

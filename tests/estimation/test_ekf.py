@@ -1,0 +1,355 @@
+"""The filter against a dense reference, in its statistics, and under hostile data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import root
+
+import softdyn
+from softdyn import InputError
+from softdyn.description.rig import Sensor
+from softdyn.description.rig import SensorKind as KIND
+from softdyn.estimation import Ekf, EkfParameters
+from softdyn.estimation.consistency import chi_squared_bounds, nees
+from softdyn.estimation.covariance import update
+from tests.support.micro import FLOATING, write
+
+PERIOD = 0.005
+LATE, RATE = 0.013, 125.0  # of the camera; its samples are between the steps
+
+
+def sensors(model, **camera):
+    """The length of each driven tendon, and the tip from a camera."""
+    names = dict.fromkeys(actuator.tendon for actuator in model.robot.actuators)
+    lengths = [Sensor(name, KIND.LENGTH, tendon=name, noise=(5e-4,)) for name in names]
+    return *lengths, Sensor("camera", KIND.POSITION, link=model.robot.task, noise=(1e-3,), **camera)
+
+
+class Reference:
+    """The joint distribution of the states at all times so far, with numerical Jacobians.
+
+    Its last block is the present. A late reading corrects all of them through the block of its own
+    time: a batch smoother, linearised where the filter is.
+    """
+
+    def __init__(self, model, P, force, tip):
+        self.model, self.force, self.with_tip = model, force, tip
+        n = model.nv
+        self.mean = [np.zeros(2 * n + 3 * tip)]
+        self.mean[0][:n] = model.q0
+        self.P, self.at, self.n = P, self.mean[0].copy(), n
+
+    def flow(self, x, u, step, push):
+        model, n = self.model, self.n
+
+        def residual(v):
+            state = model.state(x[:n] + step * v, v)
+            force = state.J.T @ x[2 * n :] if self.with_tip else 0.0
+            return state.M @ (v - x[n : 2 * n]) / step + state.h - state.B @ u - force - push
+
+        scale = step / np.diag(model.state(x[:n], x[n : 2 * n]).M)
+        found = root(lambda v: scale * residual(v), x[n : 2 * n], tol=1e-14)
+        kept = np.exp(-step / 3.0)  # the default memory
+        return np.concatenate((x[:n] + step * found.x, found.x, kept * x[2 * n :]))
+
+    def predict(self, u, step):
+        n, x, size = self.n, self.mean[-1], len(self.mean[-1])
+        none, h = np.zeros(n), 1e-4
+        F = differences(lambda dx: self.flow(x + dx, u, step, none), size, h)
+        G = differences(lambda f: self.flow(x, u, step, f), n, 1e-5)
+        kept = np.exp(-step / 3.0)
+        Q = G @ np.diag(self.force / step) @ G.T
+        Q[2 * n :, 2 * n :] += 1e-6 * np.eye(size - 2 * n) * (1 - kept**2)
+        cross = F @ self.P[-size:]
+        self.P = np.block([[self.P, cross.T], [cross, cross[:, -size:] @ F.T + Q]])
+        self.mean.append(self.flow(x, u, step, none))
+
+    def tip(self, x):
+        return self.model.state(x[: self.n], np.zeros(self.n)).y
+
+    def lengths(self, x):
+        return self.model.tendon_lengths(x[: self.n])[:2]
+
+    def update(self, parts):
+        """Fuse readings (values, function, block, linearised at) all at once."""
+        size = len(self.mean[-1])
+        H, e, R = [], [], []
+        for values, reading, block, about in parts:
+            row = np.zeros((len(values), len(self.P)))
+            row[:, block * size : (block + 1) * size] = differences(
+                lambda dx, f=reading, x=about: f(x + dx), size, 1e-4
+            )
+            moved = row[:, block * size : (block + 1) * size] @ (self.mean[block] - about)
+            H.append(row)
+            e.append(values - reading(about) - moved)
+            R.append(np.full(len(values), 1e-6 if len(values) == 3 else 2.5e-7))
+        H, e, R = np.vstack(H), np.concatenate(e), np.diag(np.concatenate(R))
+        S = H @ self.P @ H.T + R
+        gain = np.linalg.solve(S, H @ self.P).T
+        change = gain @ e
+        for block, mean in enumerate(self.mean):
+            mean += change[block * size : (block + 1) * size]
+        rest = np.eye(len(self.P)) - gain @ H
+        self.P = rest @ self.P @ rest.T + gain @ R @ gain.T
+        return float(e @ np.linalg.solve(S, e))
+
+
+def differences(f, size, h):
+    return np.array([
+        (8 * (f(h * e) - f(-h * e)) - f(2 * h * e) + f(-2 * h * e)) / (12 * h)
+        for e in np.eye(size)
+    ]).T  # fmt: skip
+
+
+@pytest.mark.parametrize("tip", [False, True], ids=["state", "with the force at the tip"])
+def test_dense_reference_and_batch_smoother(tip):
+    model = softdyn.load("finger")
+    rng = np.random.default_rng(4)
+    ekf = Ekf(
+        model, sensors(model, rate=RATE, latency=LATE), ("tip_force",) if tip else (),
+        parameters=EkfParameters(spread=2e-3, process=1e-3, tip_force=1e-3, longest=1.0),
+    )  # fmt: skip
+    P = np.diag(np.concatenate((ekf._first, ekf._disturbed)))
+    reference = Reference(model, P, ekf._force_noise, tip)
+    truth = reference.mean[0] + rng.normal(size=len(P)) * np.sqrt(np.diag(P))
+    at, samples, block_of, arrived = 0.0, {}, {}, -1
+    u, compared = np.zeros(2), 0
+
+    def sample(t):
+        k = round(t * RATE)
+        if abs(k / RATE - t) < 1e-9:
+            samples[k] = reference.tip(truth) + 1e-3 * rng.normal(size=3)
+            block_of[k] = len(reference.mean) - 1, reference.mean[-1].copy()
+
+    for step in range(12):
+        t = step * PERIOD
+        stops = [k / RATE for k in range(20) if at + 1e-9 < k / RATE < t - 1e-9]
+        for end in [*stops, t] if step else []:
+            truth = reference.flow(truth, u, end - at, np.zeros(4))
+            reference.predict(u, end - at)
+            at = end
+            if at < t:
+                sample(at)
+        lengths = reference.lengths(truth) + 5e-4 * rng.normal(size=2)
+        here = reference.mean[-1].copy()
+        parts = [(lengths, reference.lengths, len(reference.mean) - 1, here)]
+        k = int(np.floor((t - LATE) * RATE + 1e-6))
+        if k > arrived:
+            parts.append((samples[k], reference.tip, *block_of[k]))
+            arrived = k
+        estimate = ekf.step(t, np.concatenate((lengths, samples.get(k, np.full(3, np.nan)))), u)
+        nis = reference.update(parts)
+        sample(t)
+        size, n = len(here), 4
+        mean, cov = reference.mean[-1], reference.P[-size:, -size:]
+        assert np.abs(estimate.q - mean[:n]).max() < 1e-6 * np.abs(mean[:n]).max() + 1e-9
+        assert np.abs(estimate.v - mean[n : 2 * n]).max() <= 1e-6 * np.abs(mean[n : 2 * n]).max()
+        assert np.abs(ekf._P[:size, :size] - cov).max() < 1e-6 * np.abs(cov).max()
+        # small variances too, each in its own scale
+        scale = np.sqrt(np.outer(np.diag(cov), np.diag(cov)))
+        assert np.abs((ekf._P[:size, :size] - cov) / scale).max() < 1e-5
+        assert nis == pytest.approx(estimate.nis, rel=1e-5)
+        assert estimate.used == 2 + 3 * (len(parts) - 1)
+        compared += estimate.used
+        if tip:
+            assert np.allclose(estimate.disturbances["tip_force"], mean[2 * n :], atol=1e-7)
+        u = rng.uniform(model.u_min, model.u_max)
+    assert compared > 30
+    assert ekf.counts.unmatched == 0
+
+
+def simulated(model, ekf, steps, rng, start, u):
+    """Truth and estimates with the filter's own process noise in the plant."""
+    chosen, n = ekf._step, model.nv
+    q, v = model.integrate(model.q0, start[:n]), start[n:]
+    held = np.zeros(n, int)
+    state = model.state(q, v)
+    for k in range(steps):
+        if k:
+            found = chosen(q, v, u, np.zeros(0), PERIOD, held)
+            push = rng.normal(size=n) * np.sqrt(ekf._force_noise / PERIOD)
+            kick = found.by_force @ push
+            q, v, held = model.integrate(found.q, PERIOD * kick), found.v + kick, found.held
+            state = model.state(q, v)
+        ideal = np.concatenate([c.sensors.measure(state, u).values for c in ekf._channels])
+        noise = np.concatenate([np.sqrt(c.variance) for c in ekf._channels])
+        yield state, ekf.step(k * PERIOD, ideal + noise * rng.normal(size=len(ideal)), u)
+
+
+def test_consistency_on_the_finger():
+    """NEES and NIS within bounds, starts drawn from P0 and the filter's own noise in the plant."""
+    model = softdyn.load("finger")
+    given = EkfParameters(spread=0.03)
+    runs, steps, errors, nis, used = 16, 25, [], 0.0, 0
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        ekf = Ekf(model, sensors(model), parameters=given)
+        start = rng.normal(size=8) * np.sqrt(ekf._first)
+        for state, estimate in simulated(model, ekf, steps, rng, start, np.array([0.3, -0.2])):
+            last = nees(estimate, state)
+            nis, used = nis + estimate.nis, used + estimate.used
+        errors.append(last[0])
+    low, high = chi_squared_bounds(8, runs, 0.999)
+    assert low < np.mean(errors) < high
+    low, high = chi_squared_bounds(used, 1, 0.999)
+    assert low < nis < high
+
+
+def test_steady_force_is_found():
+    """A constant load at the tip, with its interval; without the disturbance the tip is off."""
+    model = softdyn.load("finger")
+    force, u = np.array([0.02, 0.0, -0.01]), np.zeros(2)
+    given = EkfParameters(process=1e-3, tip_force=0.1)
+    truth, found = (Ekf(model, sensors(model), ("tip_force",), parameters=given) for _ in range(2))
+    q, v = model.q0, np.zeros(4)
+    held = np.zeros(4, int)
+    rng = np.random.default_rng(0)
+    for k in range(600):
+        step = truth._step(q, v, u, force, PERIOD, held)
+        q, v, held = step.q, step.v, step.held
+        state = model.state(q, v)
+        z = np.concatenate((state.lengths[:2], state.y))
+        z += np.repeat([5e-4, 1e-3], [2, 3]) * rng.normal(size=5)
+        estimate = found.step(k * PERIOD, z, u)
+    low, high = estimate.interval("tip_force")
+    assert np.all(low <= force)
+    assert np.all(force <= high)
+    width = high - low
+    assert abs(estimate.disturbances["tip_force"][0] - force[0]) < 0.006
+    assert width[0] < 0.05
+    assert width[1] > 0.3  # the finger is planar
+
+
+def test_hostile_data_is_counted():
+    """Gaps, NaN, infinities, duplicates and jumps of time; every estimate is finite."""
+    model = softdyn.load("finger")
+    ekf = Ekf(model, sensors(model, rate=60.0, latency=0.03))
+    clean = np.concatenate((model.tendon_lengths(model.q0)[:2], model.state(model.q0, [0] * 4).y))
+    rng, t = np.random.default_rng(0), 0.0
+    odd = [np.nan, np.inf, -np.inf, 1e308, 3e6]
+    for k in range(1500):
+        t += PERIOD
+        z, when, u = clean.copy(), t, rng.uniform(model.u_min, model.u_max)
+        if k % 3 == 1:
+            z[rng.integers(5)] = odd[k % 5]
+        if k % 50 == 7:
+            when = [np.nan, np.inf, t - 1.0, t - PERIOD][k // 50 % 4]
+        if k % 50 == 8:
+            u[0] = np.nan
+        if k % 400 == 300:
+            t, when = t + 1.0, t + 1.0
+        if k % 400 == 350:
+            z = z + 1e3  # a finite number that no robot can reach
+        estimate = ekf.step(when, z, u)
+        for part in (estimate.q, estimate.v, estimate.covariance):
+            assert np.isfinite(part).all()
+        assert np.linalg.eigvalsh(estimate.covariance)[0] > -1e-12
+        assert np.all(estimate.q <= model.upper + 1e-9)
+        assert np.all(estimate.q >= model.lower - 1e-9)
+    counts = ekf.counts
+    assert counts.refused == 30
+    assert counts.held == 30
+    assert counts.gaps == 3
+    assert counts.skipped > 100
+    assert counts.used > 2500
+
+
+def test_duplicate_and_refused_steps_change_nothing():
+    model = softdyn.load("finger")
+    ekf = Ekf(model, sensors(model))
+    z = np.concatenate((model.tendon_lengths(model.q0)[:2], [0.2, 0.0, -0.05]))
+    before = ekf.step(0.0, z, np.zeros(2))
+    for t in (0.0, -1.0, np.nan):
+        again = ekf.step(t, z, np.zeros(2))
+        assert np.array_equal(again.q, before.q)
+        assert np.array_equal(again.covariance, before.covariance)
+    assert ekf.counts.refused == 3
+    assert ekf.counts.used == 5
+    with pytest.raises(ValueError, match="read-only"):
+        before.q[0] = 1.0
+
+
+def test_a_lost_filter_begins_anew():
+    model = softdyn.load("finger")
+    ekf = Ekf(model, sensors(model))
+    z = np.concatenate((model.tendon_lengths(model.q0)[:2], model.state(model.q0, [0] * 4).y))
+    ekf.step(0.0, z, np.zeros(2))
+    ekf._v = np.full(4, 1e200)
+    estimate = ekf.step(0.005, z, np.zeros(2))
+    assert ekf.counts.restarts == 1
+    assert np.allclose(estimate.q, model.q0)
+    assert ekf.step(0.01, z, np.zeros(2)).used == 5
+
+
+def test_refused_arguments(tmp_path):
+    model = softdyn.load("finger")
+    for bad in (
+        lambda: Ekf(model),
+        lambda: Ekf(model, sensors(model), ("wind",)),
+        lambda: Ekf(model, sensors(model), ("payload", "payload")),
+        lambda: Ekf(model, [1, 2]),
+        lambda: Ekf(model, sensors(model), start=(np.zeros(3), np.zeros(4))),
+        lambda: Ekf(softdyn.load(write(tmp_path, FLOATING), floating=True), sensors(model)),
+        lambda: Ekf(model, sensors(model)).step(0.0, np.zeros(4), np.zeros(2)),
+        lambda: Ekf(model, sensors(model)).step(0.0, np.zeros(5), "none"),
+        lambda: EkfParameters(memory=0.0),
+        lambda: Ekf(model, sensors(model)).step(0.0, np.zeros(5), np.zeros(2)).interval("wind"),
+    ):
+        with pytest.raises(InputError):
+            bad()
+
+
+def test_every_kind_of_sensor_is_late():
+    """A pose, a gyro and a joint: with readings of the truth, late and in time, the error falls."""
+    model = softdyn.load("finger")
+    robot = model.robot
+    given = [
+        Sensor("pose", KIND.POSE, link=robot.task, noise=(1e-3,), rate=100.0, latency=0.02),
+        Sensor("gyro", KIND.GYRO, link=robot.task, noise=(0.01,), latency=0.005),
+        Sensor("joint", KIND.JOINT, joint=model.joint_names[0], noise=(1e-3,), latency=0.0125),
+    ]
+    model = softdyn.build(replace(robot, sensors=tuple(given)))
+    ekf, u, held = Ekf(model), np.array([0.3, 0.2]), np.zeros(4, int)
+    q, v = np.full(4, 0.15), np.zeros(4)
+    step, past, nis, used = ekf._step, [], 0.0, 0
+    for k in range(1600):  # the plant in steps of 0.5 ms
+        if k:
+            found = step(q, v, u, np.zeros(0), 0.0005, held)
+            q, v, held = found.q, found.v, found.held
+        past.append(model.measure(model.state(q, v), u).values)
+        if k % 10 == 0:
+            t = k * 0.0005
+            ages = np.array([t - max(np.floor((t - 0.02) * 100 + 1e-6), 0) / 100, 0.005, 0.0125])
+            rows = [past[max(k - round(age / 0.0005), 0)] for age in ages]
+            z = np.concatenate((rows[0][:6], rows[1][6:9], rows[2][9:]))
+            estimate = ekf.step(t, z, u)
+            nis, used = nis + estimate.nis * (k > 400), used + estimate.used * (k > 400)
+    # a reading taken at a wrong time would be off by many deviations
+    assert nis < 1.2 * used
+    assert np.abs(estimate.q - q).max() < 0.01
+    assert ekf.counts.restarts == 0
+    # the readings before their latency has passed have no own time
+    assert ekf.counts.unmatched <= 9
+
+
+def test_joseph_keeps_a_covariance():
+    """After many exact readings the covariance stays symmetric and positive."""
+    rng = np.random.default_rng(1)
+    A = rng.normal(size=(8, 8))
+    P = block_diag(A @ A.T, np.eye(2))
+    exact, rows = P.copy(), rng.normal(size=(300, 10))
+    change = np.zeros(10)
+    nis, used = update(P, rows, np.full(300, np.nan), np.full(300, 1e-8), change)
+    assert used == 0
+    assert nis == 0
+    assert np.array_equal(P, exact)
+    assert not change.any()
+    update(P, rows, np.zeros(300), np.full(300, 1e-8), change)
+    information = np.linalg.inv(exact) + 1e8 * rows.T @ rows
+    assert np.allclose(P, np.linalg.inv(information), rtol=1e-4, atol=1e-14)
+    assert np.array_equal(P, P.T)
+    assert np.linalg.eigvalsh(P)[0] > 0

@@ -1,0 +1,151 @@
+"""The balance of forces and the implicit step against the model's own terms and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn.actuation import Winches
+from softdyn.dynamics.derivatives import residual_derivatives
+from softdyn.dynamics.projection import Projection
+from softdyn.estimation import Disturbance
+from softdyn.estimation.balance import ForceBalance
+from softdyn.estimation.implicit_step import ImplicitStep
+from tests.support.arms import PROJECTIONS
+from tests.support.micro import write
+from tests.support.oracles import relative
+from tests.support.rigged import slackened
+from tests.support.winched import ARM
+
+ALL = tuple(Disturbance)
+ROBOTS = ("finger", "spirob", "slack", "winched", "mimic")
+
+
+@pytest.fixture(params=ROBOTS)
+def model(request, tmp_path):
+    if request.param == "mimic":
+        return PROJECTIONS["mimic"](tmp_path)
+    if request.param == "winched":
+        return softdyn.load(write(tmp_path, ARM))
+    return slackened(softdyn.load("spirob")) if request.param == "slack" else softdyn.load(
+        request.param
+    )  # fmt: skip
+
+
+def case(model, seed=1):
+    rng = np.random.default_rng(seed)
+    q = model.configuration(
+        rng.uniform(np.maximum(model.lower, -0.4), np.minimum(model.upper, 0.4))
+    )
+    v, a = rng.normal(size=(2, model.nv))
+    u = rng.uniform(np.maximum(model.u_min, -3), np.minimum(model.u_max, 3))
+    d = 0.1 * rng.normal(size=sum(one.size(model) for one in ALL))
+    return q, v, a, Winches(model).commands(model.state(q, v), u), d
+
+
+def test_balance(model):
+    q, v, a, commands, d = case(model)
+    balance, state = ForceBalance(model, ALL), model.state(q, v)
+    terms = [np.array(part) for part in balance(q, v, a, commands, 0 * d)]
+    u = Winches(model).tensions(state, commands)
+    scale = np.abs(state.M @ a).max() + np.abs(state.h).max()
+    assert relative(terms[0], state.M @ a + state.h - state.B @ u, scale) < 1e-12
+    assert relative(terms[3], state.M) < 1e-12
+    assert np.allclose(terms[5], u, atol=1e-12)
+    if not Winches(model).winds.any():
+        by_q, by_v = residual_derivatives(model, q, v, a, u)
+        assert relative(terms[1], by_q) < 1e-10
+        assert relative(terms[2], by_v) < 1e-10
+    terms = [np.array(part) for part in balance(q, v, a, commands, d)]
+    n, h = model.nv, 1e-5
+
+    def residual(dq, dv, dd):
+        return np.array(balance(model.integrate(q, dq), v + dv, a, commands, d + dd).residual)
+
+    for k, block in enumerate((terms[1], terms[2], terms[4])):
+        zero = [np.zeros(n), np.zeros(n), np.zeros(len(d))]
+        columns = []
+        for axis in np.eye(block.shape[1]):
+            ends = [residual(*(*zero[:k], s * h * axis, *zero[k + 1 :])) for s in (1, -1)]
+            columns.append((ends[0] - ends[1]) / (2 * h))
+        assert relative(np.array(columns).T, block) < 1e-7, k
+
+
+def test_disturbances_are_forces(model):
+    """A tip force is Jᵀ f, a payload a weight, and the springs' terms are the file's springs."""
+    q, v, a, commands, _ = case(model)
+    state, none = model.state(q, v), ForceBalance(model)(q, v, a, commands, np.zeros(0))
+    without = none.residual.copy()
+    force, mass = np.array([0.3, -0.2, 0.5]), 0.04
+    found = ForceBalance(model, ALL[:1])(q, v, a, commands, force)
+    assert np.allclose(without - found.residual, state.J.T @ force)
+    found = ForceBalance(model, ALL[1:2])(q, v, a, commands, np.array([mass]))
+    assert np.allclose(without - found.residual, state.J[2] * -9.81 * mass)
+    if isinstance(model, Projection):
+        return
+    joints = tuple(
+        replace(joint, stiffness=1.3 * joint.stiffness, rest=joint.rest + 0.1)
+        if joint.kind in ("revolute", "prismatic") else joint for joint in model.robot.joints
+    )  # fmt: skip
+    changed = softdyn.build(replace(model.robot, joints=joints))
+    d = np.array([0.3, *np.full(model.nv, 0.1)])
+    found = ForceBalance(model, ALL[2:])(q, v, a, commands, d)
+    assert np.allclose(
+        found.residual, ForceBalance(changed)(q, v, a, commands, np.zeros(0)).residual
+    )
+
+
+def test_step(model):
+    q, v, _, commands, d = case(model)
+    n, step, h, free = model.nv, 0.002, 2e-5, np.zeros(model.nv, int)
+    stepper, balance = ImplicitStep(model, ALL), ForceBalance(model, ALL)
+    found = stepper(q, v, commands, d, step, free)
+    left = balance(found.q, found.v, (found.v - v) / step, commands, d).residual
+    assert not found.held.any()
+    assert np.abs(left).max() < 1e-7 * np.abs(balance(q, v, 0 * v, commands, d).residual).max()
+    assert np.allclose(found.q, model.integrate(q, step * found.v))
+
+    def speed(x):
+        return stepper(
+            model.integrate(q, x[:n]), v + x[n : 2 * n], commands, d + x[2 * n :], step, free
+        ).v
+
+    by_state = np.array([
+        (8 * (speed(h * axis) - speed(-h * axis)) - speed(2 * h * axis) + speed(-2 * h * axis))
+        / (12 * h) for axis in np.eye(2 * n + len(d))
+    ]).T  # fmt: skip
+    assert relative(by_state, found.by_state) < 1e-6
+    pushes = found.by_state[:, 2 * n :]
+    by_d = ForceBalance(model, ALL)(found.q, found.v, (found.v - v) / step, commands, d).by_d
+    assert relative(pushes, -found.by_force @ by_d) < 1e-6
+
+
+def test_stops_hold_and_release():
+    """A joint pressed against its stop stays on it; its stop never pulls."""
+    model = softdyn.load("helix")
+    stepper, balance = ImplicitStep(model), ForceBalance(model)
+    q, v, held = model.q0.copy(), np.zeros(model.nv), np.zeros(model.nv, int)
+    u = np.where(np.arange(model.nu) < 3, model.u_max, 0.0)
+    met = set()
+    for k in range(300):
+        if k == 150:
+            u = np.zeros(model.nu)
+        found = stepper(q, v, u, np.zeros(0), 0.001, held)
+        force = balance(found.q, found.v, (found.v - v) / 0.001, u, np.zeros(0)).residual
+        free = found.held == 0
+        assert np.all(found.q <= model.upper + 1e-9)
+        assert np.all(found.q >= model.lower - 1e-9)
+        assert np.all(force[~free] * found.held[~free] <= 1e-6)
+        assert np.allclose(force[free], 0, atol=1e-5)
+        limits = np.where(found.held > 0, model.upper, model.lower)
+        assert np.allclose(found.q[~free], limits[~free], atol=1e-9)
+        # a held joint's position no longer depends on the state before
+        row = found.by_state[:, : model.nv] * 0.001 + np.eye(model.nv)
+        assert np.allclose(row[~free], 0, atol=1e-9)
+        q, v, held = found.q, found.v, found.held
+        met |= {(int(i), int(held[i])) for i in np.flatnonzero(held)}
+    assert len(met) >= 3
+    assert len({i for i, _ in met} - set(np.flatnonzero(held))) >= 1
