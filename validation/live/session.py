@@ -20,6 +20,7 @@ from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
+from softdyn.validation.twin.plant_errors import multiplied
 from softdyn.validation.twin.rig import Rig, RiggedPlant, rig_of
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import SimulationError
@@ -351,7 +352,9 @@ def _changed(rig: Rig, said: messages.Mismatch) -> Rig:
     plant = replace(
         rig.plant,
         contacts=rig.plant.contacts or said.contacts,
-        **{k: getattr(rig.plant, k) * getattr(said, k) for k in ("mass", "stiffness", "damping")},
+        mass=multiplied(rig.plant.mass, said.mass),
+        stiffness=multiplied(rig.plant.stiffness, said.stiffness),
+        damping=multiplied(rig.plant.damping, said.damping),
     )
     signals = {name: getattr(said, name) for name in ("delay", "noise") if getattr(said, name) > 0}
     return replace(rig, plant=plant, **signals)

@@ -6,7 +6,7 @@ Every case is complete plain data, and the order of the cases depends only on th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from itertools import product
@@ -27,7 +27,7 @@ from softdyn.validation.studies.engine.store import Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import Target, study_targets
 from softdyn.validation.studies.sweep_values import GROUPS, Axis
-from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.plant_errors import BY_JOINT, EACH, PlantErrors
 from softdyn.validation.twin.rig import Rig
 
 FIGURES = {
@@ -56,19 +56,46 @@ def inputs(case: Case) -> dict[str, Any]:
         "kind": NAMES[case.kind],
         "target": case.value,
         "gains": case.parameters,
-        **{name.removeprefix("plant."): parameter(case, name) for name in PARAMETERS},
+        **{
+            name.removeprefix("plant."): parameter(case, name)
+            for name in (*PARAMETERS, *joint_parameters([case]))
+        },
         "sample": case.sample,
     }
 
 
+def place(name: str) -> tuple[str, str, str]:
+    """The group, key and joint of a parameter's name; without a group or a joint these are empty.
+
+    ``plant.stiffness.bend_1``, ``gains.Kp``, ``theta``.
+    """
+    group, _, key = name.partition(".") if "." in name else ("", "", name)
+    if group == "plant":
+        key, _, joint = key.partition(".")
+        return group, key, joint
+    return group, key, ""
+
+
+def joint_parameters(cases: Iterable[Case]) -> tuple[str, ...]:
+    """The names of the factors by joint in these cases."""
+    found = (
+        f"plant.{key}.{joint}"
+        for case in cases for key in BY_JOINT
+        if isinstance(factors := getattr(case.plant, key), Mapping) for joint in factors
+    )  # fmt: skip
+    return tuple(dict.fromkeys(found))
+
+
 def parameter(case: Case, name: str) -> Any:
     """The value of ``gains.Kp``, ``plant.period``, ``theta``, … in a case, or None."""
-    group, _, key = name.rpartition(".")
+    group, key, joint = place(name)
     gains = case.parameters or {}
     if group == "gains":
         return gains["horizon"] / gains["eps"] if key == SHARE else gains.get(key)
     if group == "plant":
-        return getattr(case if key in TIMES else case.plant, key)
+        value = getattr(case if key in TIMES else case.plant, key)
+        by_joint = isinstance(value, Mapping)
+        return value.get(joint or EACH, value.get(EACH, 1.0)) if by_joint else value
     if group == "rig":
         value = getattr(case.rig or IDEAL, key)
         return getattr(value, "value", value)
@@ -157,8 +184,8 @@ class Sweep:
         return worker.jobs_of(self.cases, heads=heads, folder=self.folder, log=self.logs)
 
     def varying(self) -> list[Axis]:
-        """Parameters with more than one value."""
-        return [axis for axis in self.axes if axis.varies]
+        """Parameters with more than one value, apart from random ones of each joint."""
+        return [axis for axis in self.axes if axis.varies and axis.robot is None]
 
     @cached_property
     def cases(self) -> list[Case]:
@@ -206,7 +233,7 @@ class Sweep:
     def _expand(self) -> Iterator[tuple[Case, str]]:
         targets = {robot: self._targets_of(robot) for robot in self.robots}
         for robot, controller in product(self.robots, self.controllers):
-            axes = self.axes_of(controller)
+            axes = self.axes_of(robot, controller)
             grid = [axis for axis in axes if not axis.drawn]
             drawn = [axis for axis in axes if axis.drawn]
             combinations = [dict(zip((a.name for a in grid), values, strict=True))
@@ -224,14 +251,15 @@ class Sweep:
                         index = None if self.samples is None else sample
                         yield self._case(robot, controller, kind, goal, values, index), change
 
-    def axes_of(self, controller: str) -> list[Axis]:
-        """The axes of a controller's cases: its own go before those of all controllers."""
+    def axes_of(self, robot: str, controller: str) -> list[Axis]:
+        """The axes of a robot's and controller's cases: its own before those of all controllers."""
         own = [axis for axis in self.axes if axis.controller == controller]
         named = {axis.name for axis in own}
         named |= {f"gains.{key}" for key in self.own_gains.get(controller, {})}
         return [
             axis for axis in self.axes
-            if axis in own or (axis.controller is None and axis.name not in named)
+            if axis.robot in (None, robot)
+            and (axis in own or (axis.controller is None and axis.name not in named))
         ]  # fmt: skip
 
     def _targets_of(self, robot: str) -> list[Target]:
@@ -263,7 +291,10 @@ class Sweep:
     ) -> Case:  # fmt: skip
         groups: dict[str, dict[str, Any]] = {group: {} for group in ("gains", *GROUPS, "")}
         for name, value in values.items():
-            group, _, key = name.rpartition(".")
+            group, key, joint = place(name)
+            if joint:
+                others = groups[group].get(key, 1.0)
+                value = (others if isinstance(others, dict) else {EACH: others}) | {joint: value}
             groups[group][key] = value
         plant, model = groups["plant"], self.models[robot]
         times = {name: plant.pop(name) for name in TIMES if name in plant}

@@ -13,15 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError, SoftModel, UrdfError
-from softdyn.checks import number
+from softdyn.checks import did_you_mean, number
 from softdyn.controllers import CONTROLLERS
 from softdyn.controllers.gains import PUBLISHED, from_table
 from softdyn.controllers.registry import is_own, make_controller
 from softdyn.files import read_toml
 from softdyn.validation.studies import sweep_values as values
 from softdyn.validation.studies.engine import sources
-from softdyn.validation.studies.sweep import FIGURES, NOMINAL, SHARE, TARGETS, Sweep
+from softdyn.validation.studies.sweep import FIGURES, NOMINAL, SHARE, TARGETS, Sweep, place
 from softdyn.validation.studies.sweep_values import Axis, Check, ValueReader
+from softdyn.validation.twin.plant_errors import BY_JOINT, EACH
 
 OVERLAYS, BEYOND = "annotations", "statics_beyond_cm"
 KEYS = (
@@ -101,8 +102,8 @@ class _Reader(ValueReader):
         self.table["plant"] = plant
         own_axes, own_gains = self.read_own_gains(controllers)
         axes = [self.axis(n, n, value, check) for n, value, check in self.flat(self.table)]
-        axes += own_axes
-        changes = {NOMINAL: dict[str, Any]()} | dict(self.read_changes())
+        axes = [one for axis in axes for one in self.of_each_joint(axis, axes, models)] + own_axes
+        changes = {NOMINAL: dict[str, Any]()} | dict(self.read_changes(models))
         drawn = any(axis.drawn for axis in (*targets, *axes))
         expected = "a parameter with uniform or log_uniform"
         self.check(self.count is None or drawn, "samples", expected, "none")
@@ -213,9 +214,44 @@ class _Reader(ValueReader):
             if known is not None:
                 self.known(f"{at}{group}", inner, tuple(known))
             for key, value in inner.items():
-                yield f"{group}.{key}", value, values.anything if known is None else known[key]
+                check = values.anything if known is None else known[key]
+                if group == "plant" and key in BY_JOINT and not values.is_one_value(value):
+                    for joint, factor in value.items():
+                        yield f"plant.{key}.{joint}", factor, check
+                else:
+                    yield f"{group}.{key}", value, check
         if "ellipse_scale" in table:
             yield "ellipse_scale", table["ellipse_scale"], values.positive
+
+    def of_each_joint(
+        self, axis: Axis, axes: list[Axis], models: Mapping[str, SoftModel]
+    ) -> Iterator[Axis]:
+        """An axis; instead of a random one of each joint, one for every joint without its own."""
+        *of, joint = place(axis.name)
+        if not joint:
+            yield axis
+        elif joint != EACH:
+            self.check_joint(axis.name, joint, models)
+            yield axis
+        elif not axis.drawn:
+            self.check(not axis.varies, axis.name, "one value, or a random one", axis.values)
+            yield axis
+        else:
+            named = {place(one.name)[2] for one in axes if [*place(one.name)[:2]] == of}
+            value = self.table[of[0]][of[1]][EACH]
+            for robot, model in models.items():
+                for other in model.robot.moving_joints:
+                    if other.name not in named:
+                        name = ".".join((*of, other.name))
+                        check = values.GROUPS[of[0]][of[1]]
+                        yield replace(self.axis(name, name, value, check), robot=robot)
+
+    def check_joint(self, key: str, joint: str, models: Mapping[str, SoftModel]) -> None:
+        """Refuse a name that is not a joint of every robot."""
+        for robot, model in models.items():
+            known = [one.name for one in model.robot.moving_joints]
+            expected = f"a joint of {robot}, or {EACH}"
+            self.check(joint in known, key, expected, did_you_mean(joint, known))
 
     def read_own_gains(
         self, controllers: Sequence[str]
@@ -249,7 +285,7 @@ class _Reader(ValueReader):
         self.table["gains"] = gains
         return axes, fixed
 
-    def read_changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
+    def read_changes(self, models: Mapping[str, SoftModel]) -> Iterator[tuple[str, dict[str, Any]]]:
         """Each change by its name; a list of values makes one change per value."""
         names = {NOMINAL}
         for text, table in self.section("changes", None).items():
@@ -261,6 +297,8 @@ class _Reader(ValueReader):
                 differs = isinstance(value, dict) and "default" in value  # between robots
                 each = value if differs else {"default": value}
                 read = {robot: self.axis(at, name, x, check) for robot, x in each.items()}
+                if (joint := place(name)[2]) not in ("", EACH):
+                    self.check_joint(at, joint, models)
                 lists += [axis for axis in read.values() if axis.varies]
                 fits = not any(axis.drawn for axis in read.values()) and not (differs and lists)
                 self.check(fits and len(lists) < 2, at, "one value, or one list per change", value)
@@ -273,7 +311,7 @@ class _Reader(ValueReader):
                 yield title, fields | {axis.name: {"default": value} for axis in lists}
 
     def read_rows(self, axes: list[Axis], changes: Mapping[str, Any]) -> tuple[str, ...]:
-        known = ("robot", "controller", "change", "plant.period", "gains.horizon",
+        known = ("robot", "controller", "change", "sample", "plant.period", "gains.horizon",
                  *(axis.name for axis in axes))  # fmt: skip
         rows = self.names("rows", known)
         self.check(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,15 @@ from softdyn.validation.studies.engine.distribution import Distribution, notes, 
 from softdyn.validation.studies.engine.store import OUTCOMES, Store
 from softdyn.validation.studies.engine.worker import CaseJob
 from softdyn.validation.studies.study_targets import nearest_stable
-from softdyn.validation.studies.sweep import FIGURES, PARAMETERS, SHARE, Sweep, inputs, parameter
+from softdyn.validation.studies.sweep import (
+    FIGURES,
+    PARAMETERS,
+    SHARE,
+    Sweep,
+    inputs,
+    joint_parameters,
+    parameter,
+)
 from softdyn.validation.tables import Table, document, inline
 
 BEST = 10
@@ -123,7 +131,7 @@ def plan_text(plan: Mapping[str, Any]) -> str:
 
 def write_sweep(sweep: Sweep, found: list[Row], folder: Path, table: str = "") -> list[str]:
     """Write every case as CSV, and `table` or the best cases as Markdown; return the files."""
-    texts = {"sweep.csv": to_csv(found), "sweep.md": to_markdown(sweep, found, table)}
+    texts = {"sweep.csv": to_csv(found, sweep.seed), "sweep.md": to_markdown(sweep, found, table)}
     for name, text in texts.items():
         write_text(folder / name, text)
     return [str(folder / name) for name in texts]
@@ -170,16 +178,21 @@ def _words(outcome: str) -> str:
 # -- CSV -------------------------------------------------------------------------------------------
 
 
-def to_csv(found: list[Row]) -> str:
-    """One line per case, in the sweep's order: inputs, outcome, figures, reason, file."""
+def to_csv(found: list[Row], seed: int = 0) -> str:
+    """One line per case, in the sweep's order: inputs, outcome, figures, reason, file.
+
+    `seed` is that of the random samples.
+    """
     gains = dict.fromkeys(f"gains.{name}" for case, _ in found for name in case.parameters or {})
     titles = ["robot", "controller", "theta", "omega", *"xyz", *gains]
-    titles += [*(n.removeprefix("plant.") for n in PARAMETERS), "sample", *RESULTS]
+    names = (*PARAMETERS, *joint_parameters(case for case, _ in found))
+    titles += [*(n.removeprefix("plant.") for n in names), "sample", "seed", *RESULTS]
     lines = []
     for case, result in found:
         point = parameter(case, "point") or (None, None, None)
         named = (parameter(case, name) for name in ("robot", "controller", "theta", "omega"))
-        varied = (parameter(case, name) for name in (*gains, *PARAMETERS, "sample"))
+        varied = [parameter(case, name) for name in (*gains, *names, "sample")]
+        varied.append(None if case.sample is None else seed)
         figures = (result.get(name) for name in RESULTS)
         lines.append([*named, *point, *varied, *figures, _file(case)])
     return Table([*titles, "file"], lines).csv()
@@ -245,7 +258,10 @@ def _counts(found: list[Row], total: int) -> str:
 
 def _varied(sweep: Sweep) -> list[str]:
     lines = []
-    for axis in (*sweep.targets, *sweep.varying()):
+    # of the random factors of each joint, one stands for all
+    joints = {axis.name.rpartition(".")[0]: axis for axis in sweep.axes if axis.robot is not None}
+    each = (replace(axis, name=f"{name} of each joint") for name, axis in joints.items())
+    for axis in (*sweep.targets, *sweep.varying(), *each):
         if axis.drawn:
             kind = axis.drawn.replace("_", "-")
             text = f"{len(axis.values)} {kind} samples, seed {sweep.seed}"
@@ -326,7 +342,7 @@ def _reasons(sweep: Sweep, found: list[Row]) -> list[str]:
 
 def label(name: str) -> str:
     """A parameter with its unit, e.g. ``Kp (1/s²)``."""
-    short = SYMBOLS.get(name, name.rpartition(".")[2])
+    short = SYMBOLS.get(name, name.partition(".")[2] or name)
     return f"{short} ({UNITS[name]})" if name in UNITS else short
 
 

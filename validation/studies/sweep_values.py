@@ -16,7 +16,7 @@ import numpy as np
 from softdyn import InputError, UrdfError
 from softdyn.checks import number
 from softdyn.controllers import Gains
-from softdyn.description.rig import CommandKind
+from softdyn.description.rig import LONGEST_DELAY, CommandKind
 
 Check = Callable[[str, Any], Any]
 POINTS = "[x, y, z] in m, or a list of such"
@@ -86,6 +86,11 @@ def not_negative(key: str, value: Any) -> float:
     return number(key, value, lower=0.0)
 
 
+def delay(key: str, value: Any) -> float:
+    """A delay (s) of a rig."""
+    return number(key, value, lower=0.0, upper=LONGEST_DELAY)
+
+
 def step(key: str, value: Any) -> float:
     """A plant step (s); ``inf`` means one step per control period."""
     return math.inf if value == math.inf else positive(key, value)
@@ -110,7 +115,7 @@ GROUPS: dict[str, dict[str, Check]] = {
     },
     "rig": {
         "file": flag, "command": command, "stiffness": positive, "damping": not_negative,
-        "lag": not_negative, "rate": positive, "delay": not_negative, "latency": not_negative,
+        "lag": not_negative, "rate": positive, "delay": delay, "latency": delay,
         "noise": not_negative, "bias": not_negative,
     },
 }  # fmt: skip
@@ -128,19 +133,25 @@ class Axis:
         In the file's order.
     drawn : str, optional
         The distribution of random samples, ``uniform`` or ``log_uniform``; None in a grid.
-    controller : str, optional
-        The only controller that it is for.
+    controller, robot : str, optional
+        The only controller, and the only robot, that it is for.
     """
 
     name: str
     values: tuple[Any, ...]
     drawn: str | None = None
     controller: str | None = None
+    robot: str | None = None
 
     @property
     def varies(self) -> bool:
         """Whether there is more than one value."""
         return len(self.values) > 1
+
+
+def is_one_value(value: Any) -> bool:
+    """Whether this is one parameter's value; other tables have a value for each joint."""
+    return not isinstance(value, dict) or bool({"from", "default", *DRAWN} & set(value))
 
 
 class ValueReader:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from softdyn.checks import instance, number
+from softdyn import InputError
+from softdyn.checks import did_you_mean, instance, number
 from softdyn.validation.twin.borrowed import BorrowedShapes
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 from softdyn.validation.twin.twin import Twin
+
+Factors = float | Mapping[str, float]
+BY_JOINT = ("mass", "stiffness", "damping")  # fields that may have factors by joint
+EACH = "each"  # in such factors: every other joint
 
 # MuJoCo's own defaults of solref and solimp
 SOFT_SOLREF, SOFT_SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
@@ -37,9 +43,10 @@ class PlantErrors:
         Whether joint limits and dry friction are as soft as MuJoCo's defaults.
     shapes : Path, optional
         An MJCF file whose collision geometry replaces the robot's.
-    mass, stiffness, damping : float
+    mass, stiffness, damping : float or mapping of str to float
         Factors on all masses and moments of inertia (armature apart), on all springs, on all
-        damping.
+        damping. A mapping has a factor for each joint that it names: on its spring, on its damping,
+        on what moves with its link. Its key ``each`` is for everything else.
     payload : float
         A point mass at the tip (kg).
 
@@ -56,24 +63,20 @@ class PlantErrors:
     pull_friction: float = 0.0
     soft_stops: bool = False
     shapes: Path | None = None
-    mass: float = 1.0
-    stiffness: float = 1.0
-    damping: float = 1.0
+    mass: Factors = 1.0
+    stiffness: Factors = 1.0
+    damping: Factors = 1.0
     payload: float = 0.0
 
     def __post_init__(self) -> None:
         for name, usual in (("contacts", False), ("friction", False), ("soft_stops", False)):
             instance(name, getattr(self, name), type(usual), "true or false")
-        for name in (
-            "dry_friction",
-            "cable_friction",
-            "pull_friction",
-            "mass",
-            "stiffness",
-            "damping",
-            "payload",
-        ):
+        for name in ("dry_friction", "cable_friction", "pull_friction", "payload"):
             number(name, getattr(self, name), lower=0.0)
+        for name in BY_JOINT:
+            value = getattr(self, name)
+            for joint, factor in value.items() if isinstance(value, Mapping) else [("", value)]:
+                number(f"{name}.{joint}".rstrip("."), factor, lower=0.0)
 
     def twin(self, *arguments: Any, **options: Any) -> Twin:
         """`Twin` with these differences; its own options may add contacts and friction."""
@@ -92,16 +95,21 @@ class PlantErrors:
             model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
             model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
         if (self.mass, self.stiffness, self.damping) != (1.0, 1.0, 1.0):
-            model.body_mass[:] *= self.mass
-            model.body_inertia[:] *= self.mass
-            model.jnt_stiffness[:] *= self.stiffness
-            model.tendon_stiffness[:] *= self.stiffness
-            model.dof_damping[:] *= self.damping
-            model.tendon_damping[:] *= self.damping
+            masses, weight = _by_joint("mass", self.mass, model)
+            springs, stiffness = _by_joint("stiffness", self.stiffness, model)
+            dampers, damping = _by_joint("damping", self.damping, model)
+            bodies = np.full(model.nbody, weight)
+            bodies[model.jnt_bodyid] = masses  # of several joints of a body the last moves it
+            model.body_mass[:] *= bodies
+            model.body_inertia[:] *= bodies[:, None]
+            model.jnt_stiffness[:] *= springs
+            model.tendon_stiffness[:] *= stiffness
+            model.dof_damping[:] *= dampers[model.dof_jntid]
+            model.tendon_damping[:] *= damping
             pulls = [*twin.slack, *np.flatnonzero(model.actuator_biasprm[: twin.nu, 1])]
-            model.actuator_gainprm[pulls, 0] *= self.stiffness
-            model.actuator_biasprm[pulls, :2] *= self.stiffness
-            model.actuator_biasprm[pulls, 2] *= self.damping
+            model.actuator_gainprm[pulls, 0] *= stiffness
+            model.actuator_biasprm[pulls, :2] *= stiffness
+            model.actuator_biasprm[pulls, 2] *= damping
         if self.payload:
             _load(model, *twin.task, self.payload)
         if (self.mass, self.stiffness, self.damping, self.payload) != (1.0, 1.0, 1.0, 0.0):
@@ -134,6 +142,25 @@ class PlantErrors:
             advance(u, steps)
 
         twin.advance = rubbing  # type: ignore[method-assign]
+
+
+def multiplied(factors: Factors, by: float) -> Factors:
+    """`factors` of `PlantErrors`, all multiplied by a number."""
+    if isinstance(factors, Mapping):
+        return {name: by * factor for name, factor in ({EACH: 1.0} | dict(factors)).items()}
+    return by * factors
+
+
+def _by_joint(name: str, factors: Factors, model: mujoco.MjModel) -> tuple[np.ndarray, float]:
+    """The factor of each joint (joints,), and that of everything else."""
+    if not isinstance(factors, Mapping):
+        return np.full(model.njnt, factors), factors
+    joints = [model.joint(k).name for k in range(model.njnt)]
+    for joint in factors:
+        if joint != EACH and joint not in joints:
+            raise InputError(name, "names of joints", did_you_mean(joint, joints))
+    other = factors.get(EACH, 1.0)
+    return np.array([factors.get(joint, other) for joint in joints]), other
 
 
 def _load(model: mujoco.MjModel, body: int, point: np.ndarray, mass: float) -> None:

@@ -1,5 +1,8 @@
 """Sweep files: what they mean, and what is wrong in them."""
 
+import csv
+import io
+import re
 import shutil
 from dataclasses import replace
 
@@ -7,7 +10,7 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import SetPoint
+from softdyn import InputError, SetPoint
 from softdyn.controllers import Gains, Mpc
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation import paper, simulate
@@ -303,3 +306,71 @@ eps = 0.2
     sweep = read_sweep(folder / "sweep.toml", said)
     assert sweep.cases[0].parameters == {"Kp": 1, "eps": 0.3, "stiffness": 4}
     assert {c.parameters["eps"] for c in sweep.cases if c.controller == "ic"} == {0.2}
+
+
+def test_factors_by_joint_and_random_rigs(written, folder):
+    """Every joint without its own value has its own draw, which is in the table with its seed."""
+    sweep = written(BY_JOINT)
+    first, second = sweep.cases[:2]
+    assert len(sweep.cases) == 2 * 2 * 2
+    springs = first.plant.stiffness
+    assert [*springs] == ["each", "joint1", "joint2", "joint3", "joint4"]
+    assert springs["joint1"] == 0.9
+    assert len({springs[f"joint{k}"] for k in (2, 3, 4)}) == 3
+    assert all(0.8 <= springs[f"joint{k}"] <= 1.2 for k in (2, 3, 4))
+    assert {case.plant.stiffness["joint2"] for case in sweep.cases} == {
+        springs["joint2"], second.plant.stiffness["joint2"],
+    }  # fmt: skip
+    assert first.plant.damping == {"each": 1.1}
+    assert (first.rig.file, first.rig.noise, first.rig.lag) == (False, 0.001, 0.02)
+    assert 0 < first.rig.latency < 0.01
+    assert {c.plant.mass["joint3"] for c in sweep.cases if isinstance(c.plant.mass, dict)} == {1.2}
+    table = list(csv.DictReader(io.StringIO(sweep_report.to_csv([(first, {})], sweep.seed))))
+    assert float(table[0]["stiffness.joint2"]) == springs["joint2"]
+    assert float(table[0]["rig.latency"]) == first.rig.latency
+    assert (table[0]["sample"], table[0]["seed"]) == ("0", "5")
+    varied = sweep_report.to_markdown(sweep, [])
+    assert "- stiffness of each joint: 2 uniform samples, seed 5" in varied
+    assert "- stiffness.joint1: 0.9, 1.1" in varied
+    other = written(BY_JOINT.replace("joint1 = [0.9, 1.1]", "joint1 = 1.0"))
+    assert other.cases[0].plant.stiffness["joint2"] == springs["joint2"]
+
+
+BY_JOINT = """
+robots = "finger"
+controllers = "ic"
+rows = ["sample", "change", "plant.stiffness.joint1"]
+targets.theta = 0.5
+[plant.stiffness]
+joint1 = [0.9, 1.1]
+each = { uniform = [0.8, 1.2] }
+[plant]
+damping.each = 1.1
+[rig]
+lag = 0.02
+noise = 0.001
+latency = { uniform = [0, 0.01] }
+[changes.heavy.plant.mass]
+joint3 = 1.2
+[samples]
+count = 2
+seed = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("joint1 =", "joint9 =", "plant.stiffness.joint9: expected a joint of finger, or each"),
+        ("joint3 =", "joint9 =", "changes.heavy.plant.mass.joint9: expected a joint of finger"),
+        ("damping.each = 1.1", "damping.each = [1, 2]", "plant.damping.each: expected one value"),
+        ("damping.each = 1.1", "damping.each = -1", "plant.damping.each: expected a finite number"),
+        ("each = { uniform = [0.8, 1.2] }", "each = { uniform = [2, 1] }", "a lower end below"),
+        ("lag = 0.02", "lag = true", "rig.lag: expected a finite number >= 0, got True"),
+        ("noise = 0.001", "file = 1", "rig.file: expected true or false, got 1"),
+        ("latency = {", "latency = 11 # {", "latency: expected a finite number >= 0 and <= 10"),
+    ],
+)
+def test_misuses_of_factors_by_joint_and_of_the_rig(written, old, new, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        written(BY_JOINT.replace(old, new))

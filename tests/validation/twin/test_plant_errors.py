@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import softdyn
+from softdyn import InputError
 from softdyn.validation import StateMap, Twin
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
-from softdyn.validation.twin.plant_errors import PlantErrors
+from softdyn.validation.twin.plant_errors import PlantErrors, multiplied
 
 
 def test_a_plant_of_other_numbers() -> None:
@@ -49,3 +50,27 @@ def test_a_payload_weighs_at_the_tip() -> None:
     (M, g), (M_loaded, g_loaded) = found
     assert M_loaded - M == pytest.approx(0.05 * state.J.T @ state.J, abs=1e-12)
     assert g_loaded - g == pytest.approx(0.05 * 9.81 * state.J[2], abs=1e-12)
+
+
+def test_factors_by_joint_act_on_its_spring_its_damping_and_what_it_moves() -> None:
+    """Of SpiRob's chains over massless links only the last joint's link has a mass."""
+    plain = Twin("spirob")
+    names = [plain.model.joint(k).name for k in range(plain.model.njnt)]
+    last, other = names[2], names[0]  # bend, bend, twist
+    stiffness = {last: 2.0, "each": 0.5}
+    twin = PlantErrors(mass={last: 3.0, other: 9.0}, stiffness=stiffness, damping={last: 4.0}).twin(
+        "spirob"
+    )
+    carriers, factors = plain.model.jnt_bodyid, np.array([9.0, 1.0, 3.0, *[1.0] * 24])
+    np.testing.assert_allclose(
+        twin.model.body_mass[carriers], factors * plain.model.body_mass[carriers]
+    )
+    springs = twin.model.jnt_stiffness / plain.model.jnt_stiffness
+    assert springs == pytest.approx([0.5, 0.5, 2.0, *[0.5] * 24])
+    assert twin.model.dof_damping[2] == pytest.approx(4.0 * plain.model.dof_damping[2])
+    np.testing.assert_array_equal(twin.model.dof_damping[3:], plain.model.dof_damping[3:])
+    with pytest.raises(InputError, match="stiffness: expected names of joints, got 'bend'"):
+        PlantErrors(stiffness={"bend": 1.0}).twin("spirob")
+    with pytest.raises(InputError, match=r"damping\.bend: expected a finite number >= 0, got -1"):
+        PlantErrors(damping={"bend": -1})
+    assert multiplied({last: 2.0}, 3.0) == {"each": 3.0, last: 6.0}
