@@ -325,7 +325,7 @@ MISUSES = [
     ("plant.timestep = -inf", "plant.timestep: expected a finite number > 0"),
     ("plant.shorter_periods = 0", "plant.shorter_periods: expected a finite number > 0, got 0"),
     ("rig.dely = 1", "rig.dely: expected one of file, command, stiffness, damping, lag,"),
-    ("rig.delay = -1", "rig.delay: expected a finite number >= 0, got -1"),
+    ("rig.delay = -1", "rig.delay: expected a finite number >= 0 and <= 10, got -1"),
     ("rig.rate = 0", "rig.rate: expected a finite number > 0, got 0"),
     ("rig = 1", "rig: expected a table [rig], got 1"),
     ("signals.delay = 0.1\nrig.lag = 0.1", "signals: expected one of robots,"),
