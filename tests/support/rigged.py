@@ -47,14 +47,13 @@ def wound(model: SoftModel, **changed: float) -> SoftModel:
 
 
 def random_rig(model: SoftModel, seed: int) -> SoftModel:
-    """The robot of `measured` with motors of random kinds, lags and delays, which only pull."""
+    """The robot of `measured` with motors of random kinds, lags, delays, rates; they only pull."""
     rng, actuators = np.random.default_rng(seed), []
     for actuator in model.robot.actuators:
         kind = KINDS[rng.integers(3)]
         lag, delay = float(rng.choice([0.0, 0.01, 0.03])), float(rng.choice([0.0, 0.002, 0.0051]))
         changes = {"gear": -abs(actuator.gear), "lower": 0.0, "upper": 9.0, "delay": delay}
-        if kind is not CommandKind.VELOCITY:
-            changes["lag"] = lag
+        changes |= {"lag": lag, "rate": float(rng.choice([np.inf, 5.0, 50.0]))}
         if kind is not CommandKind.FORCE:
             changes |= {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2)}
         actuators.append(replace(actuator, command=kind, **changes))

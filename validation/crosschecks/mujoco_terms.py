@@ -7,7 +7,7 @@ B column by column. The parts of its passive forces give K and D, and `mj_jacDot
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -135,12 +135,13 @@ class MujocoTerms:
         mujoco.mj_fwdActuation(model, data)
         taut = self._slack[data.actuator_force[self._slack] > 0]
         tendons = model.actuator_trnid[taut, 0]
-        arms = np.zeros((model.nactuator, model.nv))
-        mujoco.mju_sparse2dense(
-            arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
         damping = -model.actuator_biasprm[taut, 2]
-        return -arms[taut], data.actuator_force[taut], data.ten_velocity[tendons], damping
+        return (
+            -self._moments()[taut],
+            data.actuator_force[taut],
+            data.ten_velocity[tendons],
+            damping,
+        )
 
     def D(self) -> np.ndarray:
         """Damping matrix (nv, nv): minus the damper forces of unit velocities."""
@@ -159,6 +160,24 @@ class MujocoTerms:
             forces.append(-self._data.qfrc_damper)
         self._velocity(before)
         return columns.T @ np.array(forces).T
+
+    def _damping_of_actuators(self, columns: np.ndarray) -> np.ndarray:
+        """Pᵀ D P (nv, nv) of the actuators that damp and are within their bounds, after forward."""
+        model, force = self._model, self._data.actuator_force
+        low, high = model.actuator_forcerange.T
+        acts = (model.actuator_biasprm[:, 2] != 0) & (force > low) & (force < high)
+        arms = self._moments()[acts] @ columns
+        damping: np.ndarray = arms.T @ (-model.actuator_biasprm[acts, 2:3] * arms)
+        return damping
+
+    def _moments(self) -> np.ndarray:
+        """Moment arms (MuJoCo's nu, MuJoCo's nv) of the actuators."""
+        model, data = self._model, self._data
+        arms = np.zeros((model.nactuator, model.nv))
+        mujoco.mju_sparse2dense(
+            arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        return arms
 
     def B(self) -> np.ndarray:
         """Input matrix (nv, nu): the generalized forces of unit inputs."""
@@ -215,7 +234,7 @@ class MujocoTerms:
         self.place(q, v)
 
     def follow(
-        self, inputs: Sequence[np.ndarray], holds: Sequence[int]
+        self, inputs: Iterable[np.ndarray], holds: Sequence[int]
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Integrate each input (nu,) for its number of steps.
 
@@ -277,7 +296,10 @@ class MujocoTerms:
         M, force = self._tied_forces(qpos, w)
         if self._damping is None or self._damping_varies:
             self._damping = self._damping_along(self.states.ties)
-        w = w + h * np.linalg.solve(M + h * self._damping, force)
+        damping = self._damping + self._damping_of_actuators(self.states.ties)
+        w = w + h * np.linalg.solve(M + h * damping, force)
+        if self._model.na or self._model.actuator_delay.any():
+            mujoco.mj_step(self._model, self._data)  # its activations, delays and clock
         self._arrive(self._moved(qpos, w, h), w)
 
     def _arrive(self, qpos: np.ndarray, w: np.ndarray) -> None:

@@ -1,8 +1,8 @@
 """The rig in both engines: inputs of winches, tensions, sensors and a trajectory.
 
-MuJoCo has the rig as actuators with bias, activation and delay, and as sensors. The model has it as
-`Winches`, `SoftModel.measure` and `RigMotion`. A bound on a command's rate, and the lag of a
-commanded velocity, are in neither: the loop computes them.
+In MuJoCo the rig is actuators with bias, activation and delay, and sensors. In the model it is
+`Winches`, `SoftModel.measure`, `RigMotion`. MuJoCo has no bound on a command's rate and no lag of
+a commanded velocity: those of the closed loop, `Drivers`, go before it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from softdyn.validation.crosschecks.result import TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import IMPLICIT, Race, Scheme, Start
 from softdyn.validation.twin.free_base import FreeBase
 from softdyn.validation.twin.readings import Readings
+from softdyn.validation.twin.rig import Drivers
 from softdyn.validation.twin.state_map import StateMap
 from softdyn.validation.twin.twin import Twin
 
@@ -44,9 +45,9 @@ def quantities_of(model: SoftModel) -> tuple[str, ...]:
     """Those of `RIG_SCALES` that the robot's file has."""
     robot = model.robot
     winds = any(actuator.is_winch for actuator in robot.actuators)
-    moved = winds or any(actuator.lag or actuator.delay for actuator in robot.actuators)
-    # MuJoCo integrates no follower without a constraint, and no damping between branches
-    apart = robot.followers or trajectories.damping_couples_branches(
+    moved = winds or any(a.lag or a.delay or a.rate < math.inf for a in robot.actuators)
+    # MuJoCo integrates no damping between branches
+    apart = trajectories.damping_couples_branches(
         model, model.q0, np.zeros(model.nv), _winch_damping(robot)
     )
     there = winds, bool(_pulled(robot)), bool(robot.sensors), moved and not apart
@@ -83,6 +84,7 @@ class RigTerms(MujocoTerms):
     def __init__(self, model: SoftModel, robot: Robot, timestep: float) -> None:
         twin = Twin(robot, limits=False, rig=True, timestep=timestep)
         super().__init__(twin, StateMap(model, twin), drives=True)
+        self.robot = robot
         self._twin = copy.copy(twin)  # with the model and data of the terms
         self._twin.model, self._twin.data = self._model, self._data
         self._readings = Readings(self._twin, 0)
@@ -170,8 +172,9 @@ def random_commands(
 class RigMotion:
     """The model behind its rig, in MuJoCo's semi-implicit steps.
 
-    Delays last whole steps. The lag of a command is exact over a step, in which the command at its
-    begin acts. The winches' damping is implicit where neither of their bounds acts.
+    A command passes through its delay of whole steps, the bound on its rate and its lag. The lag is
+    exact over a step, in which the command at its begin acts. The winches' damping is implicit
+    where neither of their bounds acts.
 
     Parameters
     ----------
@@ -191,8 +194,10 @@ class RigMotion:
         self._speeds = np.array([a.command is CommandKind.VELOCITY for a in actuators], bool)
         lags = np.array([a.lag for a in actuators])
         self._lagging = (lags > 0) & ~self._speeds
-        self._gain = 1.0 - np.exp(-h / np.where(lags > 0, lags, 1.0))
+        self._gain = np.where(lags > 0, -np.expm1(-h / np.where(lags > 0, lags, 1.0)), 1.0)
+        self._most = h * np.array([a.rate for a in actuators])
         self._held, waiting = held.copy(), np.where(self._speeds, 0.0, held)
+        self._allowed, self._rate = waiting, np.zeros_like(held)
         late = [math.ceil(a.delay / h - 1e-9) for a in actuators]
         self._waiting = [deque([c] * n) for c, n in zip(waiting, late, strict=True)]
 
@@ -202,6 +207,8 @@ class RigMotion:
         for queue, command in zip(self._waiting, commands, strict=True):
             queue.append(command)
         arrived = np.array([queue.popleft() for queue in self._waiting])
+        self._allowed = np.clip(arrived, self._allowed - self._most, self._allowed + self._most)
+        arrived = self._allowed
         delayed = self._lagging | self._speeds
         state = model.state(self.q, self.v)
         acting = winches.derivatives(state, np.where(delayed, self._held, arrived))
@@ -215,7 +222,8 @@ class RigMotion:
         else:
             self.v = self.v + h * a
             self.q = model.integrate(self.q, h * self.v)
-        wound = np.clip(self._held + h * arrived, winches.lower, winches.upper)
+        self._rate = self._rate + self._gain * (arrived - self._rate)
+        wound = np.clip(self._held + h * self._rate, winches.lower, winches.upper)
         lagged = self._held + self._gain * (arrived - self._held)
         self._held = np.where(self._speeds, wound, lagged)
 
@@ -226,7 +234,6 @@ class RigRace(Race):
 
     winches: Winches
     held: np.ndarray
-    speeds: np.ndarray
 
     def _ours(
         self, scheme: Scheme, step: float, inputs: Sequence[np.ndarray], holds: Sequence[int]
@@ -248,8 +255,12 @@ class RigRace(Race):
         judge = self.judge
         assert isinstance(judge, RigTerms)
         judge.start(*(start or self.start), scheme.integrator, step)
-        judge.hold(np.where(self.speeds, 0.0, self.held), self.held)
-        return judge.follow(inputs, holds)
+        drivers = Drivers(judge.robot, step)
+        judge.hold(drivers.start(self.held), self.held)
+        for commands, steps in zip(inputs, holds, strict=False):
+            driven = (drivers.step(commands) for _ in range(steps))
+            *_, mark = judge.follow(driven, [1] * steps)
+            yield mark
 
 
 def compare_motion(
@@ -287,6 +298,6 @@ def compare_motion(
     inputs = [np.where(speeds, (c - held) / (trajectories.HOLD * step), c) for c in lengths]
     race = RigRace(
         model, RigTerms(model, robot, step), start, rates, trajectories.circles(model), winches,
-        held, speeds,
+        held,
     )  # fmt: skip
     return race.compare("rig", IMPLICIT, step, holds, inputs, wanted)

@@ -183,6 +183,47 @@ def rig_of(value: Any) -> Rig | None:
     raise InputError("rig", 'None, "file" or a Rig(…)', repr(value))
 
 
+class Drivers:
+    """What MuJoCo's actuators lack: a bound on a command's rate, and a commanded velocity's lag.
+
+    MuJoCo lags forces and lengths itself; its integrator has no room for a lag before it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot with its rig.
+    step : float
+        Plant step (s).
+
+    Attributes
+    ----------
+    speeds : np.ndarray of bool, (nu,)
+        Whether each command is a velocity.
+    prompt : bool
+        Whether every command passes unchanged.
+    """
+
+    def __init__(self, robot: Robot, step: float) -> None:
+        self.speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
+        self._most = np.array([a.rate for a in robot.actuators]) * step
+        self._kept = np.array([
+            math.exp(-step / a.lag) if a.lag > 0 and speed else 0.0
+            for a, speed in zip(robot.actuators, self.speeds, strict=True)
+        ])  # fmt: skip
+        self.prompt = bool(np.isinf(self._most).all() and not self._kept.any())
+
+    def start(self, held: np.ndarray) -> np.ndarray:
+        """Begin with commands (nu,) long held, of a velocity with its free length; return them."""
+        self._command = self._limited = np.where(self.speeds, 0.0, held)
+        return self._command
+
+    def step(self, asked: np.ndarray) -> np.ndarray:
+        """The commands (nu,) to MuJoCo in the next plant step."""
+        self._limited = self._limited + np.clip(asked - self._limited, -self._most, self._most)
+        self._command = self._kept * self._command + (1.0 - self._kept) * self._limited
+        return self._command
+
+
 class RiggedPlant:
     """A twin behind its rig.
 
@@ -219,15 +260,7 @@ class RiggedPlant:
         self.twin: Twin = rig.plant.twin(robot, rig=True, **options)
         self.readings = Readings(self.twin, (rig.seed, SENSOR_STREAM))
         self._winches, self._period = Winches(model, robot.actuators), period
-        self._speeds = np.array([a.command is CommandKind.VELOCITY for a in robot.actuators], bool)
-        step = self.twin.model.opt.timestep
-        self._most = np.array([a.rate for a in robot.actuators]) * step
-        # MuJoCo lags forces and lengths itself; its integrator has no room for a lag before it
-        self._kept = np.array([
-            math.exp(-step / a.lag) if speed and a.lag > 0 else 0.0
-            for a, speed in zip(robot.actuators, self._speeds, strict=True)
-        ])  # fmt: skip
-        self._plain = bool(np.isinf(self._most).all() and not self._kept.any())
+        self._drivers = Drivers(robot, self.twin.model.opt.timestep)
         self._errors = _Errors(rig, model, period) if rig.noise > 0 or rig.bias > 0 else None
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
@@ -247,8 +280,7 @@ class RiggedPlant:
         By default u is zero, or the bound nearest to it.
         """
         lengths = self._winches.commands(state, self._zero if u is None else u)
-        self.command = np.where(self._speeds, 0.0, lengths)
-        self._limited = self.command.copy()
+        self.command = self._drivers.start(lengths)
         self.twin.hold(self.command, lengths)
         self._past.clear()
         self._seen = state
@@ -272,16 +304,15 @@ class RiggedPlant:
 
     def advance(self, u: np.ndarray, steps: int) -> np.ndarray:
         """Integrate under the command for the force u (nu,); returns the last command (nu,)."""
-        asked = self._winches.commands(self._seen, u)
-        if self._speeds.any():
+        asked, drivers = self._winches.commands(self._seen, u), self._drivers
+        if drivers.speeds.any():
             change = (asked - self.twin.free_lengths) / self._period
-            asked = np.where(self._speeds, change, asked)
-        if self._plain:
+            asked = np.where(drivers.speeds, change, asked)
+        if drivers.prompt:
             self.command = asked
             self.twin.advance(asked, steps)
             return asked
         for _ in range(steps):
-            self._limited += np.clip(asked - self._limited, -self._most, self._most)
-            self.command = self._kept * self.command + (1.0 - self._kept) * self._limited
+            self.command = drivers.step(asked)
             self.twin.advance(self.command)
         return self.command

@@ -55,7 +55,11 @@ def speeds(model: SoftModel) -> SoftModel:
     return changed(model, command=CommandKind.VELOCITY, stiffness=400.0, length_upper=0.38)
 
 
-@pytest.mark.parametrize("make", [lambda m: m, speeds])
+def bounded(model: SoftModel) -> SoftModel:
+    return changed(speeds(model), rate=2.0, lag=0.01)
+
+
+@pytest.mark.parametrize("make", [lambda m: m, speeds, lambda m: changed(m, rate=3.0), bounded])
 def test_both_engines_have_the_same_rig(arm: SoftModel, make: Any) -> None:
     """Winches with lag and delay, slack, every kind of sensor, and a bound of one side only."""
     found = errors(make(arm))
@@ -75,6 +79,17 @@ def test_accelerometers_of_a_robot_with_followers(tmp_path: Path) -> None:
     found = errors(rigged.measured(softdyn.load(micro.write(tmp_path, micro.GRIPPER))))
     assert list(found) == ["tension", "sensors"]
     assert max(found.values()) < 1e-11
+
+
+def test_a_trajectory_with_a_rig_of_a_robot_with_followers(tmp_path: Path) -> None:
+    """MuJoCo's forces, activations and delays; the ties and the step are ours."""
+    gripper = softdyn.load(micro.write(tmp_path, micro.GRIPPER))
+    followed = 0
+    for seed in range(4):
+        found = errors(rigged.random_rig(gripper, seed), seed=seed)
+        followed += "rigged" in found
+        assert max(found.values()) < 1e-9
+    assert followed
 
 
 def test_random_robots_with_random_rigs(tmp_path: Path) -> None:
@@ -97,6 +112,7 @@ def test_random_robots_with_random_rigs(tmp_path: Path) -> None:
         ({"lag": 0.021}, {"rigged"}),
         ({"delay": 0.0046}, {"rigged"}),  # one step more
         ({"delay": 0.0042}, set()),  # the same steps
+        ({"rate": 1.0}, {"rigged"}),
     ],
 )
 def test_a_rig_that_differs_is_seen(arm: SoftModel, fields: Any, seen: set[str]) -> None:
