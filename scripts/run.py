@@ -41,6 +41,10 @@ sensors. --rig FILE is TOML with the fields of softdyn.validation.Rig, e.g. "lag
 "noise = 0.001" and a table [plant] with "payload = 0.05"; the file's rig has all other values. best
 and mpc know lag and delay if they stand in the robot's file or in --gains.
 
+--observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
+of the state. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
+is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
+
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
 --tolerance. If a set point is not reached, statics searches for a few seconds the nearest
@@ -83,6 +87,10 @@ parser.add_argument(
     help="with the rig of the robot's file; FILE changes it",
 )  # fmt: skip
 parser.add_argument(
+    "--observer", nargs="?", const="", metavar="WHICH",
+    help="estimate the state from the rig's sensors",
+)  # fmt: skip
+parser.add_argument(
     "--tolerance",
     type=cli.positive,
     metavar="M",
@@ -121,7 +129,11 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.controllers import Certified
 
         controller = Certified(controller)
-    shown = None
+    rig, observer, shown = make_rig(arguments.rig), None, None
+    if arguments.observer is not None:
+        from softdyn.validation.loop.observation import make_observer
+
+        observer = make_observer(model, rig, arguments.observer)
     with one_line_errors(arguments.controller, "a command"):
         loop = ClosedLoop(
             model,
@@ -131,7 +143,8 @@ def command(arguments: cli.Arguments) -> int:
             period=arguments.period,
             contacts=arguments.contacts,
             plant=plant,
-            rig=make_rig(arguments.rig),
+            rig=rig,
+            observer=observer,
             name=arguments.controller,
         )
         if arguments.view:

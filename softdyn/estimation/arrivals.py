@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.description.rig import Sensor
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.sensing import Measurement, Sensors
 
@@ -36,6 +36,8 @@ class SensorChannel:
         The known error, and the variance of the noise and of the rounding.
     rate, latency : float
         Readings per second (0: one in each step), and age (s).
+    linear : bool
+        Whether no reading bends with q: joints, and tendons with constant moment arms.
     last : int
         The number of the last sample that has arrived.
     """
@@ -46,6 +48,7 @@ class SensorChannel:
     variance: np.ndarray
     rate: float
     latency: float
+    linear: bool
     last: int = -1
 
     def own_time(self, t: float) -> float:
@@ -129,5 +132,12 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
         )  # fmt: skip
         variance = np.maximum(noise**2 + resolution**2 / 12, LEAST**2)
         reader = Sensors(model, tuple(sensors[k] for k in members))
-        found.append(SensorChannel(reader, np.concatenate(numbers), bias, variance, rate, latency))
+        straight = {tendon.name for tendon in model.robot.tendons if not tendon.sites}
+        linear = all(
+            sensors[k].kind is SensorKind.JOINT
+            or (sensors[k].kind is SensorKind.LENGTH and sensors[k].tendon in straight)
+            for k in members
+        )
+        rows = np.concatenate(numbers)
+        found.append(SensorChannel(reader, rows, bias, variance, rate, latency, linear))
     return found

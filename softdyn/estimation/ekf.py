@@ -263,10 +263,12 @@ class Ekf:
         """The readings that the estimate predicts now."""
         n = self.model.nv
         predicted = channel.sensors.measure(state, self._inputs)
-        shift, variance = second_order(
-            channel.sensors, (self.model, self._q, self._v, self._inputs), predicted,
-            self._P[: 2 * n, : 2 * n], channel.variance,
-        )  # fmt: skip
+        shift, variance = np.zeros(len(predicted)), channel.variance
+        if not channel.linear:
+            shift, variance = second_order(
+                channel.sensors, (self.model, self._q, self._v, self._inputs), predicted,
+                self._P[: 2 * n, : 2 * n], channel.variance,
+            )  # fmt: skip
         return LateReading(channel, time, predicted, np.zeros(len(shift)), shift, variance)
 
     # -- correction ----------------------------------------------------------------------------

@@ -44,13 +44,13 @@ class EkfParameters:
     """
 
     spread: float = 0.1
-    process: float = 0.15
+    process: float = 0.4
     memory: float = 3.0
     tip_force: float = 1.0
     payload: float = 0.05
     stiffness: float = 0.2
     joint_offsets: float = 0.05
-    longest: float = 0.005
+    longest: float = 0.01
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -17,16 +17,10 @@ from softdyn.estimation import Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import update
 from tests.support.micro import FLOATING, write
+from tests.support.sensed import sensors
 
 PERIOD = 0.005
 LATE, RATE = 0.013, 125.0  # of the camera; its samples are between the steps
-
-
-def sensors(model, **camera):
-    """The length of each driven tendon, and the tip from a camera."""
-    names = dict.fromkeys(actuator.tendon for actuator in model.robot.actuators)
-    lengths = [Sensor(name, KIND.LENGTH, tendon=name, noise=(5e-4,)) for name in names]
-    return *lengths, Sensor("camera", KIND.POSITION, link=model.robot.task, noise=(1e-3,), **camera)
 
 
 class Reference:

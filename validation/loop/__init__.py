@@ -4,6 +4,7 @@
 - `closed_loop`: `ClosedLoop`, which can be stepped
 - `arguments`: checks of a loop's arguments; the user's own plant
 - `experiment`: a loop's task: its reference, duration and control period
+- `observation`: an observer between the sensors and the controller
 - `time_grid`: the division of a run into control periods and plant steps
 - `record`: a log's arrays while the loop fills them, the controller's counts, versions
 - `verdict`: early ends of a run, failures, whether the run reached its reference

@@ -17,6 +17,7 @@ from softdyn.checks import array
 from softdyn.controllers.controller import guard_of
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
+from softdyn.estimation import Observer
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
@@ -37,6 +38,7 @@ from softdyn.validation.loop.experiment import (
 )
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.logged_robot import LoggedRobot
+from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder, package_versions
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
@@ -128,6 +130,10 @@ class ClosedLoop:
     rig : Rig or str, optional
         The rig between controller and plant: None for an ideal one, ``"file"`` for that of the
         robot's file, or a `Rig`.
+    observer : Observer, optional
+        It estimates the state that the controller gets, from the rig's sensors: an
+        `softdyn.estimation.Ekf`, or an object of your own with ``step(t, measurements, u)``. The
+        State has the estimate's `covariance` (2 nv, 2 nv), if there is one.
     name : str, optional
         Name of the controller in the log; its `name` or its class by default.
 
@@ -175,6 +181,7 @@ class ClosedLoop:
         twin: Callable[..., Twin] = Twin,
         plant: str | Path | MappedPlant | None = None,
         rig: Rig | str | None = None,
+        observer: Observer | None = None,
         name: str | None = None,
     ) -> None:
         self.model, self.controller = check_model(model), controller
@@ -234,6 +241,7 @@ class ClosedLoop:
         if self._rig is not None:
             self._record.rig(len(self._rig.readings.names))
             self._rig.start(model.state(q, v))
+        self._observe = None if observer is None else Observation(observer, model, self._rig)
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
@@ -268,6 +276,8 @@ class ClosedLoop:
             initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, k))
             self._end(verdict.not_converged(initial, final) if self.aims else None, complete=True)
             return None
+        if self._observe is not None:
+            spent = self._observe.nanoseconds
         began = perf_counter_ns()
         output = controller(seen, target)
         spent += perf_counter_ns() - began
@@ -364,8 +374,12 @@ class ClosedLoop:
     def _see(self, k: int, state: State) -> State:
         """The state that the controller sees; record it, the acting inputs and the readings."""
         assert self._rig is not None
-        seen = self._rig.see(state)
         acting, measured = self._rig.sample()
+        if self._observe is None:
+            seen = self._rig.see(state)
+        else:
+            t = float(self._record.t[k])
+            seen = self._rig.show(self._observe(t, measured, self._rig.sent))
         self._record.rigged(k, acting=acting, measured=measured)
         if k < self.grid.steps:
             self._record.rigged(k, q_seen=seen.q, v_seen=seen.v)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from softdyn import SoftModel
+from softdyn.estimation import Observer
 from softdyn.validation.loop.arguments import ReferenceLike
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller, OnStep
 from softdyn.validation.loop.log import Log
@@ -32,6 +33,7 @@ def simulate(
     twin: Callable[..., Twin] = Twin,
     plant: str | Path | MappedPlant | None = None,
     rig: Rig | str | None = None,
+    observer: Observer | None = None,
     name: str | None = None,
     progress: bool = False,
     on_step: OnStep | None = None,
@@ -58,6 +60,8 @@ def simulate(
         A user's MJCF file, or its `Scene`, which replaces the twin.
     rig : Rig or str, optional
         None for an ideal rig, ``"file"`` for that of the robot's file, or a `Rig`.
+    observer : Observer, optional
+        It estimates the controller's states from the rig's sensors, e.g. `softdyn.estimation.Ekf`.
     name : str, optional
         Name of the controller in the log; its `name` or its class by default.
     progress : bool
@@ -80,6 +84,6 @@ def simulate(
         loop = ClosedLoop(
             model, controller, reference, duration=duration, period=period, timestep=timestep,
             q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, plant=plant,
-            rig=rig, name=name,
+            rig=rig, observer=observer, name=name,
         )  # fmt: skip
         return loop.run(progress=progress, on_step=on_step)

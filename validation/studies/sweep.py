@@ -96,6 +96,8 @@ def parameter(case: Case, name: str) -> Any:
         value = getattr(case if key in TIMES else case.plant, key)
         by_joint = isinstance(value, Mapping)
         return value.get(joint or EACH, value.get(EACH, 1.0)) if by_joint else value
+    if name == "rig.observer":
+        return case.observer
     if group == "rig":
         value = getattr(case.rig or IDEAL, key)
         return getattr(value, "value", value)
@@ -296,7 +298,8 @@ class Sweep:
                 others = groups[group].get(key, 1.0)
                 value = (others if isinstance(others, dict) else {EACH: others}) | {joint: value}
             groups[group][key] = value
-        plant, model = groups["plant"], self.models[robot]
+        plant, rig, model = groups["plant"], dict(groups["rig"]), self.models[robot]
+        observer = rig.pop("observer", None)
         times = {name: plant.pop(name) for name in TIMES if name in plant}
         case = Case(
             robot, controller, kind, target,
@@ -306,7 +309,8 @@ class Sweep:
             ),
             period=times.get("period"),
             plant=PlantErrors(**plant),
-            rig=Rig(**{"file": False, **groups["rig"]}) if groups["rig"] else None,
+            rig=Rig(**{"file": observer is not None, **rig}) if groups["rig"] else None,
+            observer=observer,
             annotations=self.annotations.get(robot),
             sample=sample,
             **groups[""],

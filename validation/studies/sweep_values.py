@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, UrdfError
-from softdyn.checks import number
+from softdyn.checks import instance, number
 from softdyn.controllers import Gains
 from softdyn.description.rig import LONGEST_DELAY, CommandKind
 
@@ -104,6 +104,11 @@ def command(key: str, value: Any) -> str:
     return str(value)
 
 
+def words(key: str, value: Any) -> str:
+    """Names of the observer's disturbances, separated by commas, or FILE.py:CLASS."""
+    return instance(key, value, str, "a text")
+
+
 # group → its parameters and their checks; those of [gains] depend on the controllers
 GROUPS: dict[str, dict[str, Check]] = {
     "plant": {
@@ -116,7 +121,7 @@ GROUPS: dict[str, dict[str, Check]] = {
     "rig": {
         "file": flag, "command": command, "stiffness": positive, "damping": not_negative,
         "lag": not_negative, "rate": positive, "delay": delay, "latency": delay,
-        "noise": not_negative, "bias": not_negative,
+        "noise": not_negative, "bias": not_negative, "observer": words,
     },
 }  # fmt: skip
 

@@ -250,6 +250,10 @@ class RiggedPlant:
         Its sensors.
     command : np.ndarray, (nu,)
         The last command, in the file's units.
+    sent : np.ndarray, (nu,)
+        The command before the bound on its rate, and before a winch's lag of its velocity.
+    alters_states : bool
+        Whether the controller's q and q̇ are late, noisy or biased.
     """
 
     def __init__(self, rig: Rig, model: SoftModel, period: float, **options: Any) -> None:
@@ -262,6 +266,7 @@ class RiggedPlant:
         self._winches, self._period = Winches(model, robot.actuators), period
         self._drivers = Drivers(robot, self.twin.model.opt.timestep)
         self._errors = _Errors(rig, model, period) if rig.noise > 0 or rig.bias > 0 else None
+        self.alters_states = self._errors is not None or rig.latency > 0
         self._past: deque[State] = deque(maxlen=round(rig.latency / period) + 1)
         self._zero = np.clip(0.0, model.u_min, model.u_max)
 
@@ -280,10 +285,15 @@ class RiggedPlant:
         By default u is zero, or the bound nearest to it.
         """
         lengths = self._winches.commands(state, self._zero if u is None else u)
-        self.command = self._drivers.start(lengths)
+        self.command = self.sent = self._drivers.start(lengths)
         self.twin.hold(self.command, lengths)
         self._past.clear()
         self._seen = state
+
+    def show(self, estimate: State) -> State:
+        """The state that the controller sees is this estimate."""
+        self._seen = estimate
+        return estimate
 
     def see(self, state: State) -> State:
         """The state that the controller sees instead of `state`."""
@@ -308,6 +318,7 @@ class RiggedPlant:
         if drivers.speeds.any():
             change = (asked - self.twin.free_lengths) / self._period
             asked = np.where(drivers.speeds, change, asked)
+        self.sent = asked
         if drivers.prompt:
             self.command = asked
             self.twin.advance(asked, steps)

@@ -17,6 +17,7 @@ from softdyn.validation.files import safe_filename
 from softdyn.validation.loop.experiment import Experiment
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.metrics import input_change
+from softdyn.validation.loop.observation import make_observer
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.studies import experiments
@@ -51,6 +52,9 @@ class Case:
         Differences between plant and model.
     rig : Rig, optional
         The rig between controller and plant; its plant is that of this case.
+    observer : str, optional
+        The observer of the states that the controller gets, in the words of
+        `softdyn.validation.loop.observation.make_observer`.
     ellipse_scale : float
         Factor on both semi-axes of the paper's ellipse, about its centre.
     nudge : float
@@ -82,6 +86,7 @@ class Case:
     timestep: float | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     rig: Rig | None = None
+    observer: str | None = None
     ellipse_scale: float = 1.0
     nudge: float = 0.0
     draw: tuple[int, int] | None = None
@@ -138,6 +143,8 @@ def run(case: Case, model: SoftModel, make: Callable[[], Any]) -> Log:
     step, options = case.timestep, case.plant.options()
     if case.rig is not None:
         options = {"rig": replace(case.rig, plant=case.plant)}
+        if case.observer is not None:
+            options["observer"] = make_observer(model, options["rig"], case.observer)
     with one_line_errors(case.controller, "a command"):
         return simulate(
             model,

@@ -1,0 +1,120 @@
+"""Observers in the closed loop: the controller gets estimates only."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SetPoint
+from softdyn.controllers import best
+from softdyn.description.urdf_writer import write
+from softdyn.estimation import Ekf
+from softdyn.validation import Log, Rig, paper, simulate
+from tests.support.command import command as run
+from tests.support.sensed import sensed
+
+CAMERA = {"rate": 60.0, "latency": 0.03}
+
+
+def test_best_reaches_its_target_on_estimates_alone(tmp_path):
+    """From a wrong start of 0.2 rad; the log has true, measured and estimated states."""
+    model, seen = sensed("finger", **CAMERA), []
+    controller = best(model)
+
+    def law(state, reference):
+        seen.append(state)
+        return controller(state, reference)
+
+    law.reset = controller.reset
+    observer = Ekf(model, start=(np.full(4, 0.2), np.zeros(4)))
+    goal = paper.set_point("finger", theta=0.5)
+    log = simulate(model, law, goal, duration=2.0, rig="file", observer=observer)
+    assert 1e-2 * log.final_error_cm < 1e-3
+    assert seen[0].covariance.shape == (8, 8)
+    assert np.array_equal(log.q_seen[7], seen[7].q)
+    tips = np.array([model.state(q, np.zeros(4)).y for q in log.q_seen])
+    away = np.linalg.norm(tips - log.y[:-1], axis=1)
+    assert away[200:].max() < 1.5e-3
+    assert np.abs(log.q_seen - log.q[:-1])[200:].max() < 0.02
+    assert log.sensor_names[-3:] == ("camera.x", "camera.y", "camera.z")
+    assert np.abs(log.measured[7:, -3:] - log.y[7:]).max() > 1e-3  # late and noisy
+    log.save(tmp_path / "log.npz")
+    assert np.array_equal(Log.load(tmp_path / "log.npz").q_seen, log.q_seen)
+    assert observer.counts.restarts == 0
+
+
+def test_winches_lag_and_delay_are_in_the_filter():
+    """Behind winches with lag and delay the prediction alone follows the plant."""
+    model = sensed("spirob", **CAMERA)
+    rig = Rig(command="length", stiffness=5000.0, damping=5.0, lag=0.02, delay=0.004)
+    rigged = softdyn.build(rig.robot(model.robot), model.bundled)
+
+    def law(state, reference):
+        calls.append(1)
+        return np.array([1.0, 0.2, 0.0] if len(calls) % 100 < 50 else [0.1, 0.8, 0.3])
+
+    calls, observer = [], Ekf(rigged)
+    log = simulate(
+        model, law, SetPoint(np.array([0.0, 0.0, -0.5])), duration=0.6, rig=rig, observer=observer
+    )
+    tips = np.array([model.state(q, np.zeros(27)).y for q in log.q_seen])
+    assert np.linalg.norm(tips - log.y[:-1], axis=1)[50:].max() < 3e-3
+    assert np.ptp(log.y, axis=0).max() > 0.02
+
+
+def test_a_class_of_ones_own():
+    """It needs step(t, measurements, u) and gets the last commands; reset is optional."""
+    model, calls = sensed("finger"), []
+
+    class Last:
+        def step(self, t, measurements, u):
+            calls.append((t, len(measurements), u.copy()))
+            return SimpleNamespace(q=np.full(4, 0.1), v=np.zeros(4))
+
+    push = np.array([0.3, -0.1])
+    log = simulate(
+        model, lambda state, _: push * state.q[0], SetPoint(np.zeros(3)), duration=0.01,
+        period=0.005, rig="file", observer=Last(),
+    )  # fmt: skip
+    assert np.array_equal(log.q_seen, np.full((2, 4), 0.1))
+    assert [call[:2] for call in calls] == [(0.0, 5), (0.005, 5), (0.01, 5)]
+    assert np.array_equal(calls[0][2], np.zeros(2))
+    assert np.allclose(calls[1][2], 0.1 * push)
+
+
+def test_refusals():
+    model = sensed("finger")
+    bare, ekf = softdyn.load("finger"), Ekf(model)
+    goal, law = SetPoint(np.zeros(3)), lambda state, _: np.zeros(2)
+    other = SimpleNamespace(step=lambda *_: SimpleNamespace(q=np.full(4, np.nan), v=np.zeros(4)))
+    for which, rig, observer, said in (
+        (model, None, ekf, "a rig with sensors"),
+        (bare, "file", ekf, "a rig with sensors"),
+        (model, Rig(noise=0.001), ekf, "alters readings alone"),
+        (model, "file", Ekf, "an object with step"),
+        (model, "file", 3, "an object with step"),
+        (model, "file", Ekf(model, model.robot.sensors[:2]), "one for 5 readings"),
+        (model, "file", other, "the observer's estimate"),
+    ):
+        with pytest.raises(InputError, match=said):
+            simulate(which, law, goal, duration=0.01, rig=rig, observer=observer)
+
+
+def test_the_command(tmp_path):
+    """`run --rig --observer` with a disturbance, an own class, and a wrong word."""
+    file = tmp_path / "finger.urdf"
+    file.write_text(write(sensed("finger").robot), encoding="utf-8")
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from softdyn.estimation import Ekf\n"
+        "class Mine(Ekf):\n    def __init__(self, model):\n        super().__init__(model)\n"
+    )
+    begin = ["run", str(file), "best", "--target", "0.15", "0", "-0.12", "--duration", "0.1"]
+    for word, code in (("tip_force", 0), (f"{own}:Mine", 0), ("wind", 2)):
+        done = run(*begin, "--rig", "--observer", word, "--no-verdict")
+        assert done.code == code, done.err
+    assert "tip_force or payload" in done.err
+    assert run(*begin, "--observer").code == 2
