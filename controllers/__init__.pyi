@@ -1,6 +1,6 @@
 from .allocation import allocate
 from .clf_qp import ClfQp
-from .controller import Command, Controller, InputGuard, Status
+from .controller import Command, Controller, InputGuard, Status, TaskCondition, TaskReport
 from .gains import Gains
 from .id_clf_qp import IdClfQp
 from .impedance import Impedance, UnderactuatedImpedance
@@ -35,6 +35,8 @@ __all__ = [
     "Stage",
     "Staged",
     "Status",
+    "TaskCondition",
+    "TaskReport",
     "UnderactuatedImpedance",
     "allocate",
     "best",

@@ -10,11 +10,13 @@ from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard, Status
 from softdyn.controllers.gains import Gains, resolve
-from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.law import InputRule, TaskLaw
 from softdyn.controllers.qps.least_norm import bounded_least_norm
+from softdyn.controllers.qps.level_qp import LevelQp
 from softdyn.controllers.qps.linear_algebra import cholesky, dot, inner, lq, put, row_space
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp
-from softdyn.controllers.qps.stacked_error import TaskRows, task_error
+from softdyn.controllers.qps.stacked_error import TaskRows, several_levels, task_error
+from softdyn.controllers.qps.task_qp import Condensed
 from softdyn.tasks.task import Task
 
 
@@ -47,7 +49,23 @@ class ClfQp(TaskLaw):
     ) -> None:
         gains = resolve(model, self.name, gains)
         error = task_error(model, gains, tasks)
-        super().__init__(model, gains, Linearisation(model, gains), error)
+        rule: InputRule = Linearisation(model, gains)
+        if several_levels(error):
+            rule = LevelQp(model, gains, LeastInput(model.nu), decrease=True, apart=True)
+        super().__init__(model, gains, rule, error)
+
+
+class LeastInput:
+    """‖u‖² alone, with μ as a function of u: the lowest level if tasks have several."""
+
+    def __init__(self, nu: int) -> None:
+        self.size = nu
+
+    def condense(self, state: State, M: np.ndarray, h: np.ndarray, tip: TaskRows) -> Condensed:
+        """The objective at this state, and μ = J M⁻¹(B u - h) + J̇ q̇ - ÿ_ref."""
+        mobility = np.linalg.solve(M, tip.J.T).T
+        mu_0 = tip.Jdot @ state.v - tip.yddot - mobility @ h
+        return Condensed(np.eye(self.size), np.zeros(self.size), mobility @ state.B, mu_0)
 
 
 class Linearisation:

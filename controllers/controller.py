@@ -26,6 +26,39 @@ class Status(Enum):
     NON_FINITE = "non-finite"
 
 
+class TaskCondition(Enum):
+    """How far a command meets a task; the rank rule and a residual decide."""
+
+    MET = "met"
+    TRADED = "traded"  # against tasks of its level, or against the regulariser of the last one
+    REDUNDANT = "redundant"  # other tasks determine rows of it, and agree with it
+    CONFLICTING = "conflicting"  # other tasks determine rows of it, and disagree
+    UNREACHABLE = "unreachable"  # by inputs within their bounds
+
+
+@dataclass(frozen=True, slots=True)
+class TaskReport:
+    """What a command does for one of several tasks.
+
+    Attributes
+    ----------
+    name, level : str, int
+        The task.
+    condition : TaskCondition
+        How far the command meets it.
+    independent : int
+        Number of its rows that neither higher levels nor earlier tasks of its own determine.
+    shortfall : float
+        ‖μ - μ_ref‖ of its rows (m/s² or rad/s²), in the accelerations that the controller assumes.
+    """
+
+    name: str
+    level: int
+    condition: TaskCondition
+    independent: int
+    shortfall: float
+
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """The output of a controller.
@@ -43,6 +76,8 @@ class Command:
     distance : float
         From the reference to the tip of the equilibrium that the controller goes to (m), if the
         controller has one. It is large for a set point out of reach.
+    tasks : tuple of TaskReport
+        For tasks in several levels, a report of each.
     """
 
     u: np.ndarray
@@ -50,6 +85,7 @@ class Command:
     delta: float = float("nan")
     status: Status = Status.OK
     distance: float = float("nan")
+    tasks: tuple[TaskReport, ...] = ()
 
 
 class Controller(Protocol):

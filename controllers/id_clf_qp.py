@@ -10,6 +10,7 @@ from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.linear_algebra import (
     add_squares,
     cholesky,
@@ -20,7 +21,7 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute_back,
 )
 from softdyn.controllers.qps.stacked_error import TaskRows, task_error
-from softdyn.controllers.qps.task_qp import Condensed, TaskQp
+from softdyn.controllers.qps.task_qp import Condensed
 from softdyn.tasks.task import Task
 
 
@@ -55,8 +56,14 @@ class IdClfQp(TaskLaw):
     ) -> None:
         gains = resolve(model, self.name, gains)
         error = task_error(model, gains, tasks)
-        objective = HardInverseDynamics(gains, model.nu, error.rows)
-        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=True), error)
+        qp = make_qp(
+            model,
+            gains,
+            lambda gains: HardInverseDynamics(gains, model.nu, error.rows),
+            error,
+            decrease=True,
+        )
+        super().__init__(model, gains, qp, error)
 
 
 class HardInverseDynamics:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softdyn import SoftModel, State
+from softdyn import InputError, SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.controller import Command, InputGuard
 from softdyn.controllers.gains import Gains, resolve
@@ -25,7 +25,7 @@ from softdyn.controllers.qps.linear_algebra import (
     substitute,
 )
 from softdyn.controllers.qps.qp import DenseQp
-from softdyn.controllers.qps.stacked_error import TaskRows, task_error
+from softdyn.controllers.qps.stacked_error import TaskRows, several_levels, task_error
 from softdyn.tasks.task import Task
 
 
@@ -119,6 +119,19 @@ class ImpedanceLaw:
         return guard.accept(u, tip.V, np.nan, clamped=True)
 
 
+def one_level(error: TaskRows) -> TaskRows:
+    """Refuse tasks of several levels: a clamped input keeps none of them.
+
+    Raises
+    ------
+    InputError
+        For several levels.
+    """
+    if several_levels(error):
+        raise InputError("tasks", "one level, in a closed form; ic-qp keeps levels", "several")
+    return error
+
+
 class Impedance(TaskLaw):
     """Paper, "Impedance Control": u = clamp(B⁺(Jᵀ f + D q̇ + K + g)), eq. (IC).
 
@@ -147,7 +160,7 @@ class Impedance(TaskLaw):
         tasks: Sequence[Task] | None = None,
     ) -> None:
         gains = resolve(model, self.name, gains)
-        error = task_error(model, gains, tasks)
+        error = one_level(task_error(model, gains, tasks))
         super().__init__(model, gains, ImpedanceLaw(project=False), error)
 
 
@@ -181,7 +194,7 @@ class UnderactuatedImpedance(TaskLaw):
         tasks: Sequence[Task] | None = None,
     ) -> None:
         gains = resolve(model, self.name, gains)
-        error = task_error(model, gains, tasks)
+        error = one_level(task_error(model, gains, tasks))
         super().__init__(model, gains, ImpedanceLaw(project=True), error)
 
 

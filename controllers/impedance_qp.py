@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from softdyn import SoftModel
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
+from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
 from softdyn.controllers.qps.stacked_error import task_error
-from softdyn.controllers.qps.task_qp import TaskQp
 from softdyn.tasks.task import Task
 
 
@@ -42,5 +42,11 @@ class ImpedanceQp(TaskLaw):
     ) -> None:
         gains = resolve(model, self.name, gains)
         error = task_error(model, gains, tasks)
-        objective = SoftInverseDynamics(gains, model.nu, rows=error.rows)
-        super().__init__(model, gains, TaskQp(model, gains, objective, decrease=False), error)
+        qp = make_qp(
+            model,
+            gains,
+            lambda gains: SoftInverseDynamics(gains, model.nu, rows=error.rows),
+            error,
+            decrease=False,
+        )
+        super().__init__(model, gains, qp, error)

@@ -12,9 +12,9 @@ from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.gains import Gains, resolve
 from softdyn.controllers.law import TaskLaw
 from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.level_qp import make_qp
 from softdyn.controllers.qps.soft_inverse_dynamics import SoftInverseDynamics
 from softdyn.controllers.qps.stacked_error import task_error
-from softdyn.controllers.qps.task_qp import TaskQp
 from softdyn.tasks.task import Task
 
 
@@ -68,11 +68,11 @@ class SoftIdClfQp(TaskLaw):
         self.u_ref = array("u_ref", given, (model.nu,))
         self.barrier_rows = BarrierRows(model, barriers, self.horizon) if barriers else None
         error = task_error(model, gains, tasks)
-        objective = SoftInverseDynamics(gains, model.nu, self.u_ref, error.rows)
-        qp = TaskQp(
+        qp = make_qp(
             model,
             gains,
-            objective,
+            lambda gains: SoftInverseDynamics(gains, model.nu, self.u_ref, error.rows),
+            error,
             decrease=True,
             horizon=Horizon(model, self.horizon),
             barriers=self.barrier_rows,

@@ -15,6 +15,7 @@ from softdyn import InputError, Reference, SetPoint, State
 from softdyn.controllers.controller import SILENT, Command
 from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
+from softdyn.controllers.qps.stacked_error import StackedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +69,17 @@ class Certified:
             qdd = np.linalg.solve(state.M, state.B @ command.u - state.h)
         except np.linalg.LinAlgError:
             qdd = np.full(len(state.v), np.nan)
-        mu = state.J @ qdd + state.Jdot @ state.v - reference.yddot
-        eta = np.concatenate((state.y - reference.y, state.ydot - reference.ydot))
         clf = self._clf[getattr(self.law, "stage", self.law).gains.eps]
-        V, row, bound = clf.decrease(eta)
+        error = getattr(self.law, "error", None)
+        if isinstance(error, StackedError):
+            mu, V = error.J @ qdd - error.yddot, error.V
+            row, bound = error.row, float(error.bound.sum())
+        else:
+            mu = state.J @ qdd + state.Jdot @ state.v - reference.yddot
+            eta = np.concatenate((state.y - reference.y, state.ydot - reference.ydot))
+            V, row, bound = clf.decrease(eta)
         excess = float(row @ mu) - bound
         return CertifiedCommand(
-            command.u, command.V, command.delta, command.status, command.distance,
+            command.u, command.V, command.delta, command.status, command.distance, command.tasks,
             excess - V / clf.eps, max(excess, 0.0),
         )  # fmt: skip

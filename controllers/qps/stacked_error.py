@@ -78,6 +78,8 @@ class StackedError:
         The rows of each task.
     levels : tuple of slice
         The rows of each level.
+    roots : ndarray, (r,)
+        Roots of the weights.
 
     Raises
     ------
@@ -100,7 +102,7 @@ class StackedError:
         weights = [
             np.broadcast_to(task.weight, size) for task, size in zip(self.tasks, sizes, strict=True)
         ]
-        self._root = np.sqrt(np.concatenate(weights))
+        self.roots = np.sqrt(np.concatenate(weights))
         Kp = [gains.Kp if task.Kp is None else task.Kp for task in self.tasks]
         self._Kp = np.repeat(np.array(Kp, float), sizes)
         clf = make_clf(gains.eps)
@@ -144,10 +146,15 @@ class StackedError:
                 raise InputError(f"task {task.name!r}", expected, shapes)
             values[0, part], values[1, part], jacobian[part], values[2, part] = found
         _stack(
-            values, jacobian, state.v, self._root, self._Kp, self._levels, *self._numbers,
+            values, jacobian, state.v, self.roots, self._Kp, self._levels, *self._numbers,
             *self._filled,
         )  # fmt: skip
         self.V = float(self._filled[2][1].sum())
+
+
+def several_levels(error: TaskRows) -> bool:
+    """Whether the tasks have more than one level."""
+    return isinstance(error, StackedError) and len(error.levels) > 1
 
 
 def rows_of(task: Task, model: SoftModel) -> int:
