@@ -8,7 +8,7 @@ import sys
 from softdyn.commands import cli
 
 PROGRAMS = (
-    "fuzz", "robots", "pairs", "planted", "textbook", "closed_forms", "peer",
+    "fuzz", "robots", "pairs", "planted", "textbook", "closed_forms", "peer", "field",
     "compare_steps", "scaling", "twins", "tables", "pictures",
 )  # fmt: skip
 
