@@ -5,7 +5,7 @@
 - `urdf`: parses an annotated URDF: links, joints, checks of the whole;
 - `urdf_writer`: writes a robot as URDF text, the inverse of the parse;
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block
-  with armatures, tendons, actuators and the task frame, overlays;
+  with armatures, tendons, actuators and tasks (`stated_task`), overlays;
 - `unknown_names`: misspelt and misplaced elements;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
 - `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;

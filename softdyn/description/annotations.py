@@ -29,6 +29,7 @@ from softdyn.description.robot import (
     Tendon,
     poses,
 )
+from softdyn.description.stated_task import StatedTask, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
@@ -44,7 +45,7 @@ class AnnotationBlock:
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
-    task: str | None = None
+    tasks: tuple[StatedTask, ...] = ()
 
 
 def read_block(
@@ -70,7 +71,7 @@ def read_block(
         tuple(tendons.values()),
         tuple(actuators.values()),
         tuple(sensors.values()),
-        _task(block, links),
+        read_tasks(block, links, A_LINK),
     )
 
 
@@ -176,14 +177,6 @@ def _term(element: Element, joints: dict[str, Joint]) -> JointTerm:
 def _site(element: Element, links: dict[str, Link]) -> Site:
     element.allow("link", "xyz")
     return Site(element.one_of("link", links, A_LINK), element.vector("xyz"))
-
-
-def _task(block: Element, links: dict[str, Link]) -> str | None:
-    task = block.child("task")
-    if task is None:
-        return None
-    task.allow("frame")
-    return task.one_of("frame", links, A_LINK)
 
 
 def check_paths(block: Element, robot: Robot) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from softdyn.checks import read_only
 from softdyn.description.inertia import IDENTITY, ZERO, Inertia, Origin, Vector, symmetric
 from softdyn.description.rig import Actuator, Sensor
+from softdyn.description.stated_task import StatedTask
 
 MOVING = ("revolute", "continuous", "prismatic")
 MOST_FRICTION = 10.0  # a larger coefficient of a cable leaves no pull behind a guide
@@ -159,7 +160,9 @@ class Robot:
     links, joints, tendons, actuators, sensors : tuple
         In the file's order.
     task : str
-        The link whose origin is the tip.
+        The link whose origin is the tip: the frame of the first task.
+    tasks : tuple of StatedTask
+        The file's tasks, in its order; empty if it states the tip's position alone.
     others : tuple of str
         The other elements as XML, in the file's order: materials, other tools' elements, and
         ``<gazebo>`` without its spring.
@@ -193,6 +196,7 @@ class Robot:
     others: tuple[str, ...] = ()
     floating: bool = False
     sensors: tuple[Sensor, ...] = ()
+    tasks: tuple[StatedTask, ...] = ()
     comment: str = field(default="", compare=False)
     path: Path = field(default=Path(), compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
@@ -246,6 +250,8 @@ class Robot:
         rubbing = [(t.name, t.friction, t.driven) for t in self.tendons if t.friction]
         if rubbing:
             parts += (rubbing,)
+        if self.tasks:
+            parts += (self.tasks,)
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
     @property

@@ -16,6 +16,7 @@ from softdyn.description.annotations import BLOCK, VERSION
 from softdyn.description.inertia import MOMENTS
 from softdyn.description.rig import Actuator, Sensor
 from softdyn.description.robot import Joint, Link, Origin, Robot
+from softdyn.description.stated_task import StatedTask
 
 
 def write(robot: Robot) -> str:
@@ -111,7 +112,7 @@ def _joint(joint: Joint) -> list[str]:
 
 
 def _block(robot: Robot) -> list[str]:
-    """The ``<softdyn>`` block: armatures, tendons, the rig, the task frame."""
+    """The ``<softdyn>`` block: armatures, tendons, the rig, the tasks."""
     lines = [tag("joint", name=j.name, armature=j.armature) for j in robot.joints if j.armature]
     for tendon in robot.tendons:
         path = [tag("joint", name=term.joint, coef=term.coef) for term in tendon.terms]
@@ -123,9 +124,25 @@ def _block(robot: Robot) -> list[str]:
         lines += _nested("tendon", path, name=tendon.name, **springs, **rest, **rubs)
     lines += [tag("actuator", **_stated(actuator)) for actuator in robot.actuators]
     lines += [tag("sensor", **_stated(sensor)) for sensor in robot.sensors]
-    if robot.task:
+    if robot.tasks:
+        lines += [tag("task", **_task(task)) for task in robot.tasks]
+    elif robot.task:
         lines.append(tag("task", frame=robot.task))
     return _nested(BLOCK, lines, version=VERSION)
+
+
+def _task(task: StatedTask) -> dict[str, object]:
+    """The attributes of a task; those with a default only if they have another value."""
+    usual = StatedTask(task.frame, task.name)
+    rest = {
+        name: getattr(task, name) if getattr(task, name) != getattr(usual, name) else None
+        for name in ("weight", "Kp", "level")
+    }
+    return {
+        "name": task.name, "frame": task.frame, "kind": task.kind.value,
+        "axes": " ".join(task.axes) or None,
+        "direction": task.direction if any(task.direction) else None, **rest,
+    }  # fmt: skip
 
 
 def _stated(part: Actuator | Sensor) -> dict[str, object]:

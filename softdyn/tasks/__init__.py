@@ -12,7 +12,14 @@
 - `rotations`: errors of angles and their derivatives.
 """
 
-from softdyn.tasks.frames import AxisTask, FrameTask, OrientationTask, PointTask, PoseTask
+from softdyn.tasks.frames import (
+    AxisTask,
+    FrameTask,
+    OrientationTask,
+    PointTask,
+    PoseTask,
+    tasks_of,
+)
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 from softdyn.tasks.shape import JointTask, ShapeTask, StrainTask
 from softdyn.tasks.targets import (
@@ -29,5 +36,5 @@ from softdyn.tasks.task import Task, TaskError
 __all__ = [
     "AxisTask", "FrameTask", "JointTask", "LinkKinematics", "LinkMotion", "OrientationTask",
     "PointTask", "PoseTask", "Poses", "References", "ShapeTask", "StackedReference", "StrainTask",
-    "Target", "Task", "TaskError", "Turns", "Waypoints", "recorded_paths",
+    "Target", "Task", "TaskError", "Turns", "Waypoints", "recorded_paths", "tasks_of",
 ]  # fmt: skip

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array
-from softdyn.dynamics.model import State
+from softdyn.description.stated_task import TaskKind
+from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 from softdyn.tasks.rotations import SERIES, axis_terms, orientation_terms, pose_terms
@@ -181,3 +182,26 @@ class AxisTask(FrameTask):
 def _empty(rows: int, state: State) -> TaskError:
     values = np.empty((3, rows))
     return TaskError(values[0], values[1], np.empty((rows, len(state.v))), values[2])
+
+
+def tasks_of(model: SoftModel) -> list[Task]:
+    """The tasks that the robot's file states; the position of the tip if it states none."""
+    found: list[Task] = []
+    for stated in model.robot.tasks:
+        axes = [stated.kind.rows.index(axis) for axis in stated.axes] or None
+        common: dict[str, Any] = {
+            "name": stated.name, "weight": stated.weight, "Kp": stated.Kp, "level": stated.level,
+            "axes": axes,
+        }  # fmt: skip
+        if stated.kind is TaskKind.AXIS:
+            found.append(AxisTask(stated.frame, stated.direction, **common))
+        else:
+            found.append(OF_KIND[stated.kind](stated.frame, **common))
+    return found or [PointTask(model.robot.task)]
+
+
+OF_KIND: dict[TaskKind, type[PointTask | OrientationTask | PoseTask]] = {
+    TaskKind.POSITION: PointTask,
+    TaskKind.ORIENTATION: OrientationTask,
+    TaskKind.POSE: PoseTask,
+}
