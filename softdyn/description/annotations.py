@@ -29,7 +29,7 @@ from softdyn.description.robot import (
     Tendon,
     poses,
 )
-from softdyn.description.stated_task import StatedTask, read_tasks
+from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
 from softdyn.description.strict_xml import Element
 
 BLOCK, VERSION = "softdyn", "1"
@@ -45,6 +45,7 @@ class AnnotationBlock:
     tendons: tuple[Tendon, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
+    task: str | None = None
     tasks: tuple[StatedTask, ...] = ()
 
 
@@ -67,11 +68,13 @@ def read_block(
     sensors = block.unique(
         "sensor", lambda element: read_sensor(element, links, joints, tendons, driven)
     )
+    tasks = read_tasks(block, links, A_LINK)
     return AnnotationBlock(
         tuple(tendons.values()),
         tuple(actuators.values()),
         tuple(sensors.values()),
-        read_tasks(block, links, A_LINK),
+        tasks[0].frame if tasks else None,
+        () if only_the_tip(tasks) else tasks,
     )
 
 

@@ -38,7 +38,6 @@ from softdyn.description.robot import (
     moving_bodies,
     moving_link_of,
 )  # fmt: skip
-from softdyn.description.stated_task import only_the_tip
 from softdyn.description.strict_xml import Element, read, read_bytes
 from softdyn.description.unknown_names import check_known_names
 from softdyn.files import as_path
@@ -162,8 +161,8 @@ def _robot(
         tendons=block.tendons,
         actuators=block.actuators,
         sensors=block.sensors,
-        task=block.tasks[0].frame if block.tasks else deepest_leaf(robot),
-        tasks=() if only_the_tip(block.tasks) else block.tasks,
+        task=block.task or deepest_leaf(robot),
+        tasks=block.tasks,
         xml=etree.tostring(_judged(root.node), encoding="unicode"),
         text=etree.tostring(root.node, encoding="unicode"),
         annotations=block_text,
