@@ -198,6 +198,34 @@ def test_compare_names_what_differs_in_two_rigs(tmp_path, ours, theirs, detail, 
         assert not result.passed
 
 
+HINGE = """<robot name="hinge"><link name="world"/><link name="l"><inertial>
+<origin xyz="0 0 -0.1"/><mass value="0.2"/><inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0"
+izz="1e-3"/></inertial></link><joint name="h" type="revolute"><parent link="world"/>
+<child link="l"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="0" velocity="9"/></joint>
+<softdyn version="1"><tendon name="t"><joint name="h" coef="{coef}"/></tendon>
+<actuator name="w" tendon="t" gear="-1" lower="0" upper="30" command="length"
+  stiffness="{k}" damping="{d}" length_lower="-0.1" length_upper="0.3"/>
+</softdyn></robot>"""
+SERVO = """<mujoco><compiler autolimits="true" angle="radian"/><worldbody><body name="l">
+<inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>
+<joint name="h" axis="0 1 0" range="-2 2"/></body></worldbody><actuator>
+<general name="w" joint="h" gear="{gear}" ctrlrange="{low} {high}" forcerange="0 30"
+  gainprm="{gain}" biastype="affine" biasprm="0 {slope} {brake}"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("coef", [1.0, 0.05, -0.05, -2.0])
+def test_a_winch_over_one_joint_is_compared_with_a_servo_on_it(tmp_path, coef):
+    """T = k (c q - l) + d c q̇ at the arm c: in q the stiffness is k c², the bounds are l / c."""
+    k, d, ours, theirs = 800.0, 3.0, tmp_path / "a.urdf", tmp_path / "b.xml"
+    low, high = sorted((-0.1 / coef, 0.3 / coef))
+    servo = {"gear": -coef, "gain": -k * coef, "slope": -k, "brake": -d, "low": low, "high": high}
+    for stiffness, same in ((k, True), (1.5 * k, False)):
+        ours.write_text(HINGE.format(coef=coef, k=stiffness, d=d), encoding="utf-8")
+        theirs.write_text(SERVO.format(**servo), encoding="utf-8")
+        found = [c for c in compare(ours, theirs).causes if c.kind == "actuator"]
+        assert [c.detail for c in found if not c.one_sided] == ([] if same else ["stiffness"])
+
+
 def test_compare_names_a_slack_tendon(tmp_path):
     slack, taut = arm(tmp_path, {}), tmp_path / "taut.urdf"
     taut.write_text(slack.read_text().replace(' slack="true"', ""))

@@ -214,11 +214,11 @@ def _motors(a: Neutral, b: Neutral, turns: Turns) -> Iterator[Finding]:
             first, second = _on_joint(one, a), _on_joint(other, b)
         alone = _of_one_format(one, other) if a.format != b.format else ()
         for name in alone:
-            p, q = (motor.rig.get(name) for motor in (one, other))
+            p, q = (motor.rig.get(name) for motor in (first, second))
             if p != q:
                 yield Finding("actuator", one.name, (p, q), name, lambda robot: robot, 1.0, True)
         found = _motor_differences(first, second, turns, urdf)
-        found += _rig_differences(one, other, alone)
+        found += _rig_differences(first, second, alone)
         if found:
             ours, theirs = ("; ".join(filter(None, words)) for words in zip(
                 *((p, q) for _, p, q, _ in found), strict=True
@@ -286,8 +286,20 @@ def _on_joint(motor: Motor, robot: Neutral) -> Motor:
     for tendon in robot.cables:
         if motor.target == f"tendon:{tendon.name}" and len(tendon.terms) == 1:
             ((joint, coefficient),) = tendon.terms.items()
-            return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient)
+            rig = _about_joint(motor.rig, coefficient)
+            return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient, rig=rig)
     return motor
+
+
+def _about_joint(rig: dict[str, Any], coefficient: float) -> dict[str, Any]:
+    """A winch's rig in its joint's coordinate q, where its tendon's length is coefficient · q."""
+    if "command" not in rig or coefficient in (0.0, 1.0):
+        return rig
+    ends = sorted(rig.get(name, ABSENT[name]) / coefficient for name in CABLE[2:4])
+    found = rig | dict(zip(CABLE[2:4], ends, strict=True))
+    found |= {name: rig[name] * coefficient**2 for name in CABLE[:2] if name in rig}
+    found["unit"] = rig.get("unit", 1.0) * coefficient
+    return {name: value for name, value in found.items() if ABSENT.get(name) != value}
 
 
 def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:
