@@ -23,6 +23,10 @@ DIGITS = 8  # of a delay in seconds; files may state a hair less than whole step
 # fields of an actuator that its command and lag state
 STATED = ("actuator_biastype", "actuator_biasprm", "actuator_dyntype", "actuator_dynprm")
 WINDS = (int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtTrn.mjTRN_JOINT))
+CABLE = ("stiffness", "damping", "length_lower", "length_upper", "unit")  # a winch's in `Motor.rig`
+ABSENT = {
+    "rate": math.inf, "length_lower": -math.inf, "length_upper": math.inf, "unit": 1.0,
+}  # fmt: skip
 COMMANDS = {
     int(mujoco.mjtDyn.mjDYN_NONE): CommandKind.LENGTH,
     int(mujoco.mjtDyn.mjDYN_FILTEREXACT): CommandKind.LENGTH,
@@ -87,6 +91,17 @@ def bound(rig: dict[str, Any], more: dict[str, Numbers], inputs: tuple[float, fl
                             strict=True):  # fmt: skip
         if abs(length) < UNBOUNDED:
             rig[f"length_{name}"] = length
+
+
+def about_joint(rig: dict[str, Any], coefficient: float) -> dict[str, Any]:
+    """A winch's rig in its joint's coordinate q, where its tendon's length is coefficient · q."""
+    if "command" not in rig or coefficient in (0.0, 1.0):
+        return rig
+    ends = sorted(rig.get(name, ABSENT[name]) / coefficient for name in CABLE[2:4])
+    found = rig | dict(zip(CABLE[2:4], ends, strict=True))
+    found |= {name: rig[name] * coefficient**2 for name in CABLE[:2] if name in rig}
+    found["unit"] = rig.get("unit", 1.0) * coefficient
+    return {name: value for name, value in found.items() if ABSENT.get(name) != value}
 
 
 def slack_of(model: mujoco.MjModel) -> dict[int, int]:

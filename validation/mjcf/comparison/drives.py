@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -32,15 +31,12 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Point,
 )
 from softdyn.validation.mjcf.comparison.terms import States, lengths
+from softdyn.validation.mjcf.compiled_rig import ABSENT, CABLE, about_joint
 
 FRAMES = 1e-6  # m
 ONLY = "only in one file"
 LAW = ("gaintype", "biastype", "dyntype", "gainprm", "biasprm", "dynprm")  # fields of actuators
 TIMING = ("lag", "delay", "rate")  # fields of `Motor.rig`
-CABLE = ("stiffness", "damping", "length_lower", "length_upper", "unit")
-ABSENT = {
-    "rate": math.inf, "length_lower": -math.inf, "length_upper": math.inf, "unit": 1.0,
-}  # fmt: skip
 Named = TypeVar("Named", NeutralTendon, Motor)
 
 
@@ -286,20 +282,9 @@ def _on_joint(motor: Motor, robot: Neutral) -> Motor:
     for tendon in robot.cables:
         if motor.target == f"tendon:{tendon.name}" and len(tendon.terms) == 1:
             ((joint, coefficient),) = tendon.terms.items()
-            rig = _about_joint(motor.rig, coefficient)
+            rig = about_joint(motor.rig, coefficient)
             return replace(motor, target=f"joint:{joint}", gear=motor.gear * coefficient, rig=rig)
     return motor
-
-
-def _about_joint(rig: dict[str, Any], coefficient: float) -> dict[str, Any]:
-    """A winch's rig in its joint's coordinate q, where its tendon's length is coefficient · q."""
-    if "command" not in rig or coefficient in (0.0, 1.0):
-        return rig
-    ends = sorted(rig.get(name, ABSENT[name]) / coefficient for name in CABLE[2:4])
-    found = rig | dict(zip(CABLE[2:4], ends, strict=True))
-    found |= {name: rig[name] * coefficient**2 for name in CABLE[:2] if name in rig}
-    found["unit"] = rig.get("unit", 1.0) * coefficient
-    return {name: value for name, value in found.items() if ABSENT.get(name) != value}
 
 
 def _with_motor(name: str, motor: Motor) -> Callable[[Neutral], Neutral]:
