@@ -1,4 +1,4 @@
-"""The rig in a compiled MJCF: commands, lag and delay of its actuators, slack tendons.
+"""The rig in an MJCF: commands, lag and delay of its actuators, slack tendons, sensors.
 
 A winch of the format is MuJoCo's position actuator, or its integrating velocity actuator. With gear
 a, gain G and bias slope b its free length is c = -G w / (a b) for the input or activation w, its
@@ -8,6 +8,8 @@ stiffness -a² b. So its command is w = unit · c with unit = -a b / G.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -33,6 +35,32 @@ COMMANDS = {
     int(mujoco.mjtDyn.mjDYN_INTEGRATOR): CommandKind.VELOCITY,
 }
 
+# MuJoCo's elements, or the first two of a reading → kind of the format's
+READ = {
+    ("tendonpos",): "length", ("tendonpos", "tendonvel"): "tension", ("jointpos",): "joint",
+    ("framepos",): "position", ("framepos", "framequat"): "pose", ("gyro",): "gyro",
+    ("accelerometer",): "accelerometer",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NeutralSensor:
+    """A sensor. A frame on a link that it has is among the robot's frames.
+
+    Attributes
+    ----------
+    kind : str
+        As in the format, or MuJoCo's names of types.
+    target : str
+        ``tendon:name`` or ``joint:name``, empty for a frame.
+    more : dict[str, Numbers]
+        Rate, latency, noise, bias and resolution, where they are not 0.
+    """
+
+    kind: str
+    target: str
+    more: dict[str, Numbers] = field(default_factory=dict)
+
 
 def rig_of(model: mujoco.MjModel, k: int, more: dict[str, Numbers]) -> dict[str, Any] | None:
     """Command, lag and delay of an actuator, as `Motor.rig`; None for one with another law.
@@ -42,8 +70,8 @@ def rig_of(model: mujoco.MjModel, k: int, more: dict[str, Numbers]) -> dict[str,
     found = _command(model, k)
     if found is None:
         return None
-    for field in STATED if found else ():
-        more.pop(field, None)
+    for name in STATED if found else ():
+        more.pop(name, None)
     if "actuator_delay" in more and not any(more.get("actuator_history", (0.0,))[1:]):
         more.pop("actuator_history", None)  # without interpolation it is only the delay's memory
         found["delay"] = round(more.pop("actuator_delay")[0], DIGITS)
@@ -145,3 +173,30 @@ def spring_of(
     slack = low < high and low <= (0.0 if path else -UNBOUNDED) and stiffness > 0
     slack &= not (damping or damped or model.tendon_stiffnesspoly[t].any())
     return stiffness, damping, (high, high) if slack else (low, high), slack
+
+
+def sensors_of(stated: Iterable[tuple[str, dict[str, str]]]) -> dict[str, NeutralSensor]:
+    """Sensors by name, from elements of a file; the parts ``name:0`` … of a reading are one."""
+    groups: dict[str, list[tuple[str, dict[str, str]]]] = {}
+    for tag, words in stated:
+        stem, _, number = words.get("name", tag).rpartition(":")
+        name = stem if stem and number.isdigit() else words.get("name", tag)
+        groups.setdefault(name, []).append((tag, words))
+    found = {}
+    for name, parts in groups.items():
+        tags, words = tuple(tag for tag, _ in parts), parts[0][1]
+        kind = READ.get(tags[:2], READ.get(tags, " ".join(tags)))
+        ends = (f"{sort}:{words[sort]}" for sort in ("tendon", "joint") if sort in words)
+        interval, delay = _first(words.get("interval")), _first(words.get("delay"))
+        more: dict[str, Numbers] = {"rate": (1.0 / interval,)} if interval > 0 else {}
+        more |= {"latency": (round(delay, 8),)} if delay > 0 else {}
+        found[name] = NeutralSensor(kind, next(ends, ""), more)
+    return found
+
+
+def _first(text: str | None) -> float:
+    """The first number of an attribute; 0 without one."""
+    try:
+        return float((text or "").split()[0])
+    except (IndexError, ValueError):
+        return 0.0

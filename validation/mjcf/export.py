@@ -80,7 +80,9 @@ def write_urdf(source: str | Path, target: str | Path) -> Outcome:
     """
     side = Side.of(source)
     robot = side.neutral
-    sensors = side.mjcf.sensors if side.is_mjcf else [sensor.name for sensor in side.robot.sensors]
+    sensors = [sensor.name for sensor in side.robot.sensors] if not side.is_mjcf else [
+        words.get("name", tag) for tag, words in side.mjcf.sensors
+    ]  # fmt: skip
     converted = to_urdf(robot, side.path.stem)
     write_text(str(target), write(converted.robot))
     floating = any(part.kind == "free" for part in robot.parts)

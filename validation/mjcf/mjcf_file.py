@@ -37,13 +37,16 @@ PICTURES = ("texture", "material", "skin", "camera", "light")
 
 @dataclass(frozen=True)
 class Mjcf:
-    """A checked file: its text, the content of the meshes that it needs, and its sensors' names."""
+    """A checked file: its text, the content of the meshes that it needs, and its sensors.
+
+    A sensor is the name of its element and its attributes.
+    """
 
     path: Path
     text: str
     meshes: dict[str, bytes]
     attached: tuple[Attached, ...] = ()
-    sensors: tuple[str, ...] = ()
+    sensors: tuple[tuple[str, dict[str, str]], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,8 @@ def _read(path: Path, reading: _Reading) -> Mjcf:
     reading = replace(reading, wrapped=reading.wrapped | _wrapped(root.node))
     attached = tuple(_attached(main, replace(reading, above=(*reading.above, path.resolve()))))
     folder, strip = _mesh_folder(root.node)
-    sensors = tuple(node.get("name", str(node.tag)) for node in root.node.iterfind("sensor/*"))
+    nodes = root.node.iterfind("sensor/*")
+    sensors = tuple((str(one.tag), {str(k): str(v) for k, v in one.items()}) for one in nodes)
     _strip(root.node, reading)
     meshes = _meshes(main, folder, strip, reading.contents)
     return Mjcf(path, etree.tostring(root.node, encoding="unicode"), meshes, attached, sensors)

@@ -70,7 +70,7 @@ def test_friction_of_a_cable_is_lost_in_mjcf_kept_in_urdf_and_compared(tmp_path)
     assert result.passed
     assert "friction" in {cause.kind for cause in result.causes}
     result, _ = export.write_urdf(rubbing, tmp_path / "again.urdf")
-    assert not result.causes
+    assert {c.detail for c in result.causes} == {"sensor, only in one file"}
     assert softdyn.parse(tmp_path / "again.urdf").tendons[1].friction == 0.1
     other = tmp_path / "other.urdf"
     other.write_text(rubbing.read_text().replace('"0.1"', '"0.2"'))
@@ -85,7 +85,7 @@ def test_plain_mujoco_moves_the_exported_rig_as_the_twin(tmp_path, rig, damping)
     source = arm(tmp_path, rig, damping)
     result, lost = export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
     assert result.passed, str(result)
-    assert {c.kind for c in result.causes} <= {"effort", "limit"}
+    assert {c.kind for c in result.causes} <= {"effort", "limit", "feature"}
     assert "sensor 'camera': its noise" in lost
     twin = Twin(source, rig=True)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
@@ -224,6 +224,53 @@ def test_a_winch_over_one_joint_is_compared_with_a_servo_on_it(tmp_path, coef):
         theirs.write_text(SERVO.format(**servo), encoding="utf-8")
         found = [c for c in compare(ours, theirs).causes if c.kind == "actuator"]
         assert [c.detail for c in found if not c.one_sided] == ([] if same else ["stiffness"])
+
+
+def test_compare_of_sensors(tmp_path):
+    """Kind, target, place, rate and latency; an MJCF has no noise."""
+    source, other = arm(tmp_path, {}), tmp_path / "other.urdf"
+    export.write_mjcf(source, tmp_path / "arm.xml", shapes=False)
+    (noise,) = (c for c in compare(source, tmp_path / "arm.xml").causes if c.kind == "feature")
+    assert (noise.where, noise.detail) == ("camera", "sensor's noise")
+    assert noise.one_sided
+    for old, new, kind, where, detail in (
+        (
+            'type="length" tendon="right"',
+            'type="tension" tendon="right"',
+            "feature",
+            "cable",
+            "sensor",
+        ),
+        (
+            'type="length" tendon="right"',
+            'type="length" tendon="left"',
+            "feature",
+            "cable",
+            "sensor",
+        ),
+        ('joint="b"/>\n', 'joint="a"/>\n', "feature", "encoder", "sensor"),
+        ('latency="0.003"', 'latency="0.004"', "feature", "cable", "sensor's latency"),
+        ('rate="100"', 'rate="50"', "feature", "camera", "sensor's rate"),
+        (
+            'xyz="0 0 -0.2" rpy="1',
+            'xyz="0 0 -0.1" rpy="1',
+            "frame",
+            "sensor:camera",
+            "100 mm apart",
+        ),
+    ):
+        text = source.read_text()
+        assert text.count(old) == 1
+        other.write_text(text.replace(old, new))
+        export.write_mjcf(other, tmp_path / "other.xml", shapes=False)
+        for file in (other, tmp_path / "other.xml"):
+            found = [c for c in compare(source, file).causes if not c.one_sided]
+            assert [
+                (c.kind, c.where, c.detail) for c in found if c.kind in ("feature", "frame")
+            ] == [(kind, where, detail)]
+    other.write_text(source.read_text().replace('name="gyro"', 'name="spin"'))
+    found = [c for c in compare(source, other).causes if c.kind == "feature"]
+    assert [(c.where, c.one_sided) for c in found] == [("gyro", True), ("spin", True)]
 
 
 def test_compare_names_a_slack_tendon(tmp_path):

@@ -22,9 +22,12 @@ from softdyn.validation.mjcf.comparison.neutral import (
     Part,
     Point,
 )
+from softdyn.validation.mjcf.compiled_rig import NeutralSensor
 from softdyn.validation.mjcf.transform import Transform
+from softdyn.validation.twin.drives import frame_name
 
 FREE = "floating base"
+SENSED = ("rate", "latency", "noise", "bias", "resolution")
 
 
 def from_urdf(robot: Robot) -> Neutral:
@@ -104,9 +107,21 @@ def from_urdf(robot: Robot) -> Neutral:
     document = tuple(joint.name for joint in robot.moving_joints)
     by_bodies = tuple(above[link].name for link in _depth_first(robot.root, lumped))
     orders = (document, tuple(walked), by_bodies, _by_name(robot))
+    sensors = {}
+    for sensor in robot.sensors:
+        more = {name: np.atleast_1d(getattr(sensor, name)) for name in SENSED}
+        errors = {name: tuple(map(float, row)) for name, row in more.items() if row.any()}
+        target = f"tendon:{sensor.tendon}" if sensor.tendon else f"joint:{sensor.joint}"
+        sensors[sensor.name] = NeutralSensor(
+            sensor.kind.value, "" if sensor.link else target, errors
+        )
+        if sensor.link:
+            place = Transform(sensor.origin.rotation, sensor.origin.translation)
+            frames[frame_name(sensor)] = Frame(on(sensor.link), placed[sensor.link] @ place)
     return Neutral(
-        robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders
-    )
+        robot.path, "urdf", tuple(parts), frames, tuple(cables), motors, couplings, orders=orders,
+        sensors=sensors,
+    )  # fmt: skip
 
 
 def _rig(actuator: Actuator) -> dict[str, Any]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from softdyn.description.inertia import Inertia
 from softdyn.description.robot import PathEnd
+from softdyn.validation.mjcf.compiled_rig import NeutralSensor
 from softdyn.validation.mjcf.transform import Transform
 
 Numbers = tuple[float, ...]
@@ -234,6 +235,8 @@ class Neutral:
         Other features that influence the motion, by MuJoCo's names of field and object.
     notes : tuple of str
         Parts of the file that were left out.
+    sensors : dict[str, NeutralSensor]
+        Sensors by name.
     """
 
     path: Path
@@ -248,6 +251,7 @@ class Neutral:
     gravity: np.ndarray = field(default_factory=lambda: GRAVITY)
     orders: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
+    sensors: dict[str, NeutralSensor] = field(default_factory=dict)
 
     @property
     def size(self) -> float:
@@ -367,6 +371,10 @@ class Neutral:
             word, name = motor.target.partition(":")[0], motor.end[1]
             return f"{word}:{new(name)}" if motor.end[0] == "joint" else motor.target
 
+        def read(sensor: NeutralSensor) -> NeutralSensor:
+            word, _, name = sensor.target.partition(":")
+            return replace(sensor, target=f"joint:{new(name)}") if word == "joint" else sensor
+
         return replace(
             self,
             parts=tuple(replace(part, name=new(part.name)) for part in self.parts),
@@ -382,6 +390,7 @@ class Neutral:
                 for tie in self.equalities
             ),
             orders=tuple(tuple(map(new, order)) for order in self.orders),
+            sensors={name: read(sensor) for name, sensor in self.sensors.items()},
         )
 
 

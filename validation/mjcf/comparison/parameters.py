@@ -56,6 +56,7 @@ def find_parameters(a: Neutral, b: Neutral, turns: Turns, states: States) -> Ite
     for field, values, size in told_apart(a.features, b.features, urdf=urdf):
         yield Finding("feature", field, values, "", lambda robot: robot, size, with_urdf(a, b))
     yield from find_drives(a, b, turns, states)
+    yield from _sensors(a, b)
 
 
 def _set(k: int, **values: Any) -> Callable[[Neutral], Neutral]:
@@ -156,6 +157,36 @@ def _gravity(a: Neutral, b: Neutral) -> Iterator[Finding]:
                 "gravity", one.link or one.name, (shares[0], shares[1]), "weight compensated",
                 _set(k, pieces=one.pieces, gravcomp=one.gravcomp), size, with_urdf(a, b),
             )  # fmt: skip
+
+
+def _sensors(a: Neutral, b: Neutral) -> Iterator[Finding]:
+    """Sensors of one file, of another kind or target; an MJCF states no errors of its sensors.
+
+    Those of an MJCF beside a file without any are no cause: models have sensors for their users.
+    """
+    stated = [robot for robot in (a, b) if robot.sensors]
+    if len(stated) < 2 and all(robot.format == "mjcf" for robot in stated):
+        return
+    theirs = {plain_name(name): sensor for name, sensor in b.sensors.items()}
+    ours = {plain_name(name): (name, sensor) for name, sensor in a.sensors.items()}
+    for key in {**ours, **theirs}:
+        name, one = ours.get(key, (key, None))
+        other = theirs.get(key)
+        if one is None or other is None:
+            said = tuple(
+                None if s is None else f"{s.kind} {s.target}".strip() for s in (one, other)
+            )
+            yield Finding(
+                "feature", name, (said[0], said[1]), "sensor, only in one file", lambda r: r, 1.0,
+                True,
+            )  # fmt: skip
+            continue
+        p, q = (f"{s.kind} {plain_name(s.target)}".strip() for s in (one, other))
+        if p != q:
+            yield Finding("feature", name, (p, q), "sensor", lambda r: r, 1.0)
+        for field, values, size in told_apart(one.more, other.more, urdf=False):
+            alone = a.format != b.format and field not in ("rate", "latency")
+            yield Finding("feature", name, values, f"sensor's {field}", lambda r: r, size, alone)
 
 
 def _frames(a: Neutral, b: Neutral) -> Iterator[Finding]:

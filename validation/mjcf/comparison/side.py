@@ -17,6 +17,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.validation.mjcf.comparison.from_mjcf import compile_mjcf, from_mjcf
 from softdyn.validation.mjcf.comparison.from_urdf import from_urdf
 from softdyn.validation.mjcf.comparison.neutral import Neutral
+from softdyn.validation.mjcf.compiled_rig import sensors_of
 from softdyn.validation.mjcf.mjcf_file import Contents, Mjcf, is_mjcf, read_mjcf
 
 
@@ -98,7 +99,7 @@ class Side:
             mended = [text for text in self.robot.warnings if "inertia repaired" in text]
             notes = tuple(text.removeprefix(f"{self.path}: ") for text in mended)
             return replace(from_urdf(self.robot), notes=notes)
-        robot = from_mjcf(self.path, self.compiled)
+        robot = replace(from_mjcf(self.path, self.compiled), sensors=sensors_of(self.mjcf.sensors))
         # models attached through MuJoCo's specification come after the bodies beside them
         note = "attached models: the order of joints is not compared"
         attached = bool(self.mjcf.attached)
