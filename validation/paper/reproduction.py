@@ -106,6 +106,8 @@ class Change:
     ----------
     what : str
         A description of one line.
+    source : str
+        Where the reference implementation has it; empty for a change of our own.
     robots, controllers : tuple of str
         The robots and controllers with which it runs by default.
     case, plant : mapping
@@ -123,6 +125,7 @@ class Change:
     """
 
     what: str
+    source: str = ""
     robots: tuple[str, ...] = ROBOTS
     controllers: tuple[str, ...] = PAPER
     case: Mapping[str, Any] = field(default_factory=dict)
@@ -136,67 +139,92 @@ class Change:
 
 CHANGES = {
     "passive-sign": Change(
-        "passive forces with the wrong sign in h", ("helix",), views=(partial(always, wrong_sign),)
+        "springs and dampers enter h with the wrong sign (helix)", "`passive_sign` in `robot.py`",
+        ("helix",), views=(partial(always, wrong_sign),),
     ),
     "no-coriolis": Change(
-        "C = 0 and the whole bias for g", controllers=CLOSED,
-        views=(partial(always, no_coriolis),),
+        "C = 0 and g is the whole bias (IC, UIC)", "`get_coriolis_and_gravity`",
+        controllers=CLOSED, views=(partial(always, no_coriolis),),
     ),
-    "stale": Change("M, bias and passive forces one control step old", views=(Stale,)),
+    "stale": Change(
+        "M, bias and passive forces are one control step older than J",
+        "`mj_step`, then `mj_kinematics` only", views=(Stale,),
+    ),
     "plant-step": Change(
-        "the plant takes one step a control period", case={"timestep": math.inf}
+        "one `implicitfast` step per control period", "model files", case={"timestep": math.inf}
     ),
-    "plant-fine": Change("plant steps of 0.1 ms", ("finger",), case={"timestep": 1e-4}),
+    "plant-fine": Change("plant steps of 0.1 ms", robots=("finger",), case={"timestep": 1e-4}),
     "soft-stops": Change(
-        "MuJoCo's default joint limits", ("helix", "spirob"), plant={"soft_stops": True}
+        "MuJoCo's default joint limits", "model files", ("helix", "spirob"),
+        plant={"soft_stops": True},
     ),
-    "contacts": Change("links touch", ("helix", "spirob"), plant={"contacts": True}),
+    "contacts": Change(
+        "links touch (our primitives, which are slimmer)", "model files", ("helix", "spirob"),
+        plant={"contacts": True},
+    ),
     "hulls": Change(
-        "links touch with the reference's own meshes (--files), those next to the base too",
-        ("helix", "spirob"), hulls=True,
+        "links touch with the convex hulls of the reference's meshes (`--files`), those next to "
+        "the base too; one contact point a pair", "model files", ("helix", "spirob"), hulls=True,
     ),
     "friction": Change(
-        "0.1 N m of dry friction in the plant alone", ("spirob",), plant={"dry_friction": 0.1}
+        "0.1 N m of dry friction a joint, in the plant alone (SpiRob)", "model file",
+        ("spirob",), plant={"dry_friction": 0.1},
     ),
     "dof48": Change(
-        "SpiRob of 48 DOF, the reference's file", ("spirob",), case={"robot": "spirob48"}
+        "24 universal joints (SpiRob; paper: 27 DOF)", "model file", ("spirob",),
+        case={"robot": "spirob48"},
     ),
     "ellipse": Change(
-        "set points and trajectories on the ellipse of the reference's logs",
+        "an ellipse with b = L/6 (paper: L/8); SpiRob with L = 0.48 m at set points, 0.45 m in "
+        "trajectories, 2 and 5 cm lower", "`utils.py`; the first errors of all logs",
         case={"target": reference_target},
     ),
     "shifted": Change(
-        "the same ellipse shifted, as in its last versions", case={"target": shifted_target}
+        "`ellipse`, moved by -0.1 m along its long axis (finger and helix: 0.05 m along the short "
+        "one too)", "`utils.py` from cba95dc on", case={"target": shifted_target},
     ),
-    "late": Change("the first control step gives zero input", late=True),
+    "late": Change(
+        "the first input is zero, because M and bias are not computed yet", "logs", late=True
+    ),
     "sampled": Change(
-        "TT as the plain mean of every fifth sample, t = 0 included",
-        case={"reference_sampling": True},
+        "TT is the plain mean of every fifth sample, t = 0 included: the initial error weighs "
+        "five steps", "`plot.py`", case={"reference_sampling": True},
     ),
-    "period-1ms": Change("control period 1 ms", ("finger",), case={"period": 0.001}),
-    "period-2ms": Change("control period 2 ms", ("finger", "helix"), case={"period": 0.002}),
-    "period-5ms": Change("control period 5 ms", ("helix", "spirob"), case={"period": 0.005}),
-    "nudge": Change("initial velocities of 1e-9", ("finger",), case={"nudge": 1e-9}),
+    "period-1ms": Change("control period 1 ms", robots=("finger",), case={"period": 0.001}),
+    "period-2ms": Change("control period 2 ms", robots=("finger", "helix"), case={"period": 0.002}),
+    "period-5ms": Change("control period 5 ms", robots=("helix", "spirob"), case={"period": 0.005}),
+    "nudge": Change("initial velocities of 1e-9", robots=("finger",), case={"nudge": 1e-9}),
     "exact": Change("the textbook QP on another exact solver", controllers=QP, law="exact"),
     "angular": Change(
-        "the tip's angular velocity regulated to zero as well", ("helix", "spirob"), law="angular"
+        "the tip's angular velocity is regulated to zero too: six task rows (helix, SpiRob)",
+        "`task_dim` in `robot.py`", ("helix", "spirob"), law="angular",
     ),
     "thresholds": Change(
-        "the reference's thresholds on Λ and on UIC's projection", controllers=CLOSED,
-        law="thresholds",
+        "IC and UIC: singular values of J M⁻¹ Jᵀ below 1e-2 count as zero where its determinant "
+        "is below 1e-2, those of UIC's projection below 1e-8 (ours: rank of J, B at 1e-6)",
+        "impedance controllers", controllers=CLOSED, law="thresholds",
     ),
     "mass-orthogonal": Change(
         "the actuated rows with T_u M-orthogonal to B, not null(Bᵀ)",
         controllers=("soft-id-clf-qp", "ic-qp"), law="mass",
     ),
-    "jdot": Change("J̇ by a difference over 1 µs", law="difference"),
-    "w2": Change(
-        "w2 = 0.2 as at 37d7d0f", ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2}
+    "jdot": Change(
+        "J̇ by a difference over 1 µs", "`compute_jacobian_derivative`", law="difference"
     ),
-    "kp": Change("K_p = 500 as at 37d7d0f", ("spirob",), ("ic-qp",), gains={"Kp": 500.0}),
-    "scs": Change("the QP through cvxpy and SCS", controllers=QP, law="scs"),
+    "w2": Change(
+        "w₂ = 0.2 in the helix' QPs (paper and db75230: 0.1)", "`reg_qdd` at 37d7d0f",
+        ("helix",), ("soft-id-clf-qp", "ic-qp"), gains={"w2": 0.2},
+    ),
+    "kp": Change(
+        "K_p = 500 in SpiRob's IC-QP (paper and db75230: 2000)", "`robot.py` at 37d7d0f",
+        ("spirob",), ("ic-qp",), gains={"Kp": 500.0},
+    ),
+    "scs": Change(
+        "the QP through cvxpy and SCS, default tolerances", "`prob.solve(solver=cp.SCS)`",
+        controllers=QP, law="scs",
+    ),
     "clf-objective": Change(
-        "the reference's CLF-QP, with V̇² and ‖u‖₁² in the objective, through SCS",
+        "CLF-QP with V̇² and ‖u‖₁² in its cost, through SCS", "`clf_qp.py`",
         ("finger", "spirob"), ("clf-qp",), law="clf",
     ),
 }  # fmt: skip

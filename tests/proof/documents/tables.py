@@ -20,6 +20,7 @@ from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.paper import one_step
+from softdyn.validation.paper.reproduction import CHANGES
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.benchmark_table import spread
@@ -287,6 +288,13 @@ def _identification() -> str:
     return Table.of(shown, _rows("identification")).markdown()
 
 
+def _changes() -> str:
+    """The experiments of `softdyn reproduce`."""
+    rows = CHANGES.items()
+    lines = [[f"`{name}`", c.what, c.source or "none: a change of ours"] for name, c in rows]
+    return Table(["experiment", "what changes", "source"], lines).markdown()
+
+
 def _gains() -> str:
     names = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
     lines = []
@@ -385,6 +393,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "published": _published,
     "engines": _engines,
     "one-step": _one_step,
+    "changes": _changes,
     "gains": _gains,
     "identification": _identification,
     "best": lambda: _beyond("best"),
