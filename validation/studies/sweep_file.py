@@ -216,6 +216,7 @@ class _Reader(ValueReader):
             for key, value in inner.items():
                 check = values.anything if known is None else known[key]
                 if group == "plant" and key in BY_JOINT and not values.is_one_value(value):
+                    self.check(value, f"{at}{group}.{key}", "a factor, or some by joint", value)
                     for joint, factor in value.items():
                         yield f"plant.{key}.{joint}", factor, check
                 else:

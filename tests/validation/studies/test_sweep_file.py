@@ -364,6 +364,7 @@ seed = 5
         ("joint1 =", "joint9 =", "plant.stiffness.joint9: expected a joint of finger, or each"),
         ("joint3 =", "joint9 =", "changes.heavy.plant.mass.joint9: expected a joint of finger"),
         ("damping.each = 1.1", "damping.each = [1, 2]", "plant.damping.each: expected one value"),
+        ("damping.each = 1.1", "damping = {}", "plant.damping: expected a factor, or some by"),
         ("damping.each = 1.1", "damping.each = -1", "plant.damping.each: expected a finite number"),
         ("each = { uniform = [0.8, 1.2] }", "each = { uniform = [2, 1] }", "a lower end below"),
         ("lag = 0.02", "lag = true", "rig.lag: expected a finite number >= 0, got True"),
