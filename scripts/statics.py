@@ -24,6 +24,7 @@ its input for --hold seconds, once exactly and once with joints displaced by 1e-
 has the tip's drift.
 
 --inputs raises the given input slowly from rest instead, and shows the resulting equilibrium.
+--pose searches the equilibria nearest to a pose of the tip.
 
 exit codes: 0 done; 1 no equilibrium was found; 2 bad input.
 """
@@ -45,6 +46,13 @@ goal.add_argument(
     metavar="U",
     help="find the equilibrium under these inputs",
 )
+goal.add_argument(
+    "--pose",
+    type=cli.finite,
+    nargs=6,
+    metavar=("X", "Y", "Z", "RX", "RY", "RZ"),
+    help="a pose of the tip: a point in m and a rotation vector in rad",
+)
 parser.option("--rays", cli.count, "N", "random inputs to raise", 40)
 parser.option(
     "--spread", cli.count, "N", "further stable equilibria sought where there are few", 100
@@ -65,12 +73,14 @@ def command(arguments: cli.Arguments) -> int:
     """Search, judge and report."""
     from softdyn.validation.report.plot_style import check_path
 
-    if arguments.inputs is not None and arguments.map is not None:
-        parser.error("argument --map: not allowed with --inputs")
+    for name in ("inputs", "pose"):
+        if getattr(arguments, name) is not None and arguments.map is not None:
+            parser.error(f"argument --map: not allowed with --{name}")
     if arguments.map is not None:
         check_path(arguments.map)
     model = cli.load_robot(arguments)
-    report, text = (lead if arguments.inputs else search)(model, arguments)
+    answer = lead if arguments.inputs else search if arguments.pose is None else hold_pose
+    report, text = answer(model, arguments)
     cli.write_report(report, arguments.json, text)
     return cli.PASSED
 
@@ -92,6 +102,37 @@ def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], st
     tip = " ".join(f"{x:.4f}" for x in found.y)
     text = f"{robot}: equilibrium with its tip at {tip} m, {snaps} snaps\n{rest}"
     return {"robot": robot, "snaps": snaps, "rest": rest.to_dict()}, text
+
+
+def hold_pose(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+    """Search equilibria with the tip at a pose; the robot's length counts as much as 1 rad."""
+    import numpy as np
+
+    from softdyn import SetPoint, statics
+    from softdyn.tasks import OrientationTask, PointTask, StackedReference, Target
+    from softdyn.tasks.targets import exp3
+    from softdyn.validation import paper
+    from softdyn.validation.crosschecks.rest_report import CM, HeldRest
+
+    point, turn = np.array(arguments.pose[:3]), np.array(arguments.pose[3:])
+    paper.check_reach(model, point)
+    tip = model.robot.task
+    tasks = [PointTask(tip, weight=model.robot.length**-2), OrientationTask(tip, name="turn")]
+    goal = StackedReference({tip: SetPoint(point), "turn": Target(exp3(turn))})
+    found = statics.inputs_for_tasks(model, tasks, goal, rays=arguments.rays, seed=arguments.seed)
+    robot, lines = model.bundled or model.name, list[str]()
+    report: dict[str, Any] = {"robot": robot, "pose": arguments.pose}
+    for name, one in (("closest", found.nearest), ("closest_stable", found.nearest_stable)):
+        report[name] = None
+        if one is not None:
+            rest, errors = HeldRest.of(one, arguments.hold), found.errors(one)
+            away, angle = CM * errors[tip], float(np.rad2deg(errors["turn"]))
+            report[name] = {"distance_cm": away, "angle_deg": angle, **rest.to_dict()}
+            words = f"{away:.3f} cm and {angle:.3f} deg away, {rest}"
+            lines.append(f"  {name.replace('_', ', '):<16} {words}")
+    head = f"{robot}: {len(found.found)} equilibria found near the pose"
+    report["equilibria"] = len(found.found)
+    return report, "\n".join([head, *lines])
 
 
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:

@@ -12,6 +12,7 @@ import softdyn
 from softdyn import InputError, controllers, design, identification, statics
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.design import log_spiral
+from softdyn.tasks import PointTask
 from softdyn.validation import StateMap, Twin
 
 MODEL = softdyn.load("finger")
@@ -41,6 +42,9 @@ STATICS = [
     (statics.inputs_for_tip,
      {"model": MODEL, "target": TIP, "starts": (), "guesses": (), "shapes": 0, "seed": 0,
       "seconds": 0.0}),
+    (statics.inputs_for_tasks,
+     {"model": MODEL, "tasks": [PointTask("tip")], "reference": softdyn.SetPoint(TIP), "starts": (),
+      "rays": 0, "seed": 0, "seconds": 0.0}),
     (statics.diagnose, {"model": MODEL, "samples": 0, "seed": 0}),
     (statics.stiffness, {"model": MODEL, "q": Q, "u": U}),
     (statics.gravity_stiffness, {"model": MODEL, "q": Q}),
@@ -180,7 +184,15 @@ def test_an_argument_of_another_kind_is_named(function, given, name):
 
 def test_the_table_lists_the_public_functions():
     tested = {getattr(function, "__name__", "") for function, _ in CALLS}
-    tested |= {"distance", "of", "HardStops", "TipSearch", "Diagnosis", "StaticsError"}
+    tested |= {
+        "distance",
+        "of",
+        "HardStops",
+        "TipSearch",
+        "TaskSearch",
+        "Diagnosis",
+        "StaticsError",
+    }
     tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
     tested |= {
         "Acquisition",

@@ -32,6 +32,8 @@ samples
     Random inputs and shapes, and stable equilibria from them.
 reachable
     Targets that a robot can reach: points, paths, rates.
+task_search
+    `inputs_for_tasks`: inputs that hold a pose or several points; residuals by task.
 tip_search
     `inputs_for_tip`: uses `approach`, `explore` and random shapes.
 zero_dynamics
@@ -51,12 +53,14 @@ from softdyn.statics.explore import explore
 from softdyn.statics.reachable import Loop, loop_around, spread_rests
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
+from softdyn.statics.task_search import TaskSearch, inputs_for_tasks
 from softdyn.statics.tip_search import TipSearch, inputs_for_tip
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "TipSearch",
-    "approach", "balance", "diagnose", "explore", "gravity_stiffness", "inputs_for_tip",
+    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "TaskSearch",
+    "TipSearch", "approach", "balance", "diagnose", "explore", "gravity_stiffness",
+    "inputs_for_tasks", "inputs_for_tip",
     "loop_around", "potential", "ramp", "random_inputs", "random_shapes", "residual", "rest",
     "sample_between", "sample_rests", "settle", "spread_rests", "stiffness",
     "zero_spectrum",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from softdyn.checks import array, flag, instance, whole
@@ -40,20 +42,45 @@ def approach(
     stay_stable : bool
         End before the branch loses its stability.
     """
+    instance("start", start, Equilibrium, "an Equilibrium")
+    target = array("target", target, (3,))
+
+    def from_target(here: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
+        return here.y - target, here.state.J
+
+    return descend(start, from_target, steps, soft, stay_stable=stay_stable)
+
+
+def descend(
+    start: Equilibrium,
+    measure: Callable[[Equilibrium], tuple[np.ndarray, np.ndarray]],
+    steps: int = 60,
+    soft: SoftStops | None = None,
+    *,
+    stay_stable: bool = False,
+) -> Equilibrium:
+    """Follow the branch of `start` until an error is as small as the inputs allow.
+
+    Parameters
+    ----------
+    start, steps, soft, stay_stable
+        As in `approach`.
+    measure : Callable
+        Equilibrium → error e (r,), zero at the target, and its Jacobian ∂e/∂q (r, nv).
+    """
     from scipy.optimize import lsq_linear  # imported only here, because it is slow to import
 
-    model, here = instance("start", start, Equilibrium, "an Equilibrium").model, start
+    model, here = start.model, start
     check_stops(model, soft)
     flag("stay_stable", stay_stable)
-    target = array("target", target, (3,))
     scale = input_scale(model, start)
     low, high = model.u_min / scale, model.u_max / scale
     damping = 1e-3
-    error = here.y - target
+    error, jacobian = measure(here)
     for _ in range(whole("steps", steps)):
         if np.linalg.norm(error) < REACHED / 100 or model.nu == 0:
             break
-        slope = here.tip_sensitivity * scale
+        slope = jacobian @ here.joint_sensitivity * scale
         rows = np.vstack((slope, damping * np.linalg.norm(slope) * np.eye(model.nu)))
         goal = np.concatenate((-error, np.zeros(model.nu)))
         u = np.clip(here.u / scale, low, high)
@@ -64,9 +91,10 @@ def approach(
         after = follow(here, np.clip(here.u + du, model.u_min, model.u_max), soft)
         if after is not None and stay_stable and not after.stable:
             after = None
-        if after is not None and np.linalg.norm(after.y - target) < np.linalg.norm(error):
-            gain = 1 - np.linalg.norm(after.y - target) / np.linalg.norm(error)
-            here, error = after, after.y - target
+        left, turned = (error, jacobian) if after is None else measure(after)
+        if after is not None and np.linalg.norm(left) < np.linalg.norm(error):
+            gain = 1 - np.linalg.norm(left) / np.linalg.norm(error)
+            here, error, jacobian = after, left, turned
             damping = max(damping / 10, 1e-9)
             if gain < (1e-9 if soft is None else 1e-4):
                 break

@@ -1,0 +1,86 @@
+"""Inputs that hold several tasks, found again from poses of known equilibria."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SetPoint, statics
+from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
+from tests.support.command import command
+
+FINGER = softdyn.load("finger")
+TIP = FINGER.robot.task
+
+
+@pytest.fixture(scope="module")
+def known() -> list[statics.Equilibrium]:
+    return [statics.settle(FINGER, u) for u in ([-0.2, -0.1], [0.1, 0.15])]
+
+
+def pose_of(one: statics.Equilibrium) -> np.ndarray:
+    return FINGER.link_poses(one.q)[TIP]
+
+
+def test_poses_of_stable_equilibria_are_held(known) -> None:
+    for one in known:
+        goal = StackedReference({"hand": Target(pose_of(one))})
+        found = statics.inputs_for_tasks(FINGER, [PoseTask(TIP, name="hand")], goal, rays=2)
+        best = found.nearest_stable
+        assert best is not None
+        assert found.errors(best)["hand"] < 1e-8
+        assert best.residual < 1e-8
+        assert ((FINGER.u_min <= best.u) & (best.u <= FINGER.u_max)).all()
+        np.testing.assert_allclose(pose_of(best), pose_of(one), atol=1e-8)
+
+
+def test_a_point_alone_is_the_search_for_the_tip(known) -> None:
+    goal = known[0].y
+    found = statics.inputs_for_tasks(FINGER, [PointTask(TIP)], SetPoint(goal), rays=2)
+    assert np.linalg.norm(found.nearest.y - goal) < 1e-6
+    from_rest = statics.approach(statics.rest(FINGER), goal, stay_stable=True)
+    assert any(np.array_equal(one.u, from_rest.u) for one in found.found)
+
+
+def test_a_pair_out_of_reach_has_residuals_by_task() -> None:
+    tasks = [PointTask("tip", weight=100.0), AxisTask("tip", [0, 0, 1])]
+    goal = StackedReference({"tip": SetPoint([0, 0, 1.0]), "tip.axis": Target([1, 0, 0])})
+    found = statics.inputs_for_tasks(FINGER, tasks, goal, rays=2)
+    at = found.nearest
+    errors = found.errors(at)
+    assert errors["tip"] == pytest.approx(np.linalg.norm(at.y - (0, 0, 1.0)))
+    angle = np.arccos(FINGER.link_poses(at.q)["tip"][0, 2])
+    assert errors["tip.axis"] == pytest.approx(angle)
+    assert found.distance(at) == pytest.approx(np.hypot(10 * errors["tip"], angle))
+    assert found.distance(at) <= min(map(found.distance, statics.sample_rests(FINGER, 2)))
+
+
+def test_the_command_holds_a_pose() -> None:
+    one = statics.settle(FINGER, [-0.1, 0.05])
+    at = PoseTask("tip", name="p")
+    zero = at.evaluate(FINGER.state(one.q, np.zeros(4)), Target(np.eye(4))).error
+    turn = OrientationTask("tip").evaluate(FINGER.state(one.q, np.zeros(4)), Target(np.eye(3)))
+    pose = [*one.y, *turn.error]
+    assert zero[3:] == pytest.approx(turn.error)
+    code, out, _ = command(
+        "statics", "finger", "--pose", *map(str, pose), "--rays", "2", "--hold", "0.1",
+        "--json", "-",
+    )  # fmt: skip
+    report = json.loads(out)
+    assert code == 0
+    assert report["closest_stable"]["distance_cm"] < 1e-4
+    assert report["closest_stable"]["angle_deg"] < 1e-4
+
+
+@pytest.mark.parametrize(("tasks", "reference", "expected"), [
+    ([], SetPoint([0, 0, 0]), "a task or more"), (["tip"], SetPoint([0, 0, 0]), "Task"),
+    ([PointTask(TIP)], [0, 0, 0], "a Reference"),
+    ([OrientationTask(TIP)], SetPoint([0, 0, 0]), "a target of task"),
+    ([PointTask("nose")], SetPoint([0, 0, 0]), "a link of"),
+])  # fmt: skip
+def test_every_misuse_is_one_line(tasks, reference, expected) -> None:
+    with pytest.raises(InputError, match=expected):
+        statics.inputs_for_tasks(FINGER, tasks, reference)
