@@ -51,6 +51,7 @@ JOBS = {
         "{robot} best --target {target} --duration 0.3 --no-verdict --log run.npz --html run.html",
         "finger law.py:Push --theta 0.5 --duration 0.1 --no-verdict --json -",
     ),
+    "rollout": ("{robot} --seconds 0.2 --html rollout.html --plot rollout.png --log rollout.csv",),
     "play": ("{robot} --target {target} --no-open",),
     "replay": ("run.npz --html replay.html --plot replay.png",),
     "obstacle": ("finger --runs 1 --duration 0.2",),
