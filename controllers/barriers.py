@@ -23,44 +23,28 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from softdyn import InputError, SoftModel, State
-from softdyn.checks import array, number
+from softdyn import SoftModel, State
+from softdyn.checks import number
 from softdyn.controllers.controller import SILENT
+from softdyn.controllers.obstacles import (
+    CENTIRADIAN,
+    MILLIMETRE,
+    RATE,
+    KeepOutSphere,
+    Values,
+)
+from softdyn.controllers.obstacles import HalfSpace as HalfSpace
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
 
-RATE = 10.0  # α (1/s)
-MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad; the units in which violations are compared
 NEGLIGIBLE = 1e-6  # of these units
 ROOM = 1e-2  # of these units; every row is relaxed by it, because a QP needs an interior
 ROUNDS = 6  # largest number of rounds that add rows
 TIE = 1e-6  # weight that chooses among inputs that break the rows alike
-
-
-class Values(NamedTuple):
-    """Barriers of one kind at a state.
-
-    Attributes
-    ----------
-    b : ndarray, (p,)
-        Values (m, rad); a violated barrier is negative.
-    gradient : ndarray, (p, n)
-        G = ∂b/∂q.
-    drift : ndarray, (p,)
-        r = b̈ - G q̈.
-    unit : ndarray, (p,)
-        The unit of violations: `MILLIMETRE` or `CENTIRADIAN`.
-    """
-
-    b: np.ndarray
-    gradient: np.ndarray
-    drift: np.ndarray
-    unit: np.ndarray
 
 
 class ControlBarrier(Protocol):
@@ -110,81 +94,11 @@ class JointLimits:
         return Values(b, self._gradient, self._drift, self._unit)
 
 
-@dataclass(frozen=True, eq=False)
-class HalfSpace:
-    """Keeps the tip in the half-space normal · y ≥ offset.
-
-    Attributes
-    ----------
-    normal : ndarray, (3,)
-        Direction into the allowed side; it is made a unit vector.
-    offset : float
-        Offset of the plane along the unit normal (m).
-    rate : float
-        α (1/s).
-    """
-
-    normal: np.ndarray
-    offset: float
-    rate: float = RATE
-
-    def __post_init__(self) -> None:
-        normal = array("normal", self.normal, (3,))
-        length = float(np.linalg.norm(normal))
-        if length == 0:
-            raise InputError("normal", "a direction", normal)
-        object.__setattr__(self, "normal", normal / length)
-        object.__setattr__(self, "offset", number("offset", self.offset))
-        object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
-
-    def __call__(self, state: State) -> Values:
-        """The tip's distance from the plane."""
-        return _of_the_tip(state, self.normal @ state.y - self.offset, self.normal, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class KeepOutSphere:
-    """Keeps the tip out of a ball.
-
-    Attributes
-    ----------
-    centre : ndarray, (3,)
-        Centre of the ball (m).
-    radius : float
-        Radius of the ball (m).
-    rate : float
-        α (1/s).
-    """
-
-    centre: np.ndarray
-    radius: float
-    rate: float = RATE
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", array("centre", self.centre, (3,)))
-        object.__setattr__(self, "radius", number("radius", self.radius, above=0.0))
-        object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
-
-    def __call__(self, state: State) -> Values:
-        """The tip's distance from the ball: n̂ the unit vector to it, b̈ = n̂·ÿ + |ẏ across|²/d."""
-        span = state.y - self.centre
-        distance = max(float(np.linalg.norm(span)), np.finfo(float).tiny)
-        n = span / distance
-        across = state.ydot - (n @ state.ydot) * n
-        return _of_the_tip(state, distance - self.radius, n, across @ across / distance)
-
-
 def __getattr__(name: str) -> Any:
     if name != "Sphere":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     warnings.warn("Sphere is called KeepOutSphere", DeprecationWarning, stacklevel=2)
     return KeepOutSphere
-
-
-def _of_the_tip(state: State, b: float, n: np.ndarray, turning: float) -> Values:
-    """A barrier b of the tip with ∂b/∂y = n (3,), a unit vector that turns: b̈ = n·ÿ + `turning`."""
-    drift = n @ (state.Jdot @ state.v) + turning
-    return Values(np.array([b]), (n @ state.J)[None], np.array([drift]), np.array([MILLIMETRE]))
 
 
 class UnsafeStart(UserWarning):

@@ -55,7 +55,12 @@ def test_values_and_derivatives(name: str) -> None:
         def moved(t: float, a: np.ndarray = a, start: State = state) -> State:
             return model.state(model.integrate(start.q, t * start.v + t * t / 2 * a), start.v)
 
-        for barrier in some_barriers(model, state.y):
+        link = model.robot.chain(model.robot.task)[1].child
+        of_a_link = (
+            HalfSpace([1.0, 0.5, -2.0], 0.1, link=link, point=[0.01, 0.0, -0.02]),
+            KeepOutSphere(np.add(state.y, 0.3), 0.02, link=link),
+        )
+        for barrier in (*some_barriers(model, state.y), *of_a_link):
             b, G, drift, unit = barrier(state)
             first, second = np.zeros((2, 2, len(b)))
             for i, t in enumerate((1e-4, 2e-4)):
@@ -78,6 +83,28 @@ def test_a_half_space_is_measured_along_its_unit_normal_into_the_allowed_side() 
     assert values.b == pytest.approx([-state.y[2] - 0.04])
     np.testing.assert_allclose(values.gradient, -state.J[2:])
     np.testing.assert_allclose(values.drift, -state.Jdot[2:] @ state.v)
+
+
+def test_the_tip_is_a_point_of_its_link() -> None:
+    state = drawn("helix")[5][0]
+    for of_tip in some_barriers(robot("helix"), state.y)[1:]:
+        named = replace(of_tip, link=robot("helix").robot.task)
+        for own, linked in zip(of_tip(state), named(state), strict=True):
+            np.testing.assert_allclose(own, linked, rtol=1e-10, atol=1e-10)
+
+
+def test_a_link_stays_behind_its_wall_while_the_tip_moves_on() -> None:
+    model = robot("finger")
+    link, start = "link3", model.link_poses(model.q0)["link3"][:3, 3]
+    goal = SetPoint([0.14, 0, -0.13])
+    wall = HalfSpace([0, 0, 1.0], float(start[2]) - 0.02, link=link)
+    lowest = {}
+    for barriers in ((), (wall,)):
+        controller = SoftIdClfQp(model, barriers=barriers)
+        log = simulate(model, controller, goal, duration=1.0, period=0.005)
+        lowest[len(barriers)] = min(model.link_poses(q)[link][2, 3] for q in log.q)
+    assert lowest[0] < start[2] - 0.025
+    assert lowest[1] > start[2] - 0.0201
 
 
 def test_joint_limits_are_those_of_the_file() -> None:
@@ -315,6 +342,8 @@ def test_the_tip_stops_at_a_wall_the_published_law_passes() -> None:
         (lambda: KeepOutSphere([0.0, 0.0, 0.0], 0.0), "radius"),
         (lambda: KeepOutSphere([0.0, 0.0, float("inf")], 1.0), "centre"),
         (lambda: KeepOutSphere([0.0, 0.0, 0.0], 1.0, rate=-1.0), "rate"),
+        (lambda: HalfSpace([0.0, 0.0, 1.0], 0.0, link=3), "link"),
+        (lambda: KeepOutSphere([0.0, 0.0, 0.0], 1.0, point=[1.0, 0.0, 0.0]), "point"),
         (lambda: JointLimits(robot("finger"), -0.1), "margin"),
     ],
 )
