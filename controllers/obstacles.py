@@ -5,7 +5,7 @@ Distances of points are smooth but at a ball's centre.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +40,32 @@ class Values(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class HalfSpace:
+class PointBarrier:
+    """A barrier of the tip, or of a point of a link.
+
+    Attributes
+    ----------
+    link : str, optional
+        The link of the point; by default the point is the tip.
+    point : array_like, (3,)
+        The point in the link's frame (m).
+    """
+
+    _: KW_ONLY
+    link: str | None = None
+    point: Any = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.link is not None and not isinstance(self.link, str):
+            raise InputError("link", "the name of a link", repr(self.link))
+        point = tuple(array("point", self.point, (3,)).tolist())
+        object.__setattr__(self, "point", point)
+        if self.link is None and any(point):
+            raise InputError("point", "a link too, for a point other than the tip", repr(point))
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace(PointBarrier):
     """Keeps the tip, or a point of a link, in the half-space normal · y ≥ offset.
 
     Attributes
@@ -51,17 +76,11 @@ class HalfSpace:
         Offset of the plane along the unit normal (m).
     rate : float
         α (1/s).
-    link : str, optional
-        The link of the point; by default the point is the tip.
-    point : array_like, (3,)
-        The point in the link's frame (m).
     """
 
     normal: np.ndarray
     offset: float
     rate: float = RATE
-    link: str | None = None
-    point: Any = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         normal = array("normal", self.normal, (3,))
@@ -71,7 +90,7 @@ class HalfSpace:
         object.__setattr__(self, "normal", normal / length)
         object.__setattr__(self, "offset", number("offset", self.offset))
         object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
-        _check_place(self)
+        super().__post_init__()
 
     def __call__(self, state: State) -> Values:
         """The point's distance from the plane."""
@@ -80,7 +99,7 @@ class HalfSpace:
 
 
 @dataclass(frozen=True, eq=False)
-class KeepOutSphere:
+class KeepOutSphere(PointBarrier):
     """Keeps the tip, or a point of a link, out of a ball.
 
     Attributes
@@ -91,23 +110,17 @@ class KeepOutSphere:
         Radius of the ball (m).
     rate : float
         α (1/s).
-    link : str, optional
-        The link of the point; by default the point is the tip.
-    point : array_like, (3,)
-        The point in the link's frame (m).
     """
 
     centre: np.ndarray
     radius: float
     rate: float = RATE
-    link: str | None = None
-    point: Any = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", array("centre", self.centre, (3,)))
         object.__setattr__(self, "radius", number("radius", self.radius, above=0.0))
         object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
-        _check_place(self)
+        super().__post_init__()
 
     def __call__(self, state: State) -> Values:
         """The point's distance from the ball: n̂ the unit vector to it, b̈ = n̂·ÿ + |ẏ across|²/d."""
@@ -128,21 +141,12 @@ class _Point(NamedTuple):
     drift: np.ndarray  # (3,)
 
 
-def _point(state: State, barrier: HalfSpace | KeepOutSphere) -> _Point:
+def _point(state: State, barrier: PointBarrier) -> _Point:
     """The tip, or the barrier's point of a link."""
     if barrier.link is None:
         return _Point(state.y, state.ydot, state.J, state.Jdot @ state.v)
     at = LinkKinematics.of(state.model)(state, barrier.link, barrier.point)
     return _Point(at.position, at.velocity[:3], at.jacobian[:3], at.drift[:3])
-
-
-def _check_place(barrier: HalfSpace | KeepOutSphere) -> None:
-    if barrier.link is not None and not isinstance(barrier.link, str):
-        raise InputError("link", "the name of a link", repr(barrier.link))
-    point = tuple(array("point", barrier.point, (3,)).tolist())
-    object.__setattr__(barrier, "point", point)
-    if barrier.link is None and any(point):
-        raise InputError("point", "a link too, for a point other than the tip", repr(point))
 
 
 def _of_a_point(state: State, at: _Point, b: float, n: np.ndarray, turning: float) -> Values:

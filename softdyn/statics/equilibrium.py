@@ -146,6 +146,28 @@ class Equilibrium:
         return self.state.J @ self.joint_sensitivity
 
 
+class RankedEquilibria:
+    """Equilibria that a search has found, the closest to its target first.
+
+    Attributes
+    ----------
+    found : tuple of Equilibrium
+        At least one.
+    """
+
+    found: tuple[Equilibrium, ...]
+
+    @property
+    def nearest(self) -> Equilibrium:
+        """The closest equilibrium, stable or not."""
+        return self.found[0]
+
+    @property
+    def nearest_stable(self) -> Equilibrium | None:
+        """The closest stable equilibrium; None if none was found."""
+        return next((one for one in self.found if one.stable), None)
+
+
 def residual(model: SoftModel, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """r(q, u) = K + g - B u (nv,), the gradient of `potential` (N m, N).
 

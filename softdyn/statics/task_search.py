@@ -16,7 +16,7 @@ from softdyn.exceptions import InputError
 from softdyn.references import Reference
 from softdyn.statics.branch import REACHED, descend
 from softdyn.statics.equilibria import rest
-from softdyn.statics.equilibrium import Equilibrium
+from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria
 from softdyn.statics.samples import sample_rests
 from softdyn.tasks.task import Task
 
@@ -25,7 +25,7 @@ TRIED = 10  # number of sampled equilibria from which a branch is followed
 
 
 @dataclass(frozen=True, eq=False)
-class TaskSearch:
+class TaskSearch(RankedEquilibria):
     """Equilibria at or near the targets of several tasks, the best first.
 
     Attributes
@@ -41,16 +41,6 @@ class TaskSearch:
     tasks: tuple[Task, ...]
     reference: Reference
     found: tuple[Equilibrium, ...]
-
-    @property
-    def nearest(self) -> Equilibrium:
-        """The equilibrium of least weighted error, stable or not."""
-        return self.found[0]
-
-    @property
-    def nearest_stable(self) -> Equilibrium | None:
-        """The stable equilibrium of least weighted error; None if none was found."""
-        return next((one for one in self.found if one.stable), None)
 
     def errors(self, equilibrium: Equilibrium) -> dict[str, float]:
         """The residual ‖e‖ of each task at an equilibrium (m, rad; unweighted), by name."""

@@ -23,7 +23,7 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.statics.branch import REACHED, approach
 from softdyn.statics.equilibria import balance, move, rest, settle
-from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria, StaticsError
 from softdyn.statics.explore import explore
 from softdyn.statics.samples import random_shapes
 
@@ -34,7 +34,7 @@ EXPLORED = 4  # number of the given starts that `explore` uses
 
 
 @dataclass(frozen=True, eq=False)
-class TipSearch:
+class TipSearch(RankedEquilibria):
     """Equilibria that hold the tip at or near a target, the closest first.
 
     Equilibria within `REACHED` of the target count as equally close; of these the one with the
@@ -50,16 +50,6 @@ class TipSearch:
 
     target: np.ndarray
     found: tuple[Equilibrium, ...]
-
-    @property
-    def nearest(self) -> Equilibrium:
-        """The closest equilibrium, stable or not."""
-        return self.found[0]
-
-    @property
-    def nearest_stable(self) -> Equilibrium | None:
-        """The closest stable equilibrium; None if none was found."""
-        return next((one for one in self.found if one.stable), None)
 
     @property
     def most_stable(self) -> Equilibrium | None:
