@@ -11,6 +11,8 @@
 - `covariance`: prediction and updates of the covariance;
 - `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
 - `drives`: delay, rate and lag of motors;
+- `observability`: how well and how fast sensors show the state at an equilibrium;
+- `recorded`: the filter over recorded data, with residuals by sensor;
 - `consistency`: normalised errors, and their bounds.
 """
 
@@ -19,9 +21,11 @@ from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.ekf import Ekf
 from softdyn.estimation.estimate import Observer
 from softdyn.estimation.estimate import StateEstimate as Estimate
+from softdyn.estimation.observability import Observability, observe
 from softdyn.estimation.parameters import EkfCounts, EkfParameters
+from softdyn.estimation.recorded import ObservedData, observe_data
 
 __all__ = [
-    "Disturbance", "Ekf", "EkfCounts", "EkfParameters", "Estimate", "Observer",
-    "chi_squared_bounds", "nees",
+    "Disturbance", "Ekf", "EkfCounts", "EkfParameters", "Estimate", "Observability",
+    "ObservedData", "Observer", "chi_squared_bounds", "nees", "observe", "observe_data",
 ]  # fmt: skip

@@ -83,7 +83,8 @@ def update(P, rows, errors, variances, change):
         Jacobians h of the readings.
     errors, variances : ndarray, (k,)
         Reading minus prediction, and the variance R of its noise. Readings whose error is not
-        finite are left out.
+        finite are left out. The errors are overwritten by those that are left after the readings
+        before, in deviations: independent and of variance 1.
     change : ndarray, (s,)
         The correction of the errors is added to it.
 
@@ -102,6 +103,7 @@ def update(P, rows, errors, variances, change):
         error -= np.dot(row, change)
         variance = variances[k] + np.dot(row, spread)
         nis += error * error / variance
+        errors[k] = error / np.sqrt(variance)
         used += 1
         for i in range(size):
             gain[i] = spread[i] / variance

@@ -42,11 +42,10 @@ class Drives:
         self._ideal = not (self._lag.any() or delay.any() or self._speeds.any()) and bool(
             np.isinf(self._rate).all()
         )
-        self._zero = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
 
-    def reset(self, state: State, t: float) -> None:
-        """Begin at a state, without force, at time t (s)."""
-        self._free = self._winches.commands(state, self._zero)
+    def reset(self, state: State, u: np.ndarray, t: float) -> None:
+        """Begin at a state, with inputs u (m,) that have acted for long, at time t (s)."""
+        self._free = self._winches.commands(state, u)
         self._limited = np.where(self._speeds, 0.0, self._free)
         self._acting = self._limited.copy()
         self._sent = [(t - self._longest - 1.0, self._limited.copy())]

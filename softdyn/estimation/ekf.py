@@ -20,6 +20,7 @@ from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
 from softdyn.estimation.second_order import second_order
 from softdyn.exceptions import InputError
+from softdyn.sensing import Sensors
 
 FROM_FILE = "file"
 LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
@@ -60,6 +61,8 @@ class Ekf:
         Those that are estimated.
     components : int
         The number of readings that a step takes.
+    reading_names : tuple of str
+        Their names, e.g. ``camera.x``.
 
     Raises
     ------
@@ -87,6 +90,7 @@ class Ekf:
             raise InputError("sensors", "at least one <sensor> in the file, or a Sensor", "none")
         self.disturbances = disturbances_of(model, disturbances)
         self.components = sum(sensor.kind.size for sensor in chosen)
+        self.reading_names = Sensors(model, tuple(chosen)).components.names
         self._channels = sensor_channels(model, tuple(chosen))
         self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
@@ -103,9 +107,16 @@ class Ekf:
         self.reset()
 
     def reset(
-        self, q: np.ndarray | None = None, v: np.ndarray | None = None, *, counts: bool = True
+        self,
+        q: np.ndarray | None = None,
+        v: np.ndarray | None = None,
+        u: np.ndarray | None = None,
+        *,
+        counts: bool = True,
     ) -> None:
-        """Begin anew at q (nq,) and v (nv,), the given start by default.
+        """Begin anew at q (nq,) and v (nv,), with inputs u (nu,) that have acted for long.
+
+        By default it is the given start, and zero inputs or those nearest to zero in their bounds.
 
         Raises
         ------
@@ -120,12 +131,14 @@ class Ekf:
         self._cover()
         self._held = np.zeros(model.nv, np.int64)
         self._time = math.nan
-        self._inputs = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+        u = np.clip(0.0, model.u_min, model.u_max) if u is None else vector("u", u, model.nu)
+        self._inputs = np.asarray(u, float)
         for channel in self._channels:
             channel.last = -1
         if counts:
             self._counted = dict.fromkeys((field.name for field in fields(EkfCounts)), 0)
         self._nis, self._used = 0.0, 0
+        self._residuals = np.full((2, self.components), np.nan)
 
     def _cover(self) -> None:
         """Set the covariance of the start; late readings are forgotten."""
@@ -164,8 +177,9 @@ class Ekf:
             self._count("refused")
             return self._estimate()
         self._nis, self._used = 0.0, 0
+        self._residuals = np.full((2, self.components), np.nan)
         if first:
-            self._drives.reset(self.model.state(self._q, self._v), t)
+            self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
         else:
             if np.isfinite(commands).all():
                 self._drives.send(self._time, commands)
@@ -188,7 +202,7 @@ class Ekf:
         else:
             self._count("restarts")
             self.reset(counts=False)
-            self._drives.reset(self.model.state(self._q, self._v), t)
+            self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
         self._time = t
         return self._estimate()
 
@@ -202,7 +216,7 @@ class Ekf:
             self._q.copy(), self._v.copy(), self._P[: 2 * n, : 2 * n].copy(),
             {name: self._d[part].copy() for name, part in self._slices.items()},
             {name: deviations[part].copy() for name, part in self._slices.items()},
-            self._nis, self._used,
+            self._nis, self._used, *self._residuals,
         )  # fmt: skip
 
     # -- prediction ----------------------------------------------------------------------------
@@ -275,7 +289,7 @@ class Ekf:
 
     def _correct(self, t: float, readings: np.ndarray) -> bool:
         """Fuse the readings that are there at t; False if the result is not finite."""
-        rows, errors, variances = [], [], []
+        rows, errors, variances, at = [], [], [], []
         done: list[LateReading] = []
         state = None
         for channel in self._channels:
@@ -303,13 +317,16 @@ class Ekf:
             values = np.where(good, given, match.predicted.values)
             error = match.predicted.errors_of(values) - channel.bias - match.shift - match.change
             rows.append(h)
+            at.append(channel.rows)
             errors.append(np.where(good, error, np.nan))
             variances.append(match.variance)
         if rows:
-            change = np.zeros(len(self._P))
+            change, left, which = np.zeros(len(self._P)), np.concatenate(errors), np.concatenate(at)
+            self._residuals[0, which] = left
             self._nis, self._used = update(
-                self._P, np.vstack(rows), np.concatenate(errors), np.concatenate(variances), change
+                self._P, np.vstack(rows), left, np.concatenate(variances), change
             )
+            self._residuals[1, which] = left
             self._count("used", self._used)
             if not math.isfinite(change @ change):
                 return False

@@ -31,6 +31,9 @@ class StateEstimate:
     used : int
         The number of these readings. `nis` is chi-squared with so many degrees of freedom, if the
         filter is consistent: see `softdyn.estimation.consistency`.
+    residuals, normalised : ndarray, (k,)
+        Each reading minus its prediction, in its unit, and in deviations: independent and of
+        variance 1 in a consistent filter. NaN for a reading that was not used.
     """
 
     q: np.ndarray
@@ -40,9 +43,11 @@ class StateEstimate:
     deviations: dict[str, np.ndarray]
     nis: float
     used: int
+    residuals: np.ndarray
+    normalised: np.ndarray
 
     def __post_init__(self) -> None:
-        for held in (self.q, self.v, self.covariance):
+        for held in (self.q, self.v, self.covariance, self.residuals, self.normalised):
             held.flags.writeable = False
         for table in (self.disturbances, self.deviations):
             for held in table.values():

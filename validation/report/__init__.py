@@ -7,6 +7,7 @@
 - `time_figures`: inputs over time; errors and inputs of a few saved runs
 - `step_figures`: step times and how they grow
 - `statics_figure`: the stable equilibria of a robot's tip
+- `uncertainty_figure`: an arm coloured by what sensors leave open
 - `replay`: a page that replays logs
 - `identification_page`: a fit to measurements, its residuals and intervals
 - `pair_page`: two files of one robot as a page, each a `drawing`

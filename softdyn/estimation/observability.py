@@ -1,0 +1,186 @@
+"""How well and how fast sensors show a robot's state at an equilibrium.
+
+The filter itself answers, with its stops, rates and latencies: it gets the readings of a robot that
+rests, without noise, from a start that is wrong in every joint. Its Riccati recursion gives the
+expected errors. A second filter without readings gives the errors that the model alone leaves. With
+their covariances P and P₀ of q, a direction x is seen if xᵀ P x < xᵀ P₀ x / 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from softdyn.actuation import Winches
+from softdyn.checks import number
+from softdyn.description.rig import CommandKind, Sensor
+from softdyn.dynamics.model import SoftModel
+from softdyn.estimation.balance import Disturbance
+from softdyn.estimation.ekf import FROM_FILE, Ekf
+from softdyn.estimation.parameters import EkfParameters
+from softdyn.sensing import Sensors
+from softdyn.statics import Equilibrium
+
+WRONG = 0.2  # rad, and share of a slide's range: the start is as wrong in every joint
+WITHIN = 3.0  # deviations of the tip; an error that stays within them is forgotten
+SEEN = 0.25  # of the variance that the model alone leaves
+STEP = 1e-5  # rad, m, of the displacement of links
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """The expected errors of a robot's state at an equilibrium, and how fast they fall.
+
+    Attributes
+    ----------
+    joint_names : tuple of str
+        The order of the joints.
+    blind, deviations : ndarray, (nv,)
+        Expected error of each joint (rad, m) without readings, and with them.
+    seen, free : int
+        Directions of q that the sensors show, of those that no stop holds.
+    tip : float
+        Expected error of the tip (m), ‖·‖.
+    links : dict of str to float
+        Expected error of each link's origin (m).
+    t, tip_error, shape_error : ndarray, (N,)
+        Time (s), and from the wrong start the tip's error (m) and the largest of the joints' errors
+        (rad, m).
+    forgotten : float or None
+        The time (s) after which the tip's error stays within 3 of its deviations; None for never.
+    """
+
+    joint_names: tuple[str, ...]
+    blind: np.ndarray
+    deviations: np.ndarray
+    seen: int
+    free: int
+    tip: float
+    links: dict[str, float]
+    t: np.ndarray
+    tip_error: np.ndarray
+    shape_error: np.ndarray
+    forgotten: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as plain data."""
+        joints = zip(self.joint_names, self.blind, self.deviations, strict=True)
+        return {
+            "joints": [
+                {"joint": name, "without_sensors": float(blind), "deviation": float(deviation)}
+                for name, blind, deviation in joints
+            ],
+            "seen": self.seen, "free": self.free, "tip_mm": 1e3 * self.tip,
+            "links_mm": {name: 1e3 * error for name, error in self.links.items()},
+            "wrong_start_forgotten_s": self.forgotten,
+            "tip_error_mm": 1e3 * float(self.tip_error[-1]),
+            "shape_error": float(self.shape_error[-1]),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        width = max(len(name) for name in self.joint_names)
+        lines = [f"{'joint':{width}}  without sensors  with them"]
+        lines += [
+            f"{name:{width}}  {blind:15.4g}  {deviation:9.4g}"
+            for name, blind, deviation in zip(
+                self.joint_names, self.blind, self.deviations, strict=True
+            )
+        ]
+        late = f"{self.t[-1]:g} s: {1e3 * self.tip_error[-1]:.3g} mm at the tip are left"
+        when = f"not within {late}" if self.forgotten is None else f"after {self.forgotten:.3g} s"
+        return "\n".join([
+            *lines,
+            f"the sensors see {self.seen} of {self.free} free directions; expected error of the "
+            f"tip {1e3 * self.tip:.3g} mm",
+            f"a start that is wrong by {WRONG:g} rad in every joint is forgotten {when}",
+        ])  # fmt: skip
+
+
+def observe(
+    rest: Equilibrium,
+    sensors: str | Iterable[Sensor] = FROM_FILE,
+    disturbances: Iterable[Disturbance | str] = (),
+    *,
+    parameters: EkfParameters | None = None,
+    period: float = 0.002,
+    seconds: float = 1.0,
+) -> Observability:
+    """How well and how fast sensors show the state at an equilibrium.
+
+    Parameters
+    ----------
+    rest : Equilibrium
+        The equilibrium, from `softdyn.statics`.
+    sensors, disturbances, parameters
+        As of `softdyn.estimation.Ekf`.
+    period, seconds : float
+        Time between steps, and of the whole (s).
+
+    Raises
+    ------
+    InputError
+        As `softdyn.estimation.Ekf` does; a time that is not positive.
+    """
+    model, q, u = rest.model, rest.q, rest.u
+    steps = max(round(number("seconds", seconds, above=0.0) / number("period", period, above=0)), 1)
+    chosen: tuple[Any, ...] = model.robot.sensors if sensors == FROM_FILE else tuple(sensors)
+    disturbances = tuple(disturbances)
+    none = np.zeros(model.nv)
+    truth = model.state(q, none)
+    filters = [
+        Ekf(model, chosen, disturbances, parameters=parameters, start=(at, none))
+        for at in (_wrong(model, q), q)
+    ]
+    readings = Sensors(model, chosen).measure(truth, u).values
+    speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
+    commands = np.where(speeds, 0.0, Winches(model).commands(truth, u))
+    for one in filters:
+        one.reset(u=u)
+    tips, shapes = np.empty(steps + 1), np.empty(steps + 1)
+    for k in range(steps + 1):
+        found = filters[0].step(k * period, readings, commands)
+        blind = filters[1].step(k * period, np.full(len(readings), np.nan), commands)
+        tips[k] = np.linalg.norm(model.state(found.q, found.v).y - truth.y)
+        shapes[k] = np.abs(model.coordinates(found.q) - model.coordinates(q)).max()
+    n = model.nv
+    P, P0 = found.covariance[:n, :n], blind.covariance[:n, :n]
+    deviation = float(np.sqrt(np.trace(truth.J @ P @ truth.J.T)))
+    outside = np.flatnonzero(tips > WITHIN * deviation)
+    last = outside[-1] + 1 if len(outside) else 0
+    free = (np.diag(P0) > 0) & (np.diag(P) > 0)
+    ratios = eigh(P[np.ix_(free, free)], P0[np.ix_(free, free)], eigvals_only=True)
+    return Observability(
+        joint_names=model.joint_names, blind=np.sqrt(np.diag(P0)), deviations=np.sqrt(np.diag(P)),
+        seen=int((ratios < SEEN).sum()), free=int(free.sum()), tip=deviation,
+        links=_link_errors(model, q, P), t=period * np.arange(steps + 1), tip_error=tips,
+        shape_error=shapes, forgotten=None if last > steps else float(last * period),
+    )  # fmt: skip
+
+
+def _wrong(model: SoftModel, q: np.ndarray) -> np.ndarray:
+    """The configuration with every joint displaced by `WRONG`, within its limits."""
+    slides = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
+    span = np.array([name in slides for name in model.joint_names]) * (model.upper - model.lower)
+    turns = np.where(span > 0, WRONG * np.minimum(span, 1.0), WRONG)
+    at = model.coordinates(q)
+    away = np.where(at + turns <= model.upper, turns, -turns)
+    return model.integrate(q, np.clip(at + away, model.lower, model.upper) - at)
+
+
+def _link_errors(model: SoftModel, q: np.ndarray, P: np.ndarray) -> dict[str, float]:
+    """Expected error (m) of each link's origin under the covariance P (nv, nv) of q."""
+    columns = []
+    for axis in np.eye(model.nv):
+        ends = [model.link_poses(model.integrate(q, sign * STEP * axis)) for sign in (1, -1)]
+        columns.append({
+            name: (ends[0][name][:3, 3] - ends[1][name][:3, 3]) / (2 * STEP) for name in ends[0]
+        })  # fmt: skip
+    found = {}
+    for link in model.robot.links:
+        J = np.stack([column[link.name] for column in columns], axis=1)
+        found[link.name] = float(np.sqrt(max(np.trace(J @ P @ J.T), 0.0)))
+    return found

@@ -1,0 +1,156 @@
+"""The filter over recorded data of a rig: estimates, and residuals by sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softdyn.csv_columns import columns, numbers, once
+from softdyn.dynamics.model import SoftModel
+from softdyn.estimation.ekf import Ekf
+from softdyn.estimation.estimate import StateEstimate
+from softdyn.estimation.parameters import EkfCounts
+from softdyn.exceptions import InputError
+
+SETTLED = 0.25  # of the data; residuals before are of the start
+
+
+@dataclass(frozen=True)
+class SensorResiduals:
+    """Residuals of one reading after the first quarter of the data.
+
+    Attributes
+    ----------
+    name : str
+        The reading, e.g. ``camera.x``.
+    used : int
+        Readings used.
+    mean, error : float
+        Mean residual, in the reading's unit, and the standard deviation of this mean: a bias that
+        the file does not state, or a force that the model lacks.
+    rms : float
+        Root mean square of the residuals.
+    normalised : float
+        Root mean square in deviations; 1 in a consistent filter.
+    """
+
+    name: str
+    used: int
+    mean: float
+    error: float
+    rms: float
+    normalised: float
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedData:
+    """Estimates over recorded data.
+
+    Attributes
+    ----------
+    t : ndarray, (N,)
+        Times (s).
+    estimates : tuple of StateEstimate, (N,)
+        The estimate at each.
+    residuals : tuple of SensorResiduals
+        One for each reading.
+    counts : EkfCounts
+        What the filter did with the data.
+    """
+
+    t: np.ndarray
+    estimates: tuple[StateEstimate, ...]
+    residuals: tuple[SensorResiduals, ...]
+    counts: EkfCounts
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as plain data, with the last estimate."""
+        last = self.estimates[-1]
+        found = {}
+        for name, value in last.disturbances.items():
+            low, high = last.interval(name)
+            found[name] = {"value": value.tolist(), "low": low.tolist(), "high": high.tolist()}
+        return {
+            "samples": len(self.t), "q": last.q.tolist(), "disturbances": found,
+            "residuals": [vars(one) for one in self.residuals], "counts": vars(self.counts),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        width = max(len(one.name) for one in self.residuals)
+        head = f"{'reading':{width}}   used        mean ± error         rms  in deviations"
+        lines = [
+            f"{one.name:{width}} {one.used:6}  {one.mean:10.3g} ± {one.error:<8.2g} "
+            f"{one.rms:9.3g}  {one.normalised:13.2f}"
+            for one in self.residuals
+        ]
+        for name, found in self.to_dict()["disturbances"].items():
+            parts = zip(found["value"], found["low"], found["high"], strict=True)
+            lines += [f"{name}: {value:.4g} [{low:.4g}, {high:.4g}]" for value, low, high in parts]
+        odd = {name: n for name, n in vars(self.counts).items() if n and name != "used"}
+        lines += [f"{name}: {n}" for name, n in odd.items()]
+        return "\n".join([head, *lines])
+
+
+def observe_data(model: SoftModel, observer: Ekf, path: str | Path) -> ObservedData:
+    """Run a filter over a CSV file.
+
+    Its columns are ``t`` (s), for every input ``command.INPUT``, or ``u.INPUT`` where the file has
+    no commands, held from a row to the next, and for every reading ``measured.NAME``. Cells of
+    readings may be empty. A log's CSV is such a file; other columns are left out.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    observer : Ekf
+        Its filter.
+    path : str or Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a column that is not there or is there twice, a cell that is no
+        number, no row.
+    """
+    _, header, rows = columns(path)
+    inputs = [actuator.name for actuator in model.robot.actuators]
+    kind = "command" if any(name.startswith("command.") for name in header) else "u"
+    names = ["t", *(f"{kind}.{name}" for name in inputs)]
+    names += [f"measured.{name}" for name in observer.reading_names]
+    once(path, header, names)
+    if len(rows) < 2:
+        raise InputError(str(path), "at least two rows", str(len(rows)))
+    chosen = [header.index(name) for name in names]
+    cells = [[row[k] for k in chosen] for row in rows]
+    table = numbers(path, names, cells, ("measured.",))
+    t, u, readings = table[:, 0], table[:, 1 : 1 + len(inputs)], table[:, 1 + len(inputs) :]
+    observer.reset()
+    sent = [np.zeros(len(inputs)), *u[:-1]]
+    estimates = tuple(observer.step(*row) for row in zip(t, readings, sent, strict=True))
+    first = int(SETTLED * len(t))
+    raw, normalised = (
+        np.array([getattr(one, name) for one in estimates[first:]])
+        for name in ("residuals", "normalised")
+    )
+    return ObservedData(
+        t, estimates,
+        tuple(
+            _residuals(name, raw[:, k], normalised[:, k])
+            for k, name in enumerate(observer.reading_names)
+        ),
+        observer.counts,
+    )  # fmt: skip
+
+
+def _residuals(name: str, raw: np.ndarray, normalised: np.ndarray) -> SensorResiduals:
+    raw, normalised = raw[np.isfinite(normalised)], normalised[np.isfinite(normalised)]
+    if not len(raw):
+        return SensorResiduals(name, 0, np.nan, np.nan, np.nan, np.nan)
+    return SensorResiduals(
+        name, len(raw), float(raw.mean()), float(raw.std() / np.sqrt(len(raw))),
+        float(np.sqrt(np.mean(raw**2))), float(np.sqrt(np.mean(normalised**2))),
+    )  # fmt: skip
