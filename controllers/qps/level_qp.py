@@ -115,7 +115,7 @@ class LevelQp:
     @SILENT
     def command(self, state: State, tip: TaskRows, guard: InputGuard) -> Command:
         """The bounded input, or the guard's fallback."""
-        assert isinstance(tip, StackedError)  # `task_rule` gives no other
+        assert isinstance(tip, StackedError)  # `make_qp` gives no other
         M, h = (state.M, state.h) if self._horizon is None else self._horizon(state)
         H, g, mu_map, mu_0 = self._objective.condense(state, M, h, tip)
         if not np.isfinite([H.sum(), g.sum(), mu_map.sum(), mu_0.sum(), tip.V]).all():
@@ -136,7 +136,10 @@ class LevelQp:
                 H * last, g * last, F, f, G, self._lower, self._upper,
                 tip.row[rows] / self._root, bound, self._rho,
             )  # fmt: skip
-            x, held = self._solve(level, x, Z, unique=last)
+            found = self._solve(level, x, Z, unique=last)
+            if found is None:
+                return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
+            x, held = found
             delta = max(delta, float(level.row @ x - level.bound)) if self._rho else np.nan
             room = np.minimum(G @ x - self._lower, self._upper - G @ x)
             saturated = bool((room <= SAME * (self._upper - self._lower)).any())
@@ -146,13 +149,16 @@ class LevelQp:
             level = LevelProblem(
                 H, g, none, none[:, 0], G, self._lower, self._upper, none[:, 0], 0.0, 0.0
             )
-            x, _ = self._solve(level, x, Z, unique=True)
+            found = self._solve(level, x, Z, unique=True)
+            if found is None:
+                return guard.fall_back(Status.NOT_SOLVED, tip.V, np.nan)
+            x = found[0]
         return replace(guard.accept(scale[:m] * x[:m], tip.V, delta), tasks=tuple(reports))
 
     def _solve(
         self, level: LevelProblem, x: np.ndarray, Z: np.ndarray, *, unique: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The optimum of a level in x + Z w nearest to x, and the rows of G that it holds.
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """An optimum of a level in x + Z w, and the rows of G that it holds; None without one.
 
         The solver's answer with a small ridge is only the start of an exact active set method.
         """
@@ -162,8 +168,9 @@ class LevelQp:
         F, f, tolerance = inner.F, inner.f, RANK_TOLERANCE
         largest = float(np.linalg.norm(level.F, axis=1).max(initial=0.0))
         if unique:
-            half = np.linalg.cholesky(inner.H / 2)
-            F, f = np.vstack((F, half.T)), np.append(f, np.linalg.solve(half, -inner.g / 2))
+            values, vectors = np.linalg.eigh(inner.H / 2)
+            half = np.sqrt(np.maximum(values, 0.0)) * vectors
+            F, f = np.vstack((F, half.T)), np.append(f, np.linalg.lstsq(half, -inner.g / 2)[0])
             largest, tolerance = float(np.linalg.norm(F, axis=1).max()), 1e-14
         w, side, late = self._start(inner, RIDGE * largest**2)
         for _ in range(2):
@@ -171,7 +178,10 @@ class LevelQp:
             if late:
                 root = np.sqrt(inner.rho)
                 rows, goal = np.vstack((F, root * inner.row)), np.append(f, root * inner.bound)
-            w, holds = _least_squares(rows, goal, inner, w, side, tolerance * largest)
+            found = _least_squares(rows, goal, inner, w, side, tolerance * largest)
+            if found is None:
+                return None
+            w, side, holds = found
             if not inner.rho or (inner.row @ w > inner.bound) == late:
                 break
             late = not late
@@ -215,12 +225,13 @@ def _least_squares(
     w: np.ndarray,
     side: np.ndarray,
     smallest: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise ‖F w - f‖² within the bounds from an admissible w; which rows multipliers hold.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Minimise ‖F w - f‖² within the bounds from an admissible w.
 
     It is a primal active set method; `side` (p,) is -1 or 1 for a row at its lower or upper bound.
-    Singular values of F below `smallest` count as zero. Each step is the least that reaches the
-    optimum on the active rows.
+    Returns w, the sides, and the rows that multipliers hold; None if it does not end. Singular
+    values of F below `smallest` count as zero. Each step is the least that reaches the optimum on
+    the active rows.
     """
     G, lower, upper, side = bounds.G, bounds.lower, bounds.upper, side.copy()
     sizes = np.linalg.norm(G, axis=1)
@@ -244,7 +255,7 @@ def _least_squares(
         if k >= 0 and room[k] < 1.0:
             w = w + room[k] * step
             if k == dropped and room[k] == 0.0:
-                break  # its multiplier was only rounding
+                return w, side, holds  # its multiplier was only rounding
             side[k] = np.sign(along[k])
             continue
         w = w + step
@@ -255,9 +266,9 @@ def _least_squares(
         wrong = -weight * side
         dropped = int(wrong.argmax()) if len(wrong) else -1
         if dropped < 0 or wrong[dropped] <= ROUNDING:
-            break
+            return w, side, holds
         side[dropped] = 0.0
-    return w, holds
+    return None
 
 
 def _moving(G: np.ndarray) -> np.ndarray:

@@ -31,10 +31,11 @@ from softdyn.tasks.targets import (
     Waypoints,
     recorded_paths,
 )
-from softdyn.tasks.task import Task, TaskError
+from softdyn.tasks.task import Task, TaskError, errors_along
 
 __all__ = [
     "AxisTask", "FrameTask", "JointTask", "LinkKinematics", "LinkMotion", "OrientationTask",
     "PointTask", "PoseTask", "Poses", "References", "ShapeTask", "StackedReference", "StrainTask",
-    "Target", "Task", "TaskError", "Turns", "Waypoints", "recorded_paths", "tasks_of",
+    "Target", "Task", "TaskError", "Turns", "Waypoints", "errors_along", "recorded_paths",
+    "tasks_of",
 ]  # fmt: skip

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from softdyn.checks import array, number, whole
-from softdyn.dynamics.model import State
+from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
 from softdyn.tasks.targets import StackedReference, Target
@@ -140,6 +141,35 @@ class Task(ABC):
     def takes_plain(self) -> bool:
         """Whether a plain `Reference` is its target: only for a point."""
         return False
+
+
+def errors_along(
+    model: SoftModel, tasks: Sequence[Task], log: Any, reference: Callable[[float], Any]
+) -> dict[str, np.ndarray]:
+    """The error ‖e‖ (N,) of each task at every sample of a run (m, rad; unweighted), by name.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    tasks : sequence of Task
+        The tasks.
+    log : Log, or anything with t (N,), q (N, nq) and v (N, nv)
+        The run.
+    reference : Callable
+        Time → targets, the reference of the run.
+
+    Raises
+    ------
+    InputError
+        Whatever a task raises.
+    """
+    found: dict[str, list[float]] = {task.name: [] for task in tasks}
+    for t, q, v in zip(log.t, log.q, log.v, strict=True):
+        state, goal = model.state(q, v), reference(float(t))
+        for task in tasks:
+            found[task.name].append(float(np.linalg.norm(task(state, goal).error)))
+    return {name: np.array(values) for name, values in found.items()}
 
 
 def check_target(task: Task, target: Any, shape: tuple[int, ...], what: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -236,6 +238,15 @@ def test_hostile_numbers_lead_to_a_bounded_input(law: str) -> None:
         )
         u = controller(state, reference).u
         assert ((model.u_min <= u) & (u <= model.u_max)).all()
+
+
+@pytest.mark.parametrize("weights", [{"w3": 0.0}, {"w2": 0.0, "w4": 0.0}, {"rho": 1e-3}])
+def test_edges_of_the_weights(weights: dict[str, float]) -> None:
+    model, gains = robot("spirob"), replace(gains_of("spirob"), **weights)
+    tasks = task_lists(model)["mid-point, then tip"]
+    controller = SoftIdClfQp(model, gains, tasks=tasks)
+    for seed, (state, _) in enumerate(drawn("spirob")[:6]):
+        assert controller(state, goals(state, tasks, seed)).status is Status.OK
 
 
 def test_what_keeps_no_levels_is_refused() -> None:

@@ -19,12 +19,15 @@ from softdyn.tasks import (
     PointTask,
     Poses,
     PoseTask,
+    References,
     StackedReference,
     Target,
     Task,
     TaskError,
+    errors_along,
 )
 from softdyn.tasks.targets import exp3
+from softdyn.validation import simulate
 from softdyn.validation.paper import paper_qps
 from softdyn.validation.paper.paper_qps import TaskTerms
 from softdyn.validation.paper.solvers import LeastNorm, Quadprog, Unsolved, unknowns
@@ -202,3 +205,14 @@ def test_every_misuse_is_one_line(tasks, expected) -> None:
     with pytest.raises(InputError, match=expected) as caught:
         SoftIdClfQp(robot("finger"), tasks=tasks)(state, reference)
     assert "\n" not in str(caught.value)
+
+
+def test_errors_by_task_along_a_run() -> None:
+    model = robot("finger")
+    tasks = [PointTask("tip"), AxisTask("tip", [1, 0, 0], weight=0.01)]
+    goal = References({"tip": SetPoint([0.13, 0, -0.13]), "tip.axis": Target([0, 0, -1])})
+    log = simulate(model, SoftIdClfQp(model, tasks=tasks), goal, duration=0.3, period=0.005)
+    errors = errors_along(model, tasks, log, goal)
+    np.testing.assert_allclose(errors["tip"], np.linalg.norm(log.error, axis=1), atol=1e-12)
+    assert errors["tip.axis"][0] == pytest.approx(np.pi / 2)
+    assert errors["tip"][-1] < 0.5 * errors["tip"][0]
