@@ -25,11 +25,15 @@ has the tip's drift.
 
 --inputs raises the given input slowly from rest instead, and shows the resulting equilibrium.
 --pose searches the equilibria nearest to a pose of the tip.
+--friction is for cables that rub: the robot rests anywhere between two shapes, after its cables
+were pulled in and after they were paid out. With --map it draws the tip while the inputs rise
+slowly, fall to zero and rise again.
 
 exit codes: 0 done; 1 no equilibrium was found; 2 bad input.
 """
 
 
+LOOP_STEPS = 40  # steps of each branch of a hysteresis loop
 TARGETS = 4  # number of targets of a robot without published ones
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("robot", metavar="ROBOT")
@@ -53,6 +57,9 @@ goal.add_argument(
     metavar=("X", "Y", "Z", "RX", "RY", "RZ"),
     help="a pose of the tip: a point in m and a rotation vector in rad",
 )
+parser.add_argument(
+    "--friction", action="store_true", help="with --inputs: the rests with friction of cables"
+)
 parser.option("--rays", cli.count, "N", "random inputs to raise", 40)
 parser.option(
     "--spread", cli.count, "N", "further stable equilibria sought where there are few", 100
@@ -73,30 +80,69 @@ def command(arguments: cli.Arguments) -> int:
     """Search, judge and report."""
     from softdyn.validation.report.plot_style import check_path
 
+    if arguments.friction and arguments.inputs is None:
+        parser.error("argument --friction: only with --inputs")
     for name in ("inputs", "pose"):
-        if getattr(arguments, name) is not None and arguments.map is not None:
+        drawn = arguments.map is not None and not arguments.friction
+        if drawn and getattr(arguments, name) is not None:
             parser.error(f"argument --map: not allowed with --{name}")
     if arguments.map is not None:
         check_path(arguments.map)
     model = cli.load_robot(arguments)
     answer = lead if arguments.inputs else search if arguments.pose is None else hold_pose
+    answer = rub if arguments.friction else answer
     report, text = answer(model, arguments)
     cli.write_report(report, arguments.json, text)
     return cli.PASSED
 
 
-def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
-    """Raise the given inputs from rest to an equilibrium."""
+def rub(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+    """Find the rests under the given inputs after both directions of motion."""
     import numpy as np
 
     from softdyn import InputError, statics
-    from softdyn.validation.crosschecks.rest_report import HeldRest
+    from softdyn.actuation import Capstan
+    from softdyn.validation.report import statics_figure
 
-    u = np.array(arguments.inputs)
+    u, capstan = given(model, arguments.inputs), Capstan(model)
+    if not len(capstan.tendon):
+        raise InputError("--friction", "a robot with friction of cables", model.name)
+    pulled, paid_out = statics.rest_interval(capstan, u)
+    if arguments.map is not None:
+        rise = np.linspace(0, 1, LOOP_STEPS + 1)
+        shares = np.concatenate((rise, rise[-2::-1], rise[1:]))
+        start = statics.settle(model, 0 * u).q
+        loop = statics.follow(capstan, shares[:, None] * u, start)
+        statics_figure.draw_loop(arguments.map, shares, loop)
+    robot, apart = model.bundled or model.name, 1e3 * float(np.linalg.norm(pulled.y - paid_out.y))
+    found = {"pulled_in": pulled, "paid_out": paid_out}
+    lines = [f"{robot}: rests {apart:.3g} mm apart at the tip"]
+    for name, one in found.items():
+        lines.append(f"  {name.replace('_', ' ')}: tip {' '.join(f'{x:.4f}' for x in one.y)} m")
+    tips = {name: {"tip": one.y.tolist()} for name, one in found.items()}
+    return {"robot": robot, "u": u.tolist(), "apart_mm": apart, **tips}, "\n".join(lines)
+
+
+def given(model: SoftModel, inputs: list[float]) -> np.ndarray:
+    """The inputs of the command line."""
+    import numpy as np
+
+    from softdyn import InputError
+
+    u = np.array(inputs)
     if u.shape != (model.nu,):
         raise InputError("--inputs", f"{model.nu} numbers", f"{len(u)}")
     if (u < model.u_min).any() or (u > model.u_max).any():
         raise InputError("--inputs", f"numbers from {model.u_min} to {model.u_max}", u)
+    return u
+
+
+def lead(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+    """Raise the given inputs from rest to an equilibrium."""
+    from softdyn import statics
+    from softdyn.validation.crosschecks.rest_report import HeldRest
+
+    u = given(model, arguments.inputs)
     found, snaps = statics.ramp(model, u)
     rest, robot = HeldRest.of(found, arguments.hold), model.bundled or model.name
     tip = " ".join(f"{x:.4f}" for x in found.y)

@@ -141,6 +141,14 @@ class Capstan:
         tree, _ = underlying_tree(model)
         return Derivatives(force @ lost, by_q, by_v, (tree.gear[:, None] * lost[tree.actuated]).T)
 
+    def direction_gradients(self, state: State, u: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Gradients (n, guides) of `Guides.forces` by the directions; arguments as there."""
+        guides = self.at(state)
+        pull = guides.pull(u)[self.tendon]
+        sign = -np.sign(pull)
+        behind = (pull * guides.shares(direction, sign))[:, None] * guides.arms
+        return -(sign * self.friction * guides.angles * (self._downstream @ behind).T)
+
     def _kinematics(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Jacobian columns of the tree's joints, and the poses of its bodies."""
         model = self.model

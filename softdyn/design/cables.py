@@ -89,8 +89,7 @@ class Cable:
             instance(name, getattr(self, name), (int, np.integer), "a whole number")
         for name in ("stiffness", "damping"):
             number(name, getattr(self, name), lower=0.0)
-        if number("friction", self.friction, lower=0.0) > MOST_FRICTION:
-            raise InputError("friction", f"a number <= {MOST_FRICTION:g}", self.friction)
+        number("friction", self.friction, lower=0.0, upper=MOST_FRICTION)
         if self.rest is not None:
             number("rest", self.rest, lower=0.0 if self.straight else -math.inf)
         flag("straight", self.straight)

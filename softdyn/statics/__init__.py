@@ -26,6 +26,8 @@ equilibria
     Solvers: `settle`, `balance`, `ramp`, `rest`.
 branch
     `approach`: follows a branch of equilibria until the tip is near a point.
+friction
+    Rests after a stated motion, and along a slow path, of robots whose cables rub.
 explore
     Finds equilibria with the tip near a point, from arbitrary shapes.
 samples
@@ -50,6 +52,7 @@ from softdyn.statics.diagnosis import Diagnosis, diagnose
 from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
 from softdyn.statics.explore import explore
+from softdyn.statics.friction import StuckRest, follow, rest_after, rest_interval
 from softdyn.statics.reachable import Loop, loop_around, spread_rests
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
@@ -58,10 +61,11 @@ from softdyn.statics.tip_search import TipSearch, inputs_for_tip
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "TaskSearch",
-    "TipSearch", "approach", "balance", "diagnose", "explore", "gravity_stiffness",
-    "inputs_for_tasks", "inputs_for_tip",
+    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "StuckRest",
+    "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore", "follow",
+    "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip",
     "loop_around", "potential", "ramp", "random_inputs", "random_shapes", "residual", "rest",
+    "rest_after", "rest_interval",
     "sample_between", "sample_rests", "settle", "spread_rests", "stiffness",
     "zero_spectrum",
 ]  # fmt: skip

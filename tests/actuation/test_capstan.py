@@ -9,42 +9,22 @@ import numpy as np
 import pytest
 
 import softdyn
-from softdyn import InputError, SoftModel
+from softdyn import InputError, Robot, SoftModel
 from softdyn.actuation import Capstan
 from softdyn.description.robot import JointTerm, PathEnd, Site, Tendon
 from softdyn.description.urdf import parse_text
 from tests.support.misuses import ARM
-
-BODY = (
-    '<inertial><origin xyz="{} 0 0"/><mass value="0.1"/>'
-    '<inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial>'
-)
+from tests.support.rubbing import chain, pulled
 
 
-def planar(joints: int, length: float = 0.2) -> softdyn.Robot:
-    """A chain that turns about z, with the joints in the middle of equal pieces."""
-    piece = length / joints
-    links, hinges = '<link name="l0"/>', ""
-    for k in range(1, joints + 1):
-        links += f'<link name="l{k}">{BODY.format(piece / 2)}</link>'
-        hinges += (
-            f'<joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
-            f'<origin xyz="{piece if k > 1 else piece / 2} 0 0"/><axis xyz="0 0 1"/>'
-            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-        )
-    tip = f'<link name="tip"/><joint name="end" type="fixed"><parent link="l{joints}"/>'
-    tip += f'<child link="tip"/><origin xyz="{piece / 2} 0 0"/></joint>'
-    robot = parse_text(f'<robot name="chain">{links}{tip}{hinges}</robot>', path=Path("chain.urdf"))
-    return replace(robot, task="tip")
+def planar(joints: int, length: float = 0.2) -> Robot:
+    """A chain that turns about z."""
+    return chain(np.tile([0.0, 0.0, 1.0], (joints, 1)), length / joints)
 
 
-def pulled(robot: softdyn.Robot, *tendons: Tendon) -> SoftModel:
+def pulled_model(robot: Robot, *tendons: Tendon) -> SoftModel:
     """A model with tendons that one input each pulls; the force along it is u."""
-    inputs = tuple(
-        softdyn.description.rig.Actuator(f"u{k}", t.name, 1.0, -9.0, 9.0)
-        for k, t in enumerate(tendons)
-    )
-    return softdyn.build(replace(robot, tendons=tendons, actuators=inputs))
+    return softdyn.build(pulled(robot, *tendons))
 
 
 def rubbing(name: str, mu: float = 0.1, **changes: float) -> SoftModel:
@@ -70,7 +50,7 @@ def test_a_rope_over_two_posts_has_euler_s_tension(driven: PathEnd) -> None:
     path = [Site("l0", (float(x), float(y), 0.3)) for x, y in ((0.0, 0.0), *points)]
     path.append(Site("l1", (0.1, 0.0, 0.3)))
     mu, pull = 0.3, 5.0
-    model = pulled(planar(1), Tendon("rope", sites=tuple(path), friction=mu, driven=driven))
+    model = pulled_model(planar(1), Tendon("rope", sites=tuple(path), friction=mu, driven=driven))
     guides = Capstan(model).at(model.state(model.q0, np.zeros(1)))
     inside = guides.angles[:-1] if driven is PathEnd.FIRST else guides.angles[1:]
     assert inside.sum() == pytest.approx(2.0 + 1.3, abs=1e-12)
@@ -96,7 +76,7 @@ def test_an_arm_with_a_rubbing_cable_follows_its_differential_equation() -> None
     errors = []
     for n in (4, 8, 16, 32):
         terms = tuple(JointTerm(f"j{k + 1}", -offset) for k in range(n))
-        model = pulled(planar(n, length), Tendon("cable", terms, friction=mu))
+        model = pulled_model(planar(n, length), Tendon("cable", terms, friction=mu))
         capstan, q = Capstan(model), np.zeros(n)
         for _ in range(60):
             state = model.state(q, np.zeros(n))
@@ -148,7 +128,7 @@ def test_guides_lose_the_power_that_is_missing_at_the_joints(name: str) -> None:
 
 
 def test_friction_acts_on_the_size_of_a_two_sided_input() -> None:
-    model = pulled(planar(1), Tendon("pair", (JointTerm("j1", 0.01),), friction=0.2))
+    model = pulled_model(planar(1), Tendon("pair", (JointTerm("j1", 0.01),), friction=0.2))
     guides = Capstan(model).at(model.state([0.5], [0.0]))
     for u in (3.0, -3.0):
         for direction in (1.0, -1.0):
@@ -160,7 +140,7 @@ def test_friction_acts_on_the_size_of_a_two_sided_input() -> None:
 def test_joints_are_guides_and_slides_belong_to_the_piece_between() -> None:
     robot = parse_text(ARM, path=Path("arm.urdf"))
     terms = (JointTerm("bend", 0.3), JointTerm("slide", 4.0), JointTerm("twist", 0.1))
-    model = pulled(robot, Tendon("t", terms, friction=0.1))
+    model = pulled_model(robot, Tendon("t", terms, friction=0.1))
     guides = Capstan(model).at(model.state(model.q0, np.zeros(model.nv)))
     dof = {name: k for k, name in enumerate(model.joint_names)}
     expected = np.zeros((2, model.nv))

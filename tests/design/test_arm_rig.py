@@ -171,7 +171,11 @@ def test_an_arm_without_a_rig_is_ideal() -> None:
 WRONG = {
     "slack without a spring": ("stiffness_N_m = 200\n", "", "stiffness: .* of a slack cable"),
     "negative friction": ("slack = true", "friction = -0.1", "friction: expected a finite .* >= 0"),
-    "too much friction": ("slack = true", "friction = 11", "friction: expected a number <= 10"),
+    "too much friction": (
+        "slack = true",
+        "friction = 11",
+        "friction: expected a finite number >= 0 and <= 10",
+    ),
     "negative spring": ("N_m = 200", "N_m = -200", "stiffness: expected a finite number >= 0"),
     "unknown cable": ('["base"]', '["bace"]', r"\[\[motor\]\] 1: cables: expected base_1 or"),
     "two motors of a cable": ('["long"]\nlag', '["base_1"]\nlag', "one motor of cable 'base_1'"),

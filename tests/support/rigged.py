@@ -10,6 +10,7 @@ import softdyn
 from softdyn import SoftModel
 from softdyn.description.rig import CommandKind, Sensor
 from softdyn.description.rig import SensorKind as KIND
+from softdyn.description.robot import PathEnd
 
 KINDS = (CommandKind.LENGTH, CommandKind.VELOCITY, CommandKind.FORCE)
 
@@ -47,7 +48,10 @@ def wound(model: SoftModel, **changed: float) -> SoftModel:
 
 
 def random_rig(model: SoftModel, seed: int) -> SoftModel:
-    """The robot of `measured` with motors of random kinds, lags, delays, rates; they only pull."""
+    """The robot of `measured` with rubbing cables and random motors that only pull.
+
+    The motors have random kinds, lags, delays and rates.
+    """
     rng, actuators = np.random.default_rng(seed), []
     for actuator in model.robot.actuators:
         kind = KINDS[rng.integers(3)]
@@ -57,7 +61,12 @@ def random_rig(model: SoftModel, seed: int) -> SoftModel:
         if kind is not CommandKind.FORCE:
             changes |= {"stiffness": rng.uniform(20, 50), "damping": rng.uniform(0.5, 2)}
         actuators.append(replace(actuator, command=kind, **changes))
-    return _rebuilt(measured(model), actuators=tuple(actuators))
+    found = measured(model)
+    rubbing = (
+        replace(tendon, friction=0.1 * k, driven=PathEnd.LAST if k % 2 else None)
+        for k, tendon in enumerate(found.robot.tendons, 1)
+    )
+    return _rebuilt(found, actuators=tuple(actuators), tendons=tuple(rubbing))
 
 
 def measured(model: SoftModel) -> SoftModel:

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 import softdyn
-from softdyn.actuation import Winches
+from softdyn.actuation import Capstan, Winches
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.description.robot import Robot
 from softdyn.dynamics.model import SoftModel, State
@@ -25,6 +25,7 @@ from softdyn.validation.crosschecks import trajectories
 from softdyn.validation.crosschecks.mujoco_terms import MujocoTerms
 from softdyn.validation.crosschecks.result import TrajectoryRun
 from softdyn.validation.crosschecks.trajectories import IMPLICIT, Race, Scheme, Start
+from softdyn.validation.twin.cable_friction import CableFriction
 from softdyn.validation.twin.free_base import FreeBase
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.rig import Drivers
@@ -34,10 +35,12 @@ from softdyn.validation.twin.twin import Twin
 RIG_SCALES = {
     "inputs": "largest stiffness of a winch's cable times the length of the robot",
     "tension": "largest stiffness of a cable times the length of the robot",
+    "friction": "largest tension, and that times the length of the robot",
     "sensors": "1 of each unit, length of the robot, tension as above, largest q̈ times length",
     "rigged": "1 rad and 1 rad/s",
 }
-RIG_TOLERANCES = {"inputs": 1e-10, "tension": 1e-10, "sensors": 1e-10, "rigged": 1e-8}
+RIG_TOLERANCES = {"inputs": 1e-10, "tension": 1e-10, "friction": 1e-10, "sensors": 1e-10,
+                  "rigged": 1e-8}  # fmt: skip
 Comparison = tuple[str, np.ndarray, np.ndarray, float]  # quantity, model's, twin's, scale
 
 
@@ -50,7 +53,8 @@ def quantities_of(model: SoftModel) -> tuple[str, ...]:
     apart = trajectories.damping_couples_branches(
         model, model.q0, np.zeros(model.nv), _winch_damping(robot)
     )
-    there = winds, bool(_pulled(robot)), bool(robot.sensors), moved and not apart
+    rubs = any(tendon.friction for tendon in robot.tendons)
+    there = winds, bool(_pulled(robot)), rubs, bool(robot.sensors), moved and not apart
     return tuple(name for name, has in zip(RIG_SCALES, there, strict=True) if has)
 
 
@@ -97,6 +101,12 @@ class RigTerms(MujocoTerms):
         """The inputs (nu,) that act."""
         return self._data.actuator_force[: self.nu].copy()
 
+    def rubbing(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tensions behind the guides of cables that slide, the guides' numbers, joint forces."""
+        friction = CableFriction(self._model, self._twin.robot)
+        tensions, forces = friction.sliding(self._data)
+        return tensions, friction.numbers, self._map.T @ forces
+
     def readings(self, commands: np.ndarray) -> np.ndarray:
         """The sensors' readings (k,) without errors."""
         if self._tied:  # MuJoCo's own accelerations lack the followers' constraints
@@ -120,7 +130,7 @@ class RigStates:
     def __init__(self, model: SoftModel, robot: Robot) -> None:
         self.model = softdyn.build(_observed(model.robot))
         self.judge = RigTerms(self.model, _observed(robot), trajectories.STEP)
-        self.winches = Winches(self.model)
+        self.winches, self.capstan = Winches(self.model), Capstan(self.model)
 
     def compare(
         self, q: np.ndarray, v: np.ndarray, rng: np.random.Generator
@@ -135,6 +145,12 @@ class RigStates:
         gears = np.array([abs(actuator.gear) for actuator in model.robot.actuators])
         stiff = self.winches.stiffness.max(initial=0.0)
         yield "inputs", gears * u, gears * judge.acting(), stiff * length
+        if any(tendon.friction for tendon in model.robot.tendons):
+            guides = self.capstan.at(state)
+            tensions, numbers, forces = judge.rubbing()
+            pull = float(np.abs(guides.pull(u)).max(initial=0.0))
+            yield "friction", guides.tensions(u)[numbers], tensions, pull
+            yield "friction", guides.forces(u), forces, pull * length
         found = model.measure(state, u)
         theirs = found.values + found.errors_of(judge.readings(commands))
         stiff = max([stiff, 1.0, *(tendon.stiffness for tendon in model.robot.tendons)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from softdyn.statics import Equilibrium
+from softdyn.statics import Equilibrium, StuckRest
 from softdyn.validation.crosschecks.rest_report import RestReport
 from softdyn.validation.report.plot_style import (
     BLACK,
@@ -127,6 +128,34 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
                 axis.annotate(target.name, at, (5, 4), textcoords="offset points", fontsize=7)
             axis.set_aspect("equal")
         figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
+        write_figure(figure, path)
+
+
+def draw_loop(path: str | Path, shares: np.ndarray, rests: Sequence[StuckRest]) -> None:
+    """Draw the hysteresis of a robot whose cables rub: the tip over the inputs' share.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file, .png or .pdf.
+    shares : ndarray, (k,)
+        Share of the given inputs, along the path.
+    rests : sequence of StuckRest
+        The rests at these shares.
+    """
+    path = check_path(path)
+    tips = np.array([one.y for one in rests])
+    moved = 100 * (tips - tips[0])
+    _, _, axes = np.linalg.svd(moved, full_matrices=False)
+    along = moved @ (axes[0] * np.sign(moved[int(np.abs(moved @ axes[0]).argmax())] @ axes[0]))
+    model = rests[0].state.model
+    with style():
+        figure, panel = panels(1, 1, PAGE / 2, 3.0)
+        axis = panel[0][0]
+        axis.plot(100 * shares, along, color=VERMILLION, lw=1.2)
+        letter(axis, 0, robot_title(model.bundled or model.name))
+        axis.set_xlabel("inputs (% of the given ones)")
+        axis.set_ylabel("tip, along its largest motion (cm)")
         write_figure(figure, path)
 
 

@@ -121,7 +121,7 @@ GROUPS: dict[str, dict[str, Check]] = {
     "rig": {
         "file": flag, "command": command, "stiffness": positive, "damping": not_negative,
         "lag": not_negative, "rate": positive, "delay": delay, "latency": delay,
-        "noise": not_negative, "bias": not_negative, "observer": words,
+        "noise": not_negative, "bias": not_negative, "observer": words, "friction": not_negative,
     },
 }  # fmt: skip
 

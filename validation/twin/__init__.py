@@ -8,6 +8,7 @@
 - `borrowed`: a twin with the collision geometry of an MJCF file
 - `state_map`: the convention map between a model's state and the twin's
 - `free_base`: a floating base in MuJoCo's variables, so that both engines integrate alike
+- `cable_friction`: friction of cables on their guides in MuJoCo's terms
 - `drives`: tendons, inputs and sensors in MuJoCo's terms
 - `readings`: what the sensors of a twin read
 - `rig`: the rig of a run: drives, sensors, measured states

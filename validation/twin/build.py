@@ -17,6 +17,7 @@ from softdyn.description.robot import Joint, Robot
 from softdyn.exceptions import UrdfError
 from softdyn.validation.twin import drives
 from softdyn.validation.twin.bodies import STATIC, Body, Shape, Tree, TwinJoint
+from softdyn.validation.twin.cable_friction import add_guides
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
 
 TASK_SITE = "task"
@@ -97,6 +98,7 @@ def _specify(robot: Robot, tree: Tree, timestep: float | None) -> mujoco.MjSpec:
     _add_site(bodies, tree, robot.task, IDENTITY, TASK_SITE)
     drives.add_inputs(spec, robot, timestep)
     if timestep is not None:
+        add_guides(spec, robot, timestep)
         for sensor in robot.sensors:
             if sensor.link:
                 _add_site(bodies, tree, sensor.link, sensor.origin, drives.frame_name(sensor))

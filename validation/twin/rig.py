@@ -14,7 +14,7 @@ from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
 from softdyn.checks import did_you_mean, instance, number, whole
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
-from softdyn.description.robot import Robot
+from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.validation.twin.plant_errors import PlantErrors
 from softdyn.validation.twin.readings import Readings, command_units, component_units
 from softdyn.validation.twin.twin import Twin
@@ -40,6 +40,8 @@ class Rig:
         ``force``, ``length`` or ``velocity``, the command of all inputs; the file's by default.
     stiffness, damping : float, optional
         Stiffness (N/m) and damping (N s/m) of every winch's cable; the file's by default.
+    friction : float, optional
+        Coefficient of friction of every cable that an input pulls; the file's by default.
     sensors : tuple of Sensor, optional
         The sensors; the file's by default.
     plant : PlantErrors
@@ -70,6 +72,7 @@ class Rig:
     command: CommandKind | str | None = None
     stiffness: float | None = None
     damping: float | None = None
+    friction: float | None = None
     sensors: tuple[Sensor, ...] | None = None
     plant: PlantErrors = field(default_factory=PlantErrors)
     noise: float = 0.0
@@ -83,6 +86,8 @@ class Rig:
             if getattr(self, name) is not None:
                 upper = LONGEST_DELAY if name in ("delay", "latency") else math.inf
                 number(name, getattr(self, name), lower=0.0, upper=upper)
+        if self.friction is not None:
+            number("friction", self.friction, lower=0.0, upper=MOST_FRICTION)
         if self.rate is not None:
             number("rate", self.rate, above=0.0)
         whole("seed", self.seed, lower=0)
@@ -128,7 +133,17 @@ class Rig:
                 raise InputError("command", expected, repr(self.command))
         sensors = robot.sensors if self.file else ()
         sensors = sensors if self.sensors is None else tuple(self.sensors)
-        return replace(robot, actuators=actuators, sensors=sensors)
+        return replace(robot, actuators=actuators, sensors=sensors, tendons=self._tendons(robot))
+
+    def _tendons(self, robot: Robot) -> tuple[Tendon, ...]:
+        """The tendons with this rig's friction."""
+        if self.file and self.friction is None:
+            return robot.tendons
+        driven = {actuator.tendon for actuator in robot.actuators}
+        return tuple(
+            replace(tendon, friction=(self.friction or 0.0) if tendon.name in driven else 0.0)
+            for tendon in robot.tendons
+        )
 
 
 def _known(cls: type, table: Any, prefix: str = "") -> dict[str, Any]:

@@ -21,6 +21,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
+from softdyn.validation.twin.cable_friction import CableFriction
 from softdyn.validation.twin.settings import Integrator, Settings, integrator_of, silence
 
 LARGEST = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad
@@ -69,8 +70,8 @@ class Twin:
     friction : bool
         Whether the joints' dry friction acts.
     rig : bool
-        Whether the file's rig is there: commands of lengths, lag and delay of the inputs, sensors.
-        Without it every input is a force that acts at once.
+        Whether the file's rig is there: commands of lengths, lag and delay of the inputs, friction
+        of cables, sensors. Without it every input is a force that acts at once.
 
     Attributes
     ----------
@@ -95,6 +96,8 @@ class Twin:
         MuJoCo's actuators that are the springs and dampers of slack tendons.
     tendons : np.ndarray, (tendons,)
         Index of each tendon of the robot among MuJoCo's tendons.
+    cable_friction : CableFriction or None
+        The friction of the robot's cables, if it acts.
     skipped : tuple[str, ...]
         Collision shapes left out, each with the reason.
 
@@ -117,9 +120,11 @@ class Twin:
         friction: bool = False,
         rig: bool = False,
     ) -> None:
-        settings = Settings(timestep, integrator_of(integrator), limits, contacts, friction)
         silence()
         self.robot = _robot(source)
+        rubs = rig and any(tendon.friction for tendon in self.robot.tendons)
+        scheme = integrator_of(integrator)
+        settings = Settings(timestep, scheme, limits, contacts, friction or rubs)
         self.floating = self.robot.floating
         text = self.robot.text if self.robot.mended else ""
         tree = read_bodies(self.robot.path, mended=text, floating=self.floating)
@@ -135,7 +140,12 @@ class Twin:
         self.nu = len(self.robot.actuators)
         self.inputs = np.eye(self.model.nu, self.nu)
         self.slack = np.arange(self.nu, self.model.nu)
-        self.tendons = np.arange(self.model.ntendon)
+        self.tendons = np.arange(len(self.robot.tendons))
+        self.cable_friction: CableFriction | None = None
+        if rubs:
+            self.cable_friction = CableFriction(self.model, self.robot)
+            if not friction:
+                self.model.dof_frictionloss[:] = 0.0
         self.reset()
 
     def amend(self, spec: mujoco.MjSpec) -> None:
@@ -164,7 +174,7 @@ class Twin:
 
     def reset(self) -> None:
         """Return to q = 0 at rest and t = 0, and clear the solver's warm start and warnings."""
-        mujoco.mj_resetData(self.model, self.data)
+        self._reset()
         self.data.qpos[:] = self.rest
         mujoco.mj_forward(self.model, self.data)
 
@@ -186,7 +196,7 @@ class Twin:
         """
         qpos = self._vector("qpos", qpos, self.model.nq)
         qvel = self._vector("qvel", qvel, self.model.nv)
-        mujoco.mj_resetData(self.model, self.data)
+        self._reset()
         self.data.qpos[:], self.data.qvel[:], self.data.time = qpos, qvel, time
         mujoco.mj_forward(self.model, self.data)
         check_warnings(self.data)
@@ -250,8 +260,18 @@ class Twin:
             is.
         """
         self.data.ctrl[: self.nu] = array("u", u, (self.nu,))
-        mujoco.mj_step(self.model, self.data, steps)
+        if self.cable_friction is None:
+            mujoco.mj_step(self.model, self.data, steps)
+        else:
+            for _ in range(steps):
+                self.cable_friction.update(self.data)
+                mujoco.mj_step(self.model, self.data)
         check_warnings(self.data)
+
+    def _reset(self) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        if self.cable_friction is not None:
+            self.cable_friction.clear()
 
     def _vector(self, name: str, value: np.ndarray, size: int) -> np.ndarray:
         vector = array(name, value, (size,))

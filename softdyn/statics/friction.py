@@ -1,0 +1,239 @@
+"""Rests of robots whose cables rub: they depend on the last motion.
+
+A rest fulfils K + g - B u - F(q, u, d) = 0 with the joint forces F of `softdyn.actuation.capstan`
+and a direction d of sliding at each guide. After a slow motion that slid everywhere, d is 1 or -1.
+Where a cable sticks, d is the value between that balances the forces, and the cable did not move.
+So a step of a slow motion from q₀ to q is a rest with
+
+    d_i = s_i / √(s_i² + ε²),    s_i = -∂L_i/∂q · (q - q₀),
+
+where s_i is the sliding at guide i in this step. A cable sticks to within ε. The equations are
+solved by Newton's method, with ε falling to `STICK`. Nothing depends on time: the last shape is the
+whole memory of a robot with Coulomb friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from softdyn.actuation.capstan import Capstan
+from softdyn.checks import array, vector
+from softdyn.dynamics.derivatives import stiffness
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.exceptions import InputError
+from softdyn.statics.equilibria import settle
+from softdyn.statics.equilibrium import StaticsError
+from softdyn.statics.stops import HardStops
+
+STICK = 1e-8  # sliding up to which a cable sticks (m, or the unit of a fixed tendon's length)
+FALLING = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, STICK)
+TOLERANCE = 1e-9  # residual over the largest force
+ITERATIONS = 60
+HALVINGS = 4
+LARGEST_STEP = 0.2  # rad, m
+
+Direction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class StuckRest:
+    """A rest with friction of cables.
+
+    Attributes
+    ----------
+    state : State
+        The robot's state at rest.
+    u : ndarray, (nu,)
+        The input.
+    direction : ndarray, (guides,)
+        The direction of the last sliding, between -1 and 1 where the cable sticks.
+    residual : float
+        Largest unbalanced force (N m, N).
+    """
+
+    state: State
+    u: np.ndarray
+    direction: np.ndarray
+    residual: float
+
+    @property
+    def y(self) -> np.ndarray:
+        """Tip position (3,) in the world (m)."""
+        return self.state.y
+
+
+def rest_after(
+    capstan: Capstan, u: np.ndarray, direction: np.ndarray | float, start: np.ndarray | None = None
+) -> StuckRest:
+    """The rest under an input after a slow motion in a stated direction.
+
+    Parameters
+    ----------
+    capstan : Capstan
+        The robot's guides.
+    u : array_like, (nu,)
+        Input.
+    direction : float or array_like, (guides,)
+        1 where the cables slid towards their driven ends, -1 where they were paid out.
+    start : array_like, (nq,), optional
+        A shape nearby; by default the rest without friction.
+
+    Raises
+    ------
+    StaticsError
+        If Newton's method finds no rest.
+    InputError
+        For a wrong shape or a number that is not finite.
+    """
+    model = capstan.model
+    u = vector("u", u, model.nu)
+    guides = len(capstan.tendon)
+    stated = np.broadcast_to(np.asarray(direction, float), (guides,))
+    stated = array("direction", stated, (guides,))
+    q = settle(model, u).q if start is None else array("start", start, (model.nq,))
+    return _solve(capstan, u, q, lambda _: (stated, np.zeros((guides, model.nv))))
+
+
+def rest_interval(capstan: Capstan, u: np.ndarray) -> tuple[StuckRest, StuckRest]:
+    """The rests under an input after all cables were pulled in, and after all were paid out.
+
+    Parameters and errors are those of `rest_after`.
+    """
+    first = rest_after(capstan, u, 1.0)
+    return first, rest_after(capstan, u, -1.0, first.state.q)
+
+
+def follow(
+    capstan: Capstan, inputs: Iterable[np.ndarray], start: np.ndarray | None = None
+) -> list[StuckRest]:
+    """The rests along a slow path of inputs, such as a hysteresis loop.
+
+    Parameters
+    ----------
+    capstan : Capstan
+        The robot's guides.
+    inputs : iterable of array_like, (nu,)
+        The inputs, in small steps.
+    start : array_like, (nq,), optional
+        The shape before the first input; by default its rest without friction.
+
+    Raises
+    ------
+    StaticsError, InputError
+        As in `rest_after`.
+    """
+    found: list[StuckRest] = []
+    q = None if start is None else array("start", start, (capstan.model.nq,))
+    for u in inputs:
+        u = vector("u", u, capstan.model.nu)
+        q = settle(capstan.model, u).q if q is None else q
+        found.append(_lead(capstan, found[-1].u if found else u, u, q, HALVINGS))
+        q = found[-1].state.q
+    if not found:
+        raise InputError("inputs", "at least one", "none")
+    return found
+
+
+def _lead(
+    capstan: Capstan, before: np.ndarray, u: np.ndarray, q: np.ndarray, halvings: int
+) -> StuckRest:
+    """The rest to which a change of the input leads, in halves where one step finds none."""
+    try:
+        return _step(capstan, u, q)
+    except StaticsError:
+        if not halvings or (before == u).all():
+            raise
+    middle = (before + u) / 2
+    half = _lead(capstan, before, middle, q, halvings - 1)
+    return _lead(capstan, middle, u, half.state.q, halvings - 1)
+
+
+def _step(capstan: Capstan, u: np.ndarray, before: np.ndarray) -> StuckRest:
+    """The rest to which a change of the input leads from a shape."""
+    model = capstan.model
+    zero, at = np.zeros(model.nv), model.coordinates(before)
+    beyond = capstan.at(model.state(before, zero)).arms_beyond
+    q = before
+    for width in FALLING:
+
+        def direction(q: np.ndarray, width: float = width) -> tuple[np.ndarray, np.ndarray]:
+            slid = -beyond @ (model.coordinates(q) - at)
+            size = np.hypot(slid, width)
+            return slid / size, -beyond * (width**2 / size**3)[:, None]
+
+        rest = _solve(capstan, u, q, direction)
+        q = rest.state.q
+    return rest
+
+
+def _solve(capstan: Capstan, u: np.ndarray, q: np.ndarray, direction: Direction) -> StuckRest:
+    """Newton's method with a line search on the forces that are left."""
+    model, stops = capstan.model, HardStops.of(capstan.model)
+    q = model.configuration(stops.within(model.coordinates(q)))
+    here = _Balance.at(capstan, u, q, direction, stops)
+    for _ in range(ITERATIONS):
+        if here.left <= TOLERANCE * here.scale:
+            break
+        step = here.newton(capstan, u, direction)
+        step = stops.clip(model.coordinates(q), step)
+        step *= min(1.0, LARGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+        part = 1.0
+        while part > 1e-6:
+            after = model.integrate(q, part * step)
+            there = _Balance.at(capstan, u, after, direction, stops)
+            if there.size < (1.0 - 1e-4 * part) * here.size:
+                break
+            part /= 2
+        q, here = after, there
+    if not here.left <= 1e3 * TOLERANCE * here.scale:
+        raise StaticsError(f"no rest of {model.name} with friction", here.left)
+    return StuckRest(here.state, u, here.direction, here.left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """The forces at a shape: what is left of them, and their size."""
+
+    state: State
+    direction: np.ndarray
+    residual: np.ndarray
+    held: np.ndarray
+    scale: float
+
+    @classmethod
+    def at(
+        cls, capstan: Capstan, u: np.ndarray, q: np.ndarray, direction: Direction, stops: HardStops
+    ) -> _Balance:
+        model: SoftModel = capstan.model
+        state = model.state(q, np.zeros(model.nv))
+        d, _ = direction(q)
+        parts = state.K, state.g, state.B @ u, capstan.at(state).forces(u, d)
+        r = parts[0] + parts[1] - parts[2] - parts[3]
+        pushed, held = stops.push(model.coordinates(q), r)
+        scale = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        return cls(state, d, r - pushed, held, max(scale, 1e-12))
+
+    @property
+    def left(self) -> float:
+        """Largest unbalanced force."""
+        return float(np.abs(self.residual).max(initial=0.0))
+
+    @property
+    def size(self) -> float:
+        """Norm of the unbalanced forces."""
+        return float(np.linalg.norm(self.residual))
+
+    def newton(self, capstan: Capstan, u: np.ndarray, direction: Direction) -> np.ndarray:
+        """Newton's step (n,) of the joints that no stop holds."""
+        model, state = capstan.model, self.state
+        friction = capstan.derivatives(state, u, self.direction)
+        slope = stiffness(model, state.q, u) - friction.q
+        slope -= capstan.direction_gradients(state, u, self.direction) @ direction(state.q)[1]
+        free = np.flatnonzero(~self.held)
+        step = np.zeros(model.nv)
+        block = slope[np.ix_(free, free)]
+        step[free] = np.linalg.lstsq(block, -self.residual[free], rcond=1e-14)[0]
+        return step

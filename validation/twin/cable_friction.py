@@ -1,0 +1,255 @@
+"""Friction of cables on their guides, in MuJoCo.
+
+MuJoCo has no friction along a tendon that depends on the pull. But the friction at a guide is dry
+friction against the change of the length beyond it. So each guide gets a tendon of its own, from
+the guide to the far end of the cable, with MuJoCo's frictionloss. Its limit is set before every
+step. With the tension T before the guide, the wrap angle φ and the coefficient μ it is
+T (1 - exp(-μφ)) where the cable slides towards its driven end, and T (exp(μφ) - 1) the other way;
+the two change places for a negative T. MuJoCo's solver lets such a cable stick.
+
+Wrap angles come from MuJoCo's own positions of sites and joints. Those, the tension at the driven
+end and the friction that acts are of the step before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from softdyn.compiled import compiled
+from softdyn.description.robot import JointTerm, Robot, Site, from_driven_end, moving_link_of
+from softdyn.validation.twin.drives import site_name
+
+LEAST = 1e-12  # N; MuJoCo has no row for a friction of zero
+HIGHEST_IMPEDANCE = 0.9999  # MuJoCo's bound
+STIFFER = 0.1  # factor on MuJoCo's inverse weights: arms chatter at 0.01, and creep 0.2 mm at 1
+SLIDES = 1.0 - 1e-6  # a cable slides if its friction is at least this share of the limit
+
+
+class Guide(NamedTuple):
+    """A guide of a cable, and the cable beyond it.
+
+    Successive sites on one body are one guide: the cable slides there with one speed.
+
+    Attributes
+    ----------
+    tendon : str
+        The cable.
+    name : str
+        Name of the tendon beyond the guide.
+    friction : float
+        The coefficient μ.
+    number : int
+        Number of the guide's last element among all sites and joints where the robot's cables rub.
+    turns : tuple of (str, str, str)
+        Three sites for each element: that before it, its own, and that behind it.
+    sites : tuple of str
+        The last site at the guide, and the others up to the far end.
+    joints : tuple of (str, float)
+        The joint at the guide and the others up to the far end, with their moment arms.
+    """
+
+    tendon: str
+    name: str
+    friction: float
+    number: int
+    turns: tuple[tuple[str, ...], ...] = ()
+    sites: tuple[str, ...] = ()
+    joints: tuple[tuple[str, float], ...] = ()
+
+
+def guides_of(robot: Robot) -> Iterator[Guide]:
+    """The guides where cables can slide, tendon by tendon, each from its driven end."""
+    kinds = {joint.name: joint.kind for joint in robot.joints}
+    carrier, number = moving_link_of(robot), -1
+    for tendon in robot.tendons:
+        if not tendon.friction:
+            continue
+        path = from_driven_end(robot, tendon)
+        names = [site_name(tendon, k) for k in range(len(path))]
+        names = names if path == tendon.sites else names[::-1]
+        sites = [part for part in path if isinstance(part, Site)]
+        terms = [part for part in path if isinstance(part, JointTerm)]
+        turns: list[tuple[str, ...]] = []
+        for k in range(1, len(sites) - 1):
+            number += 1
+            turns.append(tuple(names[k - 1 : k + 2]))
+            if carrier[sites[k].link] != carrier[sites[k + 1].link]:
+                yield Guide(
+                    tendon.name, f"{tendon.name}:beyond:{k}", tendon.friction, number,
+                    turns=tuple(turns), sites=tuple(names[k:]),
+                )  # fmt: skip
+                turns = []
+        arms = [(term.joint, term.coef) for term in terms]
+        for k, (joint, arm) in enumerate(arms):
+            if kinds[joint] == "revolute":
+                number += 1
+                yield Guide(
+                    tendon.name, f"{tendon.name}:beyond:{k}", tendon.friction, number,
+                    joints=((joint, arm / 2), *arms[k + 1 :]),
+                )  # fmt: skip
+
+
+def add_guides(spec: mujoco.MjSpec, robot: Robot, timestep: float) -> None:
+    """Specify the tendons beyond the guides."""
+    for guide in guides_of(robot):
+        added = spec.add_tendon()
+        added.name, added.limited, added.frictionloss = guide.name, 0, LEAST
+        # a cable that sticks loses its speed in one step
+        added.solref_friction = (-1.0, -1.0 / timestep)
+        added.solimp_friction = (HIGHEST_IMPEDANCE, HIGHEST_IMPEDANCE, 1e-4, 0.5, 2.0)
+        for site in guide.sites:
+            added.wrap_site(site)
+        for joint, arm in guide.joints:
+            added.wrap_joint(joint, arm)
+
+
+class CableFriction:
+    """The friction at the guides of a compiled robot, in the order of `guides_of`.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The model, with the tendons of `add_guides`. Its friction limits change with time.
+    robot : Robot
+        The description.
+
+    Attributes
+    ----------
+    rows : np.ndarray, (guides,)
+        MuJoCo's tendons beyond the guides.
+    tendon, friction, numbers : np.ndarray, (guides,)
+        MuJoCo's tendon that is the cable, the coefficient μ, and `Guide.number`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+        guides = list(guides_of(robot))
+        self._model = model
+        self.rows = np.array([model.tendon(guide.name).id for guide in guides], int)
+        self.tendon = np.array([model.tendon(guide.tendon).id for guide in guides], int)
+        self.friction = np.array([guide.friction for guide in guides], float)
+        self._limit = np.full(len(guides), LEAST)
+        self._weights = STIFFER * model.tendon_invweight0[self.rows]
+        self.numbers = np.array([guide.number for guide in guides], int)
+        places = [
+            (g, *(model.site(site).id for site in turn))
+            for g, guide in enumerate(guides)
+            for turn in guide.turns
+        ]
+        places += [
+            (g, -1, -1, model.joint(guide.joints[0][0]).qposadr[0])
+            for g, guide in enumerate(guides)
+            if guide.joints
+        ]
+        self._places = np.array(places, int).reshape(-1, 4)
+
+    def clear(self) -> None:
+        """Forget the friction of the last step.
+
+        A stuck cable creeps in proportion to its inverse weight. MuJoCo's own is replaced, which
+        `mj_setConst` restores.
+        """
+        self._limit[:] = LEAST
+        self._model.tendon_invweight0[self.rows] = self._weights
+        self._model.tendon_frictionloss[self.rows] = LEAST
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Set the limits of the next step, after a step or `mj_forward`."""
+        last = data.ne + data.nf
+        force = data.efc_force[last - len(self.rows) : last]
+        _limits(self._limit, self.angles(data), self.pull(data), force, self.tendon, self.friction)
+        self._model.tendon_frictionloss[self.rows] = self._limit
+
+    def angles(self, data: mujoco.MjData) -> np.ndarray:
+        """Wrap angles (guides,), rad."""
+        return _angles(len(self.rows), data.site_xpos, data.qpos, self._places)
+
+    def pull(self, data: mujoco.MjData) -> np.ndarray:
+        """Tension at the driven end of each of MuJoCo's tendons, (tendons,)."""
+        model = self._model
+        return _pull(
+            data.actuator_force, model.actuator_gear, model.actuator_trnid, data.ten_length,
+            data.ten_velocity, model.tendon_stiffness, model.tendon_damping,
+            model.tendon_lengthspring,
+        )  # fmt: skip
+
+    def sliding(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        """Tensions (guides,) behind the guides of sliding cables, and joint forces (MuJoCo's nv,).
+
+        The directions are those of the present speeds.
+        """
+        model, count = self._model, len(self.rows)
+        direction, turns = -np.sign(data.ten_velocity[self.rows]), self.friction * self.angles(data)
+        before, behind, pull = np.empty(count), np.empty(count), self.pull(data)
+        for k, tendon in enumerate(self.tendon):
+            first = k == 0 or tendon != self.tendon[k - 1]
+            before[k] = pull[tendon] if first else behind[k - 1]
+            behind[k] = before[k] * np.exp(-direction[k] * np.sign(before[k]) * turns[k])
+        arms = np.zeros((model.ntendon, model.nv))
+        mujoco.mju_sparse2dense(
+            arms, data.ten_J.ravel(), model.ten_J_rownnz, model.ten_J_rowadr,
+            model.ten_J_colind.ravel(),
+        )  # fmt: skip
+        return behind, arms[self.rows].T @ (before - behind)
+
+
+@compiled
+def _angles(guides, positions, qpos, places):
+    """Wrap angles; a place has its guide, and three sites or the address of a joint's position."""
+    angles = np.zeros(guides)
+    for p in range(len(places)):
+        i, j, k = places[p, 1], places[p, 2], places[p, 3]
+        if i < 0:
+            angles[places[p, 0]] += abs(qpos[k])
+            continue
+        ax, ay, az = (
+            positions[j, 0] - positions[i, 0],
+            positions[j, 1] - positions[i, 1],
+            positions[j, 2] - positions[i, 2],
+        )
+        bx, by, bz = (
+            positions[k, 0] - positions[j, 0],
+            positions[k, 1] - positions[j, 1],
+            positions[k, 2] - positions[j, 2],
+        )
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        across, along = np.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz
+        angles[places[p, 0]] += np.arctan2(across, along)
+    return angles
+
+
+@compiled
+def _pull(force, gear, tendons, lengths, rates, stiffness, damping, springs):
+    """Tensions at the driven ends: minus the actuators' forces, plus springs and dampers."""
+    pull = np.empty(len(lengths))
+    for t in range(len(lengths)):
+        rest = min(max(lengths[t], springs[t, 0]), springs[t, 1])
+        pull[t] = stiffness[t] * (lengths[t] - rest) + damping[t] * rates[t]
+    for k in range(len(force)):
+        pull[tendons[k, 0]] -= gear[k, 0] * force[k]
+    return pull
+
+
+@compiled
+def _limits(limits, angles, pull, force, tendon, friction):
+    """Replace the limits, given the friction that acted within them."""
+    tension = 0.0
+    for g in range(len(limits)):
+        if g == 0 or tendon[g] != tendon[g - 1]:
+            tension = pull[tendon[g]]
+        turn = friction[g] * angles[g]
+        # friction is positive where the cable slides towards its driven end
+        inwards = force[g] >= 0.0
+        if inwards == (tension >= 0.0):
+            limit = abs(tension) * -np.expm1(-turn)
+        else:
+            limit = abs(tension) * np.expm1(turn)
+        slides = abs(force[g]) >= SLIDES * limits[g]
+        limits[g] = max(limit, LEAST)
+        if slides:
+            tension -= limit if inwards else -limit
+        else:
+            tension -= force[g]
