@@ -126,7 +126,7 @@ class Mpc(GuardedController):
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
-        its tip is nearer by that. Where the tip stays away even so, a plan leads there, see
+        its tip is nearer by that. A plan leads to its shape, see
         `softdyn.controllers.predictive.follow`.
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
@@ -187,15 +187,15 @@ class Mpc(GuardedController):
             self._pull.reset(self.period)
         self._goal = np.full(3, np.nan)
         self._away = 0.0  # s
-        self._asked: Future[RestTarget | None] | None = None
-        self._acts: RestTarget | None = None
+        self._asked: Future[tuple[RestTarget, ...]] | None = None
+        self._found = False
         self._follow.reset(self.period)
 
     def follow(self, plan: Plan) -> None:
         """Follow a plan, then hold its target, as long as its goal is the reference."""
         self._goal, self._away, self._asked = plan.goal.copy(), 0.0, None
-        self._acts = plan.target
-        self._follow.begin(plan.target, plan)
+        self._found = True
+        self._follow.begin((plan.target,), plan)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
@@ -220,8 +220,8 @@ class Mpc(GuardedController):
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
             start = force + state.B @ (u - acting)
         target = self._target_of(state, reference, moving)
-        if not moving:
-            asked = self._follow(target, reference.y, state, p, speed, u)
+        if not moving and self._found:
+            asked, target = self._follow(reference.y, state, p, speed, u), self._follow.target
             if asked is not None:
                 return self._send(asked, np.nan, target, state, (linear, force, first))
         t = by.ahead + link.delay
@@ -266,9 +266,9 @@ class Mpc(GuardedController):
     def _target_of(
         self, state: State, reference: Reference | SetPoint, moving: bool
     ) -> RestTarget | None:
-        """The target that acts: `Mpc` alone did not arrive, and the target is nearer.
+        """The target on a path: an input that buckles the arm, and no shape.
 
-        On a path it is an input that buckles the arm, and no shape.
+        At a set point it looks for targets: `Mpc` alone did not arrive, and the target is nearer.
         """
         y = reference.y
         if moving and self._pull is not None:
@@ -277,18 +277,20 @@ class Mpc(GuardedController):
         if self.targets is None or moving:
             return None
         if not np.array_equal(self._goal, y):
-            self._goal, self._away, self._asked, self._acts = y.copy(), 0.0, None, None
-        if self._acts is not None:
-            return self._acts
+            self._goal, self._away, self._asked, self._found = y.copy(), 0.0, None, False
+            self._follow.begin(())
+        if self._found:
+            return None
         far = float(np.linalg.norm(state.y - y))
         self._away = self._away + self.period if far > WITHIN or self._asked else 0.0
         if self._asked is None and self._away > STUCK and np.isfinite(far):
             self._asked = self.targets.ask(y)
         if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
             found, self._away = self._asked.result(), ARRIVES  # and again where it is no nearer
-            if found is not None and found.distance < far - WITHIN:
-                self._acts = found
-        return self._acts
+            if found and found[0].distance < far - WITHIN:
+                self._found = True
+                self._follow.begin(found)
+        return None
 
     def _pace(self, metric: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
         """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, 3).

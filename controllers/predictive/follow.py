@@ -1,7 +1,8 @@
-"""Follow a plan where a target acts and the tip still does not arrive."""
+"""Lead a robot to the shape of a target: by a plan, then by the target's terms."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Future
 from functools import partial
 
@@ -11,18 +12,19 @@ from softdyn import SoftModel, State
 from softdyn.controllers.predictive.plan import Plan, make_plan
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, in_future
 
-STUCK = 1.0  # s without arriving after which a target is searched for, or with one a plan made
-ARRIVES = 0.5  # s later it acts, however long the search took
+STUCK = 1.0  # s without arriving after which targets are searched for, or another plan is made
+ARRIVES = 0.5  # s later they act, however long the search took
 BENT = 0.3  # rad, m: a joint this far from the target's shape
+PLANS = 3  # for one set point
 
 
 class PlanFollower:
-    """The plan of the predictive controller: when it is made, and its command.
+    """The target that acts, and the command while a plan leads to it.
 
-    Where the tip stays farther than 5 mm from where the target holds it, for 1 s after the target
-    began to act, a plan is made from the present state. 0.5 s later it is followed with its gains,
-    to its end, once for each target, if its tip ends nearer than it begins. Near the target's
-    shape, within 0.3 rad or m in each joint, the predictive controller needs no plan.
+    Where the shape differs from the best target's by more than 0.3 rad or m in some joint, the
+    acting input stays for 0.5 s, and a plan to one of the targets is made from the state to which
+    this leads. It is followed with its gains to its end, and then its target acts. Without such a
+    plan the best target acts at once. If tip and shape stay away for 1 s, another plan is made.
 
     Parameters
     ----------
@@ -32,6 +34,11 @@ class PlanFollower:
         Time constant (s) of the actuators.
     background : bool
         Whether to make the plan in a thread, for a loop in real time.
+
+    Attributes
+    ----------
+    target : RestTarget or None
+        The one that acts.
     """
 
     def __init__(self, model: SoftModel, lag: float, background: bool) -> None:
@@ -41,24 +48,23 @@ class PlanFollower:
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s)."""
         self._period = period
-        self.begin(None)
+        self.begin(())
 
-    def begin(self, target: RestTarget | None, plan: Plan | None = None) -> None:
-        """Follow a plan to a target, or wait for the tip to arrive there without one."""
-        self._target, self._plan = target, plan
-        self._away = self._time = 0.0  # s, without arriving and since the plan's begin
+    def begin(self, targets: Sequence[RestTarget], plan: Plan | None = None) -> None:
+        """Lead to one of some targets, the best first, or follow a plan."""
+        self._targets, self._plan = targets, plan
+        self.target = None if plan is None else plan.target
+        self._away, self._time = STUCK, 0.0  # s, without arriving and since the plan's begin
         self._asked: Future[Plan | None] | None = None
+        self._left = PLANS
 
     def __call__(
-        self, target: RestTarget | None, goal: np.ndarray, state: State,
-        p: np.ndarray, v: np.ndarray, acting: np.ndarray,
-    ) -> np.ndarray | None:  # fmt: skip
-        """The command (nu,) of the plan, not yet bounded; None where none is followed.
+        self, goal: np.ndarray, state: State, p: np.ndarray, v: np.ndarray, acting: np.ndarray
+    ) -> np.ndarray | None:
+        """The command (nu,) of the plan or before it, not yet bounded; None without a plan.
 
         Parameters
         ----------
-        target : RestTarget, optional
-            The one that acts.
         goal : ndarray, (3,)
             The reference for the tip (m).
         state : State
@@ -67,33 +73,44 @@ class PlanFollower:
             Displacement from the present configuration, velocity and acting input at the instant
             when the command begins to act.
         """
-        if target is not self._target:
-            self.begin(target)
-        if target is None:
+        if not self._targets:
             return None
         q = self._model.integrate(state.q, p)
         if self._plan is None:
-            self._wait(target, goal, state.y, (q, v, acting))
-        if self._plan is None or self._time >= self._plan.times[-1]:
+            self._wait(goal, state.y, (q, v, acting))
+        if self._asked is not None:
+            return self._kept
+        if self._plan is None:
+            return None
+        if self._time >= self._plan.times[-1]:
+            self._plan, self._away = None, 0.0
             return None
         command = self._plan.command(self._time, self._model.coordinates(q), v, acting)
         self._time += self._period
         return command
 
-    def _wait(
-        self, target: RestTarget, goal: np.ndarray, y: np.ndarray, start: tuple[np.ndarray, ...]
-    ) -> None:
+    def _wait(self, goal: np.ndarray, y: np.ndarray, start: tuple[np.ndarray, ...]) -> None:
         """A period goes by without a plan, with the tip at y."""
-        coordinates = self._model.coordinates
-        bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0)
-        away = bent > BENT and np.linalg.norm(y - goal) > target.distance + WITHIN
-        stays = away or self._asked is not None
-        self._away = self._away + self._period if stays else 0.0
-        if self._asked is None and self._away > STUCK:
-            q, v, acting = (x.copy() for x in start)
-            work = partial(make_plan, self._model, q, v, acting, target, goal.copy(), self._lag)
-            self._asked = in_future(work, self._background)
-        if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
-            found, self._away = self._asked.result(), -np.inf
-            if found is not None and found.error[-1] < found.error[0]:
-                self._plan = found
+        target, coordinates = self.target or self._targets[0], self._model.coordinates
+        bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0) > BENT
+        if self._asked is None:
+            far = np.linalg.norm(y - goal) > target.distance + WITHIN
+            self._away = self._away + self._period if bent and far else 0.0
+            if self._left > 0 and self._away >= STUCK:
+                q, v, self._kept = (x.copy() for x in start)
+                work = partial(
+                    make_plan, self._model, q, v, self._kept, self._targets, goal.copy(),
+                    self._lag, ARRIVES,
+                )  # fmt: skip
+                self._asked, self._away = in_future(work, self._background), 0.0
+                self._left -= 1
+            elif self.target is None:
+                self.target = target
+            return
+        self._away += self._period
+        if self._away >= ARRIVES and self._asked.done():
+            found, self._asked, self._away = self._asked.result(), None, 0.0
+            if found is None:
+                self.target, self._left = self.target or target, 0
+            else:
+                self._plan, self._time, self.target = found, 0.0, found.target

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn import SoftModel
+from softdyn import SoftModel, State
 from softdyn.controllers.predictive.prediction import Lookahead
 
 SIZE = 1e-8  # weight of ‖u‖² beside that of its rate: it only picks among equal answers
@@ -55,6 +55,13 @@ class HorizonWeights:
         return self.lookahead.step
 
 
+def stiffness_at_rest(model: SoftModel, horizon: float) -> tuple[State, np.ndarray, float]:
+    """The state at rest, the dynamic stiffness S (n, n) there over a horizon (s), ‖J S⁻¹ Jᵀ‖."""
+    state = model.state(model.q0, np.zeros(model.nv))
+    S = state.M / horizon**2 + state.D / horizon + np.diag(model.stiffness)
+    return state, S, float(np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2))
+
+
 def horizon_weights(
     model: SoftModel,
     knots: tuple[int, ...],
@@ -79,10 +86,9 @@ def horizon_weights(
     blind : bool
         Whether changes that R does not see count, too, each input by its own entry of R.
     """
-    state, H, step = model.state(model.q0, np.zeros(model.nv)), horizon, horizon / knots[-1]
-    S = state.M / H**2 + state.D / H + np.diag(model.stiffness)
+    H, step = horizon, horizon / knots[-1]
+    state, S, compliance = stiffness_at_rest(model, H)
     factor = np.linalg.cholesky(S)
-    compliance = np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2)
     R = rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
     lengths = np.diff((0, *knots)).astype(float)
     differences = np.eye(len(knots)) - np.eye(len(knots), k=-1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from threading import Thread
@@ -13,13 +14,22 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from softdyn import SoftModel, statics
+from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.statics import Equilibrium, StaticsError
+from softdyn.statics.explore import TipProblem
+from softdyn.statics.tip_solver import solve_at_tip
 
 Result = TypeVar("Result")
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
-SHAPES = 6  # random shapes from which the search starts
-BENDS = (0.33, 0.42, 0.56, 0.67)  # of the joints: beyond them the bend is reversed
-MORE = 2.5  # factor on shape and inputs there
+SHAPES = 6  # random shapes from which the search starts where the arm does not buckle
+FOLDED = 400  # and where it does
+BENT = (0.2, 1.0)  # rad, m: how much they are bent
+PULLS = (1.1, 5.0)  # their inputs, in the least ones that buckle
+STRAIGHT = 1e-6  # of the largest bend: such joints stay straight
+ASIDE = 0.05  # rad, m; of the inputs: deviations from the plane
+SLOW = 1.0  # 1/s: a sum of unstable poles up to this is as easy to hold as none
+BEST = 4  # targets that are kept
+SAME = 1e-3  # rad, m; of the poles: equilibria this close count as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,32 +77,45 @@ def instability(one: Equilibrium) -> tuple[float, float]:
     return float(real[real > 0].sum()), float(real[0])
 
 
-def reversed_bends(
-    model: SoftModel, q: np.ndarray, u: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Shapes bent more than q, and the other way beyond some joint, with inputs larger than u."""
-    made = []
-    for share in BENDS:
-        shape = MORE * model.coordinates(q)
-        shape[round(share * model.nv) :] *= -1.0
+def folded(
+    model: SoftModel, q: np.ndarray, least: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Random shapes like q, bent the other way beyond up to two joints, with inputs that buckle.
+
+    Every second shape keeps the proportions of q, for example its plane, up to a factor for each
+    joint.
+    """
+    rng, n, bend = np.random.default_rng(0), model.nv, model.coordinates(q)
+    bend = bend / max(np.abs(bend).max(initial=0.0), 1e-300)
+    bend = np.sign(bend) * (np.abs(bend) > STRAIGHT)
+    for k in range(FOLDED):
+        pieces = rng.integers(1, 4)
+        ends = np.sort(rng.uniform(0, 1, pieces - 1))
+        size = rng.uniform(*BENT, pieces) * (-1.0) ** np.arange(pieces) * rng.choice([-1, 1])
+        shape = size[np.searchsorted(ends, (np.arange(n) + 0.5) / n)] * bend
+        shape *= rng.uniform(0.6, 1.4, n)
+        u = rng.uniform(*PULLS) * least
+        if k % 2:
+            shape += ASIDE * rng.normal(size=n)
+            u = u * (1 + ASIDE * rng.normal(size=len(u)))
         shape = np.clip(shape, model.lower, model.upper)
-        made.append((model.configuration(shape), np.clip(MORE * u, model.u_min, model.u_max)))
-    return made
+        yield model.configuration(shape), np.clip(u, model.u_min, model.u_max)
 
 
 # the searches of each model, which all its controllers share
-_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[bool, bytes], Future[RestTarget | None]]]
+_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[bool, bytes], Future[tuple[RestTarget, ...]]]]
 _ASKED = WeakKeyDictionary()
 
 
 class RestTargets:
-    """The target of each set point, found once for a model and kept.
+    """The targets of each set point, found once for a model and kept.
 
-    The target is the equilibrium with the least sum of unstable poles, then the leftmost rightmost
-    one, of those that `statics.inputs_for_tip` finds within 5 mm of the set point, or of the
-    nearest. The sum bounds the effort of holding it. The search also starts at shapes that are bent
-    more than the branch from rest, and the other way beyond some joint. It takes seconds, and its
-    result depends on the robot and the set point alone.
+    They are the equilibria within 5 mm of the set point, or as near as the nearest, with the least
+    sum of unstable poles, which bounds the effort of holding them. Up to 1 1/s it counts as none,
+    and the shape nearest to the branch from rest comes first. Where the arm can buckle
+    (`buckling_input`), the search starts at folded shapes with the tip at the set point. Otherwise,
+    or if these give nothing, it is `statics.inputs_for_tip`. It takes seconds, and its result
+    depends on the robot and the set point alone.
 
     Parameters
     ----------
@@ -106,8 +129,8 @@ class RestTargets:
         self._model, self.background = model, background
         self._asked = _ASKED.setdefault(model, {})
 
-    def ask(self, y: np.ndarray) -> Future[RestTarget | None]:
-        """The target for the tip at y (3,); None if the robot has no equilibrium to start from."""
+    def ask(self, y: np.ndarray) -> Future[tuple[RestTarget, ...]]:
+        """The targets for the tip at y (3,), the best first; none if no equilibrium was found."""
         key = self.background, np.asarray(y, float).tobytes()
         if key not in self._asked:
             self._asked[key] = in_future(partial(self._search, y), self.background)
@@ -116,15 +139,43 @@ class RestTargets:
     def __reduce__(self) -> tuple[Any, ...]:
         return RestTargets, (self._model, self.background)
 
-    def _search(self, y: np.ndarray) -> RestTarget | None:
+    def _search(self, y: np.ndarray) -> tuple[RestTarget, ...]:
         model = self._model
         try:
             plain = statics.approach(statics.rest(model), y, stay_stable=True)
-            bent = reversed_bends(model, plain.q, plain.u)
-            search = statics.inputs_for_tip(model, y, [plain], guesses=bent, shapes=SHAPES)
+            found = self._folded(plain, y)
+            if not found:
+                search = statics.inputs_for_tip(model, y, [plain], shapes=SHAPES)
+                within = max(WITHIN, search.distance(search.nearest))
+                found = [one for one in search.found if search.distance(one) <= within]
         except (StaticsError, np.linalg.LinAlgError):
-            return None
-        within = max(WITHIN, search.distance(search.nearest))
-        near = [one for one in search.found if search.distance(one) <= within]
-        best = min(near, key=instability)
-        return RestTarget(best.q, best.u, best.stable, search.distance(best))
+            return ()
+        bend = model.coordinates(plain.q)
+        best = list[tuple[tuple[float, float, float], Equilibrium]]()
+        for one in found:
+            unstable, rightmost = instability(one)
+            far = float(np.linalg.norm(model.coordinates(one.q) - bend))
+            best.append(((max(unstable, SLOW), far, rightmost), one))
+        best.sort(key=lambda pair: pair[0])
+        kept = [
+            one for k, (key, one) in enumerate(best)  # a mirrored shape is no other
+            if k == 0 or not np.allclose(key, best[k - 1][0], rtol=SAME)
+        ]  # fmt: skip
+        return tuple(
+            RestTarget(one.q, one.u, one.stable, float(np.linalg.norm(one.y - y)))
+            for one in kept[:BEST]
+        )
+
+    def _folded(self, plain: Equilibrium, y: np.ndarray) -> list[Equilibrium]:
+        model, found = self._model, list[Equilibrium]()
+        least = buckling_input(model)
+        if least is None:
+            return found
+        problem = TipProblem.build(model, y)
+        for q, u in folded(model, plain.q, least):
+            with suppress(StaticsError, np.linalg.LinAlgError):
+                one = solve_at_tip(problem, q, u)
+                apart = (np.abs(model.coordinates(one.q) - model.coordinates(o.q)) for o in found)
+                if all(far.max() > SAME for far in apart):
+                    found.append(one)
+        return found

@@ -1,7 +1,7 @@
 """The backward pass of a plan: a quadratic cost-to-go along a linearised path, bounded commands.
 
-Differences from the path obey x_{k+1} = A x_k + B c_k. With the cost-to-go
-½ xᵀVx + sᵀx after step k,
+Differences from the path obey x_{k+1} = A x_k + B c_k + d_k, where the path misses the model's step
+by the drift d_k. With the cost-to-go ½ xᵀVx + sᵀx after step k, where s contains V d_k,
 
     Q_cc = Bᵀ V B + R,   Q_cx = Bᵀ V A + N,   Q_c = Bᵀ s + r,   c = step + gain x,
 
@@ -55,7 +55,7 @@ def bounded_minimum(H, g, lower, upper):
 
 
 @compiled
-def backward(A, B, J, error, away, gap, weight, change, extra, lower, upper):
+def backward(A, B, J, error, away, gap, drift, weight, last, change, extra, lower, upper):
     """Steps (N, m) and gains (N, m, nx) of the commands.
 
     The cost is the sum over the steps of ‖error + J x‖² + (away + x)ᵀ weight (away + x) after each,
@@ -67,7 +67,8 @@ def backward(A, B, J, error, away, gap, weight, change, extra, lower, upper):
     J, error : (N, 3, n), (N, 3) the tip's Jacobian and error after each step.
     away : (N, nx) the state after each step minus the target's.
     gap : (N, m) the path's command minus its acting input at the begin of each step.
-    weight : (nx, nx) the weights of a state.
+    drift : (N, nx) the model's step minus the path's.
+    weight, last : (nx, nx) the weights of a state, and what is added for the last one.
     change : (m, m) the weight of the command minus the acting input.
     extra : (m, m) what is added to Q_cc, so that a step stays small.
     lower, upper : (N, m) the bounds minus the path's commands.
@@ -75,12 +76,13 @@ def backward(A, B, J, error, away, gap, weight, change, extra, lower, upper):
     count, nx, m = B.shape
     n, acting = J.shape[2], nx - m
     steps, gains = np.zeros((count, m)), np.zeros((count, m, nx))
-    V, s = np.zeros((nx, nx)), np.zeros(nx)
+    V, s = last.copy(), last @ away[count - 1]
     for k in range(count - 1, -1, -1):
         V += weight
         V[:n, :n] += J[k].T @ J[k]
         s += weight @ away[k]
         s[:n] += J[k].T @ error[k]
+        s += V @ drift[k]
         VB, pull = V @ B[k], change @ gap[k]
         Qcc, Qcx, Qc = B[k].T @ VB + change, VB.T @ A[k], B[k].T @ s + pull
         Qxx, Qx = A[k].T @ (V @ A[k]), A[k].T @ s

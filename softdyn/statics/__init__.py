@@ -30,6 +30,8 @@ friction
     Rests after a stated motion, and along a slow path, of robots whose cables rub.
 explore
     Finds equilibria with the tip near a point, from arbitrary shapes.
+tip_solver
+    Solves for an equilibrium with the tip at a point, in milliseconds, from a shape near it.
 samples
     Random inputs and shapes, and stable equilibria from them.
 reachable

@@ -106,11 +106,15 @@ def descend(
 
 
 def input_scale(model: SoftModel, start: Equilibrium) -> np.ndarray:
-    """Size of each input (nu,) that moves a joint by about a radian, but not above its range."""
+    """Size of each input (nu,) that moves a joint by about a radian, but not above its range.
+
+    It is the range where no force holds any joint.
+    """
     force = np.abs(np.diag(start.stiffness)) * np.minimum(model.upper - model.lower, 1.0)
     arms = np.abs(start.state.B).max(axis=0, initial=0.0)
-    needed = force.max() / np.maximum(arms, 1e-300)
-    return np.clip(needed, 1e-9, np.maximum(model.u_max - model.u_min, 1e-9))
+    span = np.maximum(model.u_max - model.u_min, 1e-9)
+    needed = force.max() / np.maximum(arms, 1e-300) if force.any() else span
+    return np.clip(needed, 1e-9, span)
 
 
 def follow(here: Equilibrium, u: np.ndarray, soft: SoftStops | None = None) -> Equilibrium | None:

@@ -47,7 +47,7 @@ def explore(
 
     target, steps = array("target", target, (3,)), whole("steps", steps, 1)
     q, u = array("q", q, (check_model(model).nq,)), array("u", u, (model.nu,))
-    problem = _TipProblem.build(model, target)
+    problem = TipProblem.build(model, target)
     x = np.concatenate((model.coordinates(q), u)) / problem.scale
     for weight in STAGES:
         value, slope = problem.functions(SOFTNESS[0], weight)
@@ -68,7 +68,7 @@ def explore(
 
 
 @dataclass(frozen=True, eq=False)
-class _TipProblem:
+class TipProblem:
     """The least-squares problem of `explore` in scaled unknowns x = (coordinates, u) / scale."""
 
     model: SoftModel
@@ -80,13 +80,16 @@ class _TipProblem:
     high: np.ndarray
 
     @classmethod
-    def build(cls, model: SoftModel, target: np.ndarray) -> _TipProblem:
+    def build(cls, model: SoftModel, target: np.ndarray) -> TipProblem:
         """The problem of a robot, with scales from its equilibrium `rest`."""
         start = rest(model)
         span = np.minimum(model.upper - model.lower, 1.0)
         force = np.abs(np.diag(start.stiffness)) * span
+        inputs = input_scale(model, start)
+        if not force.any():  # no springs and no gravity: the inputs alone
+            force = np.abs(start.state.B) @ inputs
         force = np.maximum(force, 1e-3 * force.max())
-        scale = np.concatenate((span, input_scale(model, start)))
+        scale = np.concatenate((span, inputs))
         low = np.concatenate((model.lower, model.u_min)) / scale
         high = np.concatenate((model.upper, model.u_max)) / scale
         length = max(float(np.linalg.norm(start.y)), 1e-3) / 30

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from softdyn import Reference, SetPoint
+from softdyn import Reference, SetPoint, load, statics
 from softdyn.controllers import Mpc
-from softdyn.controllers.predictive import buckling
+from softdyn.controllers.predictive import buckling, rest_target
 from softdyn.controllers.predictive.objective import horizon_weights, unseen
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.dynamics.derivatives import stiffness
+from softdyn.validation import paper
 from tests.support.control_cases import robot
 from tests.support.predictive import KNOTS
 
@@ -65,6 +66,25 @@ def test_a_pull_starts_far_from_the_path_and_lasts_a_stated_time() -> None:
     pulled = times([far] * (2 * lasts + again + 10))
     assert len(pulled) > lasts
     assert pulled[lasts] - pulled[0] >= lasts + again
+
+
+def test_folded_shapes_hold_a_point_that_the_simple_bend_does_not_hold(monkeypatch) -> None:
+    monkeypatch.setattr(rest_target, "FOLDED", 60)
+    model, y = load("spirob"), paper.set_point("spirob", 1.5).reference(0.0).y  # its own targets
+    found = RestTargets(model).ask(y).result()
+    plain = statics.approach(statics.rest(model), y, stay_stable=True)
+    assert np.linalg.norm(plain.y - y) > 0.01
+    assert len(found) > 1
+    for one in found:
+        assert one.distance < 1e-6
+        assert np.linalg.norm(model.state(one.q, np.zeros(model.nv)).y - y) < 1e-6
+        assert np.abs(statics.residual(model, one.q, one.u)).max() < 1e-7
+        assert ((one.u >= model.u_min) & (one.u <= model.u_max)).all()
+    sums = []
+    for one in found:
+        poles = statics.balance(model, one.u, one.q).poles.real
+        sums.append(max(poles[poles > 0].sum(), rest_target.SLOW))
+    assert sums == sorted(sums)
 
 
 def test_only_a_moving_reference_is_pulled_for_and_two_runs_are_equal() -> None:

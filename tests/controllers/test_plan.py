@@ -7,9 +7,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from softdyn import InputError, SoftModel
+from softdyn.controllers.predictive import path_search
 from softdyn.controllers.predictive import plan as planning
 from softdyn.controllers.predictive.follow import PlanFollower
-from softdyn.controllers.predictive.plan import make_plan
+from softdyn.controllers.predictive.plan import _pose, make_plan
 from softdyn.controllers.predictive.rest_target import RestTarget
 from softdyn.controllers.predictive.riccati import backward, bounded_minimum
 from tests.support import cart
@@ -21,20 +22,24 @@ TARGET = RestTarget(np.array([0.1]), np.array([cart.STIFFNESS * 0.1]), True, 0.0
 @pytest.fixture
 def slide(tmp_path, monkeypatch) -> SoftModel:
     """A cart on a spring: its dynamics are linear, so that one pass is exact."""
-    monkeypatch.setattr(planning, "STEPS", 30)
-    monkeypatch.setattr(planning, "SETTLED", 1e-12)
+    monkeypatch.setattr(path_search, "STEPS", 30)
+    monkeypatch.setattr(path_search, "SETTLED", 1e-12)
+    monkeypatch.setattr(planning, "USEFUL", np.inf)  # the way is short, and so is the time
     text = cart.CART.format(damping=cart.DAMPING, stiffness=cart.STIFFNESS, lower=-1.0, upper=1.5)
     return cart.load(tmp_path, text)
 
 
 def best_commands(model: SoftModel, lag: float, form: float, count: int) -> np.ndarray:
     """The same problem on the cart by bounded least squares over all commands at once."""
-    T, kept = planning.STEP, np.exp(-planning.STEP / lag) if lag else 0.0
+    T, kept = path_search.STEP, np.exp(-path_search.STEP / lag) if lag else 0.0
     mean = (1 - kept) * lag / T
-    H = planning.HORIZON
+    H = path_search.HORIZON
     S = cart.MASS / H**2 + cart.DAMPING / H + cart.STIFFNESS
     R = 1 / S**2  # Bᵀ S⁻¹ B times the compliance 1 / S
+    own = [form, (path_search.SPEED * H) ** 2, path_search.HOLD * R]
     matrix = cart.MASS + T * cart.DAMPING + T**2 * cart.STIFFNESS
+    weighed = np.ones(count)
+    weighed[-1] += path_search.TAIL
     x, map_ = np.zeros(3), np.zeros((3, count))  # q, q̇, a, and their rates by the commands
     rows, right = [], []
     for k in range(count):
@@ -46,10 +51,11 @@ def best_commands(model: SoftModel, lag: float, form: float, count: int) -> np.n
         of_v = (cart.MASS * map_[1] + T * of_force) / matrix
         x = np.array([x[0] + T * v, v, kept * before])
         map_ = np.array([map_[0] + T * of_v, of_v, kept * of_before + (1 - kept) * one])
-        weights = np.sqrt([1.0 + form, (planning.SPEED * H) ** 2, planning.HOLD * R])
-        rows.append(weights[:, None] * map_)
-        right.append(weights * (np.array([0.1, 0.0, TARGET.u[0]]) - x))
-        change = (1 - kept) * np.sqrt(planning.RATE * R * (1 + 1e-8))
+        weights = np.sqrt(weighed[k] * np.array(own)), np.array([1.0, 0.0, 0.0])
+        for weight in weights:
+            rows.append(weight[:, None] * map_)
+            right.append(weight * (np.array([0.1, 0.0, TARGET.u[0]]) - x))
+        change = (1 - kept) * np.sqrt(path_search.RATE * R * (1 + 1e-8))
         rows.append(change * (one - of_before)[None])
         right.append(np.array([change * before]))
     bounds = (model.u_min[0], model.u_max[0])
@@ -59,19 +65,17 @@ def best_commands(model: SoftModel, lag: float, form: float, count: int) -> np.n
 
 @pytest.mark.parametrize("lag", [0.0, 0.03])
 def test_on_a_linear_robot_it_is_the_bounded_least_squares_solution(slide, lag) -> None:
-    found = make_plan(slide, [0.0], [0.0], [0.0], TARGET, GOAL, lag)
+    found = make_plan(slide, [0.0], [0.0], [0.0], [TARGET], GOAL, lag)
     assert found is not None
-    expected = best_commands(slide, lag, planning.FORM, len(found.commands))
+    expected = best_commands(slide, lag, path_search.FORM, len(found.commands))
     assert (expected > 1.5 - 1e-6).any()  # a bound is active
     np.testing.assert_allclose(found.commands[:, 0], expected, atol=1e-5)
     assert found.error[0] == pytest.approx(0.1)
     assert found.error[-1] < 0.01
 
 
-def test_it_keeps_the_bounds_and_is_the_same_twice(slide, monkeypatch) -> None:
-    monkeypatch.setattr(planning, "PULLS", (4.0,))
-    monkeypatch.setattr(planning, "ITERATIONS", 8)
-    given = slide, [0.05], [-2.0], [0.3], TARGET, GOAL, 0.02
+def test_it_keeps_the_bounds_and_is_the_same_twice(slide) -> None:
+    given = slide, [0.05], [-2.0], [0.3], [TARGET], GOAL, 0.02, 0.05
     one, other = make_plan(*given), make_plan(*given)
     assert one is not None
     assert other is not None
@@ -89,16 +93,20 @@ def test_the_gains_are_those_of_the_dense_solution() -> None:
     J, error = rng.normal(size=(count, 3, n)), rng.normal(size=(count, 3))
     away, gap = rng.normal(size=(count, nx)), rng.normal(size=(count, m))
     weight, change = np.diag(rng.uniform(0.1, 1, nx)), np.diag(rng.uniform(0.1, 1, m))
+    drift, last = rng.normal(size=(count, nx)), np.diag(rng.uniform(0.1, 1, nx))
     free = np.full((count, m), 1e9)
-    steps, gains = backward(A, B, J, error, away, gap, weight, change, 0 * change, -free, free)
+    steps, gains = backward(
+        A, B, J, error, away, gap, drift, weight, last, change, 0 * change, -free, free
+    )
 
     def rows(x: np.ndarray, c: np.ndarray) -> np.ndarray:
         """All terms whose squares are the cost of the commands c (count, m) from x."""
         made = []
         for k in range(count):
             made.append(np.sqrt(change) @ (gap[k] + c[k] - x[-m:]))
-            x = A[k] @ x + B[k] @ c[k]
+            x = A[k] @ x + B[k] @ c[k] + drift[k]
             made += [np.sqrt(weight) @ (away[k] + x), error[k] + J[k] @ x[:n]]
+        made.append(np.sqrt(last) @ (away[-1] + x))
         return np.concatenate(made)
 
     first = rng.normal(size=nx)
@@ -109,7 +117,7 @@ def test_the_gains_are_those_of_the_dense_solution() -> None:
     x, commands = first, []
     for k in range(count):
         commands.append(steps[k] + gains[k] @ x)
-        x = A[k] @ x + B[k] @ commands[k]
+        x = A[k] @ x + B[k] @ commands[k] + drift[k]
     np.testing.assert_allclose(commands, expected, atol=1e-9)
 
 
@@ -127,20 +135,53 @@ def test_the_bounded_minimum_is_that_of_least_squares() -> None:
         np.testing.assert_allclose((g + H @ x)[free], 0.0, atol=1e-6)
 
 
-def test_a_plan_follows_where_the_tip_stays_away_from_its_target(slide) -> None:
+def test_a_plan_leads_to_the_shape_of_a_target_that_then_acts(slide) -> None:
     follow = PlanFollower(slide, 0.0, background=False)
     follow.reset(0.1)
-    state = slide.state([-0.4], [0.0])
-    near = slide.state([0.05], [0.0])
-    given = TARGET, GOAL, state, np.zeros(1), np.zeros(1), np.zeros(1)
-    assert all(follow(TARGET, GOAL, near, *given[3:]) is None for _ in range(30))
-    assert follow(None, *given[1:]) is None
-    answers = [follow(*given) for _ in range(40)]
-    first = next(k for k, one in enumerate(answers) if one is not None)
-    assert first * 0.1 == pytest.approx(1.5, abs=0.11)
-    expected = make_plan(slide, [-0.4], [0.0], [0.0], TARGET, GOAL)
-    np.testing.assert_array_equal(answers[first], expected.commands[0])
-    assert [one is not None for one in answers].count(True) == 3  # 0.3 s, and once only
+    far, near = slide.state([-0.4], [0.0]), slide.state([0.05], [0.0])
+    still = np.zeros(1), np.zeros(1), np.array([0.2])
+    assert follow(GOAL, far, *still) is None
+    follow.begin([TARGET])
+    assert follow(GOAL, near, *still) is None  # its shape is near enough: no plan
+    assert follow.target is TARGET
+    follow.begin([TARGET])
+    answers = [follow(GOAL, far, *still) for _ in range(8)]
+    assert [one is not None for one in answers] == [True] * 8
+    np.testing.assert_array_equal(answers[:5], [[0.2]] * 5)  # while the plan is made
+    plan = make_plan(slide, [-0.4], [0.0], [0.2], [TARGET], GOAL, wait=0.5)
+    assert plan is not None
+    np.testing.assert_allclose(plan.command(0.0, far.q, far.v, far.v), answers[5], rtol=1e-12)
+    assert follow.target is TARGET
+    # its end, and 1 s far from the target until the next: three in all
+    more = [follow(GOAL, far, *still) is not None for _ in range(60)]
+    starts = [k for k in range(1, 60) if more[k] and not more[k - 1]]
+    assert len(starts) == 2
+    assert not any(more[-20:])
+
+
+def test_the_first_guess_leads_past_a_shape_that_the_simulation_would_not_reach(slide) -> None:
+    problem = _pose(slide, (np.array([-0.4]), np.zeros(1), np.zeros(1)), TARGET, GOAL, 0.0)
+    found = path_search.search_path(problem, 0.2)
+    assert found is not None
+    path, _ = found
+    assert path.gaps == 0.0
+    for k in range(len(path.commands)):  # the path obeys the model
+        q, v, _ = path.x[k]
+        force = path.commands[k, 0] - cart.STIFFNESS * q
+        T, matrix = path_search.STEP, cart.MASS + path_search.STEP * cart.DAMPING
+        after = (cart.MASS * v + T * force) / (matrix + T**2 * cart.STIFFNESS)
+        np.testing.assert_allclose(path.x[k + 1, :2], [q + T * after, after], atol=1e-9)
+
+
+def test_a_coasting_robot_moves_under_the_input_that_acts(slide) -> None:
+    start = np.array([0.05]), np.array([0.0]), np.array([0.3])
+    problem = _pose(slide, start, TARGET, GOAL, 0.0)
+    after = path_search.coast(problem, 3.0)
+    assert after is not None
+    q, v, a = after.start
+    assert q[0] == pytest.approx(0.3 / cart.STIFFNESS, abs=0.1 * 0.05)
+    assert a == start[2]
+    assert abs(v[0]) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -150,9 +191,10 @@ def test_a_plan_follows_where_the_tip_stays_away_from_its_target(slide) -> None:
         ({"acting": [np.nan]}, "acting: expected"),
         ({"lag": -1.0}, "lag: expected"),
         ({"goal": [0.0]}, "goal: expected"),
+        ({"targets": [None]}, "targets"),
     ],
 )
 def test_wrong_arguments_are_one_line(slide, change, message) -> None:
-    given = {"q": [0.0], "v": [0.0], "acting": [0.0], "target": TARGET, "goal": GOAL}
+    given = {"q": [0.0], "v": [0.0], "acting": [0.0], "targets": [TARGET], "goal": GOAL}
     with pytest.raises(InputError, match=message):
         make_plan(slide, **(given | change))

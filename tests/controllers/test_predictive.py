@@ -72,14 +72,14 @@ def test_known_lag_and_delay_cost_nothing_at_the_end(lag: float, delay: float) -
 class Found:
     """Targets that a test chooses."""
 
-    def __init__(self, target: RestTarget | None) -> None:
-        self.target, self.asked = target, list[np.ndarray]()
+    def __init__(self, *targets: RestTarget) -> None:
+        self.targets, self.asked = targets, list[np.ndarray]()
         self.background = False
 
     def ask(self, y: np.ndarray) -> object:
         self.asked.append(y)
-        answer: Future[RestTarget | None] = Future()
-        answer.set_result(self.target)
+        answer: Future[tuple[RestTarget, ...]] = Future()
+        answer.set_result(self.targets)
         return answer
 
 
@@ -116,7 +116,7 @@ def test_a_target_adds_its_terms_to_the_objective(stable: bool) -> None:
     far = SetPoint(state.y + np.array([0.0, 0.0, 0.05]))
     target = RestTarget(np.full(model.nq, 0.1), np.array([-0.3, 0.2]), stable, 0.01)
     problems = []
-    for targets in (Found(target), Found(None)):
+    for targets in (Found(target), Found()):
         law = Mpc(model, period=T, targets=targets)  # type: ignore[arg-type]
         law.reset(T)
         seen: list = []
@@ -150,8 +150,6 @@ def test_targets_are_found_once_the_same_in_a_thread() -> None:
     here, there = RestTargets(model), RestTargets(model, background=True)
     first = here.ask(y)
     assert first is here.ask(y.copy())
-    one, other = first.result(), there.ask(y).result(timeout=60)
-    assert one is not None
-    assert other is not None
+    (one, *_), (other, *_) = first.result(), there.ask(y).result(timeout=60)
     np.testing.assert_array_equal(one.u, other.u)
     assert one.distance == pytest.approx(0.0023, abs=2e-4)  # out of reach

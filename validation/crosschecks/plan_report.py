@@ -130,11 +130,11 @@ def plan_report(
     """
     goal = np.asarray(goal, float)
     targets = RestTargets(model)
-    target = targets.ask(goal).result()
-    if target is None:
+    found = targets.ask(goal).result()
+    if not found:
         raise StaticsError(f"no equilibrium of {model.name} for the tip at {goal} m", np.inf)
     start = statics.approach(statics.rest(model), goal, stay_stable=True)
-    plan = make_plan(model, start.q, np.zeros(model.nv), start.u, target, goal, lag)
+    plan = make_plan(model, start.q, np.zeros(model.nv), start.u, found, goal, lag)
     if plan is None:
         raise StaticsError(f"no path of {model.name} could be simulated", np.inf)
     controller = Mpc(model, lag=lag, delay=delay, targets=targets)
@@ -142,5 +142,5 @@ def plan_report(
         model, _Planned(controller, plan), SetPoint(goal), q0=start.q, duration=seconds,
         rig=Rig(delay=delay, lag=lag, file=False),
     )  # fmt: skip
-    force = float(np.abs(statics.residual(model, target.q, target.u)).max())
+    force = float(np.abs(statics.residual(model, plan.target.q, plan.target.u)).max())
     return PlanReport(plan, force, log)

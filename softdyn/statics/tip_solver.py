@@ -1,0 +1,82 @@
+"""Solve r(q, u) = 0 and y(q) = y* together, from arbitrary shapes.
+
+`explore` lets the tip give way, so that it ends at an equilibrium in most cases. Here the tip ends
+at the target or there is no answer. It takes milliseconds, so that hundreds of shapes can be tried.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softdyn.checks import array
+from softdyn.dynamics.derivatives import stiffness
+from softdyn.dynamics.model import State
+from softdyn.statics.branch import REACHED
+from softdyn.statics.equilibria import balance
+from softdyn.statics.equilibrium import Equilibrium, StaticsError
+from softdyn.statics.explore import TipProblem
+
+ITERATIONS = 40
+LARGEST_STEP = 0.5  # of a joint's scale in one iteration
+ENOUGH = 1e-16  # sum of the squared scaled residuals
+CLOSE = 1e-10  # of it: from here `balance` is tried
+
+
+def solve_at_tip(problem: TipProblem, q: np.ndarray, u: np.ndarray) -> Equilibrium:
+    """The equilibrium, stable or not, with its tip at the problem's target, from any shape.
+
+    The method is Levenberg-Marquardt; steps are cut at the bounds of joints and inputs. It does not
+    find equilibria at a joint's limit.
+
+    Parameters
+    ----------
+    problem : TipProblem
+        The robot and the target.
+    q, u : ndarray, (nq,), (nu,)
+        The first configuration and input.
+
+    Raises
+    ------
+    StaticsError
+        If it ends elsewhere.
+    """
+    model, n = problem.model, problem.model.nv
+    size = np.concatenate((problem.force, np.full(3, problem.length)))
+
+    def residual(x: np.ndarray) -> tuple[np.ndarray, State]:
+        """The scaled residuals, and the state at rest."""
+        z = x * problem.scale
+        state = model.state(model.configuration(z[:n]), np.zeros(n))
+        r = state.K + state.bias - state.B @ z[n:]
+        return np.concatenate((r, state.y - problem.target)) / size, state
+
+    q, u = array("q", q, (model.nq,)), array("u", u, (model.nu,))
+    x = np.concatenate((model.coordinates(q), u)) / problem.scale
+    x = np.clip(x, problem.low, problem.high)
+    (r, state), damping = residual(x), 1e-2
+    for _ in range(ITERATIONS):
+        cost = r @ r
+        if cost < ENOUGH or damping > 1.0:
+            break
+        z = x * problem.scale
+        slope = np.zeros((n + 3, n + model.nu))
+        slope[:n, :n] = stiffness(model, state.q, z[n:])
+        slope[:n, n:], slope[n:, :n] = -state.B, state.J
+        slope *= problem.scale / size[:, None]
+        square, fall = slope.T @ slope, slope.T @ r
+        while damping <= 1.0:
+            step = np.linalg.solve(square + damping * np.eye(len(x)), -fall)
+            step *= min(1.0, LARGEST_STEP / max(np.abs(step[:n]).max(), 1e-300))
+            trial = np.clip(x + step, problem.low, problem.high)
+            after, there = residual(trial)
+            if after @ after < cost:
+                x, r, state, damping = trial, after, there, max(damping / 10, 1e-12)
+                break
+            damping = max(10 * damping, 1e-8)
+    missed = float(np.abs(r * size)[:n].max(initial=0.0))
+    if r @ r < CLOSE:
+        z = x * problem.scale
+        found = balance(model, z[n:], model.configuration(z[:n]))
+        if np.linalg.norm(found.y - problem.target) < REACHED:
+            return found
+    raise StaticsError(f"no equilibrium of {model.name} with the tip at {problem.target} m", missed)

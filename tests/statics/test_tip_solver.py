@@ -1,0 +1,40 @@
+"""Equilibria with the tip at a point, from shapes that are none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softdyn import statics
+from softdyn.statics import StaticsError
+from softdyn.statics.explore import TipProblem
+from softdyn.statics.tip_solver import solve_at_tip
+from tests.support import cart
+from tests.support.control_cases import robot
+
+
+def test_it_finds_the_inputs_that_hold_a_tip_from_other_shapes() -> None:
+    model, rng = robot("finger"), np.random.default_rng(0)
+    for u in ([-0.2, -0.1], [-0.1, -0.15], [-0.25, 0.05]):
+        known = statics.settle(model, u)
+        problem = TipProblem.build(model, known.y)
+        start = model.configuration(known.q + rng.uniform(-0.4, 0.4, model.nv))
+        found = solve_at_tip(problem, start, np.zeros(model.nu))
+        np.testing.assert_allclose(found.y, known.y, atol=1e-6)
+        assert found.residual < 1e-8
+        assert ((found.u >= model.u_min) & (found.u <= model.u_max)).all()
+        np.testing.assert_allclose(found.u, known.u, atol=1e-4)
+
+
+def test_a_point_out_of_reach_is_a_statics_error() -> None:
+    model = robot("finger")
+    problem = TipProblem.build(model, np.array([1.0, 0.0, 0.0]))
+    with pytest.raises(StaticsError, match="with the tip at"):
+        solve_at_tip(problem, model.q0, np.zeros(model.nu))
+
+
+def test_a_robot_that_no_force_holds_can_be_searched(tmp_path) -> None:
+    text = cart.CART.format(damping=cart.DAMPING, stiffness=0.0, lower=-1.0, upper=1.5)
+    model, target = cart.load(tmp_path, text), np.array([cart.LENGTH + 0.5, 0.0, 0.0])
+    search = statics.inputs_for_tip(model, target, shapes=4)
+    assert search.nearest.residual < 1e-6
