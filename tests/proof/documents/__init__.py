@@ -1,1 +1,5 @@
-"""The documents' tables (`tables`), written from the figures that stand beside the code."""
+"""The documents' tables.
+
+- `tables`: those of measured figures, which stand beside the code
+- `settings`: those that repeat settings of the code
+"""

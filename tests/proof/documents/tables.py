@@ -15,12 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from softdyn import InputError
-from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.files import read_json, write_text
 from softdyn.validation.identification.trials import SHOWN
 from softdyn.validation.loop.labels import CONTROLLERS, ROBOTS, SYMBOLS, cell_title
 from softdyn.validation.paper import one_step
-from softdyn.validation.paper.reproduction import CHANGES
 from softdyn.validation.studies import benchmark, experiments
 from softdyn.validation.studies.benchmark import MEASURED
 from softdyn.validation.studies.benchmark_table import spread
@@ -37,6 +35,7 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
+from tests.proof.documents.settings import changes_table, gains_table
 
 MARKED = re.compile(
     r"^<!-- table (?P<name>[\w-]+): written by tests/proof/tables\.py -->\n.*?"
@@ -47,14 +46,6 @@ MARKED = re.compile(
 SAME_SHARE, SAME_CM = 0.01, 0.01
 MISSED = 1.0  # cm: a set point that is missed by more gets its reason
 LAW = "soft-id-clf-qp"
-# controller → the gains that it uses
-USED = {
-    "clf-qp": ("Kp", "eps", "w1", "rho"),
-    LAW: ("Kp", "eps", "w1", "w2", "w3", "w4", "rho"),
-    "ic": ("Kp",),
-    "uic": ("Kp",),
-    "ic-qp": ("Kp", "eps", "w1", "w2", "w3", "w4"),
-}
 ENGINES = ("reference, MuJoCo 3.2.7", "reference, 3.3.7", "emulated, 3.3.7", "emulated, 4.0.0")
 VALUES = {"set_point": experiments.THETAS, "tracking": experiments.OMEGAS}
 PAPER_ROBOTS = "finger", "helix", "spirob"
@@ -288,25 +279,6 @@ def _identification() -> str:
     return Table.of(shown, _rows("identification")).markdown()
 
 
-def _changes() -> str:
-    """The experiments of `softdyn reproduce`."""
-    rows = CHANGES.items()
-    lines = [[f"`{name}`", c.what, c.source or "none: a change of ours"] for name, c in rows]
-    return Table(["experiment", "what changes", "source"], lines).markdown()
-
-
-def _gains() -> str:
-    names = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
-    lines = []
-    for robot in PAPER_ROBOTS:
-        for controller, used in USED.items():
-            gains = PUBLISHED[robot][controller]
-            values = [getattr(gains, name) if name in used else None for name in names]
-            lines.append([robot, _title(controller), *values])
-    formats = ["", "", *["g"] * len(names)]
-    return Table(["robot", "controller", *names], lines, formats).markdown()
-
-
 def _published() -> str:
     """Each published cell: the logs behind its mean, and the same runs by the emulation."""
     titles = ["cell", "published", "commit", "its logs", "emulated", "experiment", "same"]
@@ -393,8 +365,8 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "published": _published,
     "engines": _engines,
     "one-step": _one_step,
-    "changes": _changes,
-    "gains": _gains,
+    "changes": changes_table,
+    "gains": gains_table,
     "identification": _identification,
     "best": lambda: _beyond("best"),
     "mpc": lambda: _beyond("mpc"),

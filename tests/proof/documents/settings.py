@@ -1,0 +1,38 @@
+"""Tables of the documents that repeat settings of the code: gains, and the paper's changes."""
+
+from __future__ import annotations
+
+from softdyn.controllers.gains import PUBLISHED
+from softdyn.validation.loop.labels import CONTROLLERS
+from softdyn.validation.paper.reproduction import CHANGES
+from softdyn.validation.studies import benchmark
+from softdyn.validation.tables import Table
+
+# controller → the gains that it uses
+USED = {
+    "clf-qp": ("Kp", "eps", "w1", "rho"),
+    "soft-id-clf-qp": ("Kp", "eps", "w1", "w2", "w3", "w4", "rho"),
+    "ic": ("Kp",),
+    "uic": ("Kp",),
+    "ic-qp": ("Kp", "eps", "w1", "w2", "w3", "w4"),
+}
+NAMES = ("Kp", "eps", "w1", "w2", "w3", "w4", "rho")
+
+
+def changes_table() -> str:
+    """The experiments of `softdyn reproduce`."""
+    rows = CHANGES.items()
+    lines = [[f"`{name}`", c.what, c.source or "none: a change of ours"] for name, c in rows]
+    return Table(["experiment", "what changes", "source"], lines).markdown()
+
+
+def gains_table() -> str:
+    """The published gains that each controller uses."""
+    lines = []
+    for robot in benchmark.ROBOTS:
+        for controller, used in USED.items():
+            gains = PUBLISHED[robot][controller]
+            values = [getattr(gains, name) if name in used else None for name in NAMES]
+            lines.append([robot, CONTROLLERS.get(controller, controller), *values])
+    formats = ["", "", *["g"] * len(NAMES)]
+    return Table(["robot", "controller", *NAMES], lines, formats).markdown()
