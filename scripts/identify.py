@@ -69,9 +69,9 @@ parser.add_argument("--step", type=cli.positive, metavar="S", help="longest step
 parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of the twin's data")
 parser.add_argument(
     "--measure",
-    choices=("joints", "tip"),
+    choices=("joints", "tip", "markers"),
     default="joints",
-    help="outputs of the twin; default: joints",
+    help="outputs of the twin; default: joints; markers are lost and renamed",
 )
 parser.option("--noise", cli.finite, "X", "noise of the twin; 1: 5 mrad, 0.1 mm, tip 1 mm", 1.0)
 for names, metavar, default, what in (
@@ -200,13 +200,17 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     """Identify drawn parameters, seed by seed, or find the inputs that identify them best."""
     import math
 
-    from softdyn import InputError
+    from softdyn import InputError, identification
     from softdyn.validation.identification import excitations, trials
     from softdyn.validation.identification import second_opinion as second
 
     outputs = [f"q.{name}" for name in model.joint_names]
     if arguments.measure == "tip":
         outputs = [f"tip.{axis}" for axis in "xyz"]
+    if arguments.measure == "markers":
+        outputs = [name for name in identification.output_names(model) if name.startswith("point.")]
+        if not outputs:
+            raise InputError("--measure markers", "--points FILE with points", "none")
     excitation = trials.Excitation(
         arguments.twin,
         knots=tuple(arguments.knots),

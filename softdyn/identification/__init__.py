@@ -26,6 +26,7 @@ them, and the residuals give the intervals.
 
 from softdyn.csv_columns import MAX_ROWS as MAX_ROWS
 from softdyn.identification.data import Measurements as Measurements
+from softdyn.identification.data import output_names as output_names
 from softdyn.identification.data import read_csv as read_csv
 from softdyn.identification.design import DesignFile as DesignFile
 from softdyn.identification.intervals import fit_length as fit_length

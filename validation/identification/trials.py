@@ -18,13 +18,16 @@ from softdyn.checks import number
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.identification import (
     MAX_ROWS,
+    Acquisition,
     Identified,
+    MarkerView,
     Measurements,
     Parameter,
     identify,
     least_deviations,
     measured_outputs,
     member_values,
+    prepared,
     with_values,
 )
 from softdyn.statics.equilibria import settle
@@ -38,6 +41,7 @@ Result = TypeVar("Result")
 # standard deviations of noise by type of joint (rad, m), and for tip and cables (m)
 JOINT_NOISE = {"revolute": 0.005, "continuous": 0.005, "prismatic": 1e-4}
 TIP_NOISE = 0.001
+GAP, GAP_EVERY = 0.04, 0.5  # s; how long and how often a marker is lost
 # range of drawn values that are zero in the file (rad, m): rest positions, offsets
 ABOUT_ZERO = 0.05
 
@@ -169,7 +173,27 @@ def twin_data(
     for unknown, value in zip(unknowns, theta, strict=True):
         values = values + value * unknown.shift(true, outputs)
     values = values + noise * deviations(true, outputs) * rng.standard_normal(values.shape)
+    lose_and_rename(values, outputs, t, rng)
     return Measurements(t, u, tuple(outputs), values), theta
+
+
+def lose_and_rename(
+    values: np.ndarray, outputs: Sequence[str], t: np.ndarray, rng: np.random.Generator
+) -> None:
+    """Leave gaps in the markers among outputs (N, k), and give them new names, in place.
+
+    Every `GAP_EVERY` seconds some marker is lost for `GAP` seconds; then all get other names.
+    """
+    places = MarkerView.of(outputs).positions
+    if not places or not any(name.startswith("point.") for name in outputs):
+        return
+    columns = np.array(places)[:, None] + np.arange(3)
+    for begin in np.arange(GAP_EVERY / 2, t[-1], GAP_EVERY):
+        gap = (t >= begin) & (t < begin + GAP)
+        values[np.ix_(gap, columns[rng.integers(len(places))])] = np.nan
+        after = np.flatnonzero(t >= begin + GAP)
+        order = rng.permutation(len(places))
+        values[np.ix_(after, columns.ravel())] = values[np.ix_(after, columns[order].ravel())]
 
 
 def deviations(model: SoftModel, outputs: Sequence[str]) -> np.ndarray:
@@ -257,7 +281,10 @@ def judged(
     step: float = np.inf,
 ) -> Trial:
     """Identify the data of `twin_data`, and compare with the drawn θ (P,)."""
-    found = identify(model, data, unknowns, step=step)
+    taken = Acquisition()
+    if any(name.startswith("point.") for name in data.names):
+        data, taken = prepared(model, data, relabel=True)
+    found = identify(model, data, unknowns, step=step, taken=taken)
     known = np.array([one.identified for one in found.estimates])
     value = np.array([one.value for one in found.estimates])
     deviation = np.array([one.deviation for one in found.estimates])
