@@ -164,7 +164,6 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
     from softdyn import InputError, identification
     from softdyn.dynamics.mimic import build
 
-    markers = identification.read_points(arguments.points) if arguments.points else ()
     for name, on in (("--test", arguments.test), ("--relabel", arguments.relabel)):
         if on and not (arguments.static or name == "--relabel"):
             raise InputError(name, "--static", "data over time")
@@ -172,10 +171,13 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         if arguments.twin is not None or arguments.second_opinion:
             expected = "a URDF; `softdyn new` makes one of the TOML file"
             raise InputError("--twin, --second-opinion", expected, arguments.robot)
-        made = identification.DesignFile(arguments.robot, markers)
+        made = identification.DesignFile(arguments.robot, arguments.points)
         return made, made.model
     model = softdyn.load(arguments.robot)
-    return None, build(identification.marked(model.robot, markers)) if markers else model
+    if arguments.points:
+        markers = identification.read_points(arguments.points)
+        model = build(identification.marked(model.robot, markers))
+    return None, model
 
 
 def camera_of(arguments: cli.Arguments) -> tuple[np.ndarray | None, bool]:

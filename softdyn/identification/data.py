@@ -44,6 +44,9 @@ class Measurements:
     outputs : ndarray, (N, len(names))
         Their values (rad or m); NaN where one was not measured. Joints have no gaps.
 
+    direction : ndarray, (N, m), optional
+        Last direction of each input's cable in static rows: 1 pulled in, -1 paid out, 0 unknown.
+
     Raises
     ------
     InputError
@@ -55,6 +58,7 @@ class Measurements:
     u: np.ndarray
     names: tuple[str, ...]
     outputs: np.ndarray
+    direction: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         samples = length("t", self.t)
@@ -69,6 +73,11 @@ class Measurements:
             rows = instances("u", rows, object, "the inputs of one sample")
         inputs = length("u[0]", rows[0]) if length("u", rows) else 0
         object.__setattr__(self, "u", array("u", rows, (samples, inputs)))
+        if self.direction is not None:
+            way = array("direction", self.direction, (samples, inputs))
+            if not np.isin(way, (-1, 0, 1)).all():
+                raise InputError("direction", "1 pulled in, -1 paid out or 0", "another number")
+            object.__setattr__(self, "direction", way)
         shape = (samples, len(self.names))
         object.__setattr__(self, "outputs", array("outputs", self.outputs, shape, finite=False))
         self._check_gaps()
@@ -101,7 +110,8 @@ class Measurements:
 
     def rows(self, keep: np.ndarray) -> Measurements:
         """The samples of these indices."""
-        return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep])
+        way = None if self.direction is None else self.direction[keep]
+        return Measurements(self.t[keep], self.u[keep], self.names, self.outputs[keep], way)
 
     def joints(self, model: SoftModel) -> np.ndarray | None:
         """Joint coordinates (N, n) if all were measured, else None."""
@@ -214,6 +224,7 @@ def check_data(model: SoftModel, data: Measurements) -> None:
 def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Measurements:
     """Measurements from a CSV file whose header names the columns.
 
+    ``direction.INPUT`` of static rows is the last direction of motion, see `Measurements`.
     The columns are ``t`` in seconds, ``u.NAME`` for every input, and any of ``q.JOINT`` (rad, m),
     ``tip.x``, ``tip.y``, ``tip.z``, ``length.TENDON`` and ``point.MARKER.x`` (m). An empty cell is
     a gap.
@@ -235,13 +246,14 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
     """
     static = flag("static", static)
     inputs = tuple(f"u.{actuator.name}" for actuator in check_model(model).robot.actuators)
+    ways = tuple(name.replace("u.", "direction.", 1) for name in inputs) if static else ()
     known = ("t", *inputs, *output_names(model))
     titles, header, rows = columns(path)
     # other columns of a log are no measurements
     kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
     header = [header[k] for k in kept]
     for name in header:
-        if name not in known:
+        if name not in (*known, *ways):
             expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x"
             expected += " or pose.MARKER.rx, of this robot and its markers"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
@@ -265,7 +277,11 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
                for names in (inputs, outputs)]  # fmt: skip
     with errors_in(str(path)):
         times = column["t"] if timed else np.arange(float(len(table)))
-        data = Measurements(times, stacked[0], outputs, stacked[1])
+        way = None
+        if any(name in column for name in ways):
+            once(path, header, ways)
+            way = np.stack([column[name] for name in ways], 1)
+        data = Measurements(times, stacked[0], outputs, stacked[1], way)
         check_data(model, data)
     step = float(np.median(np.diff(data.t)))
     if step >= SLOW and "t (s)" not in titles and not static:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from softdyn.checks import did_you_mean, instances, number
+from softdyn.checks import did_you_mean, number
 from softdyn.description.robot import Robot
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
@@ -31,10 +31,11 @@ from softdyn.dynamics.mimic import build
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, errors_in
 from softdyn.files import as_path, read_toml
-from softdyn.identification.markers.points import Marker, marked
-from softdyn.identification.parameters import Parameter, distinct
-from softdyn.identification.unknowns.kinds import Kind
+from softdyn.identification.markers.points import marked, markers_of, read_points
+from softdyn.identification.parameters import Parameter, distinct, parameters
+from softdyn.identification.unknowns.kinds import INPUT_LOSS, Kind
 
+MARKERS = ("point", "pose")  # tables of the markers' file
 COUNTS = ("segments", "discs", "disc", "count")  # whole numbers, not to be identified
 SUFFIX = {
     suffix: (next(one for one, factor in units.items() if factor == 1.0), units[suffix])
@@ -71,6 +72,11 @@ class Entry:
     unit: str
     factor: float
 
+    def chosen_by(self, parts: Sequence[str]) -> bool:
+        """Whether the words choose it; a marker's place needs the word point or pose."""
+        asked = self.path[0] not in MARKERS or self.path[0] in parts
+        return asked and parts[0] == self.kind and set(parts) <= self.words
+
     @property
     def kind(self) -> str:
         """Its key without the unit."""
@@ -80,10 +86,13 @@ class Entry:
 class DesignFile:
     """An arm's TOML file with numbers to identify, and the markers on the arm.
 
+    The places of the markers may be unknown, too.
+
     Parameters
     ----------
     path : str or Path
-    markers : sequence of Marker
+    points : str or Path, optional
+        The file of the markers.
 
     Raises
     ------
@@ -91,12 +100,15 @@ class DesignFile:
         For a file from which no robot can be made.
     """
 
-    def __init__(self, path: str | Path, markers: Sequence[Marker] = ()) -> None:
+    def __init__(self, path: str | Path, points: str | Path | None = None) -> None:
         self.path = as_path("path", path)
-        self.markers = instances("markers", markers, Marker, "a Marker")
+        self.points = None if points is None else as_path("points", points)
         self.table = read_toml(self.path)
         if "section" in self.table:
             arm_of(self.table, str(self.path))  # refuses numbers that no soft arm has
+        if self.points is not None:
+            read_points(self.points)
+            self.table |= read_toml(self.points)
         self.entries = {one.label: one for one in _entries(self.table, (), ())}
         self.model: SoftModel = build(self.robot({}))
         names = tuple(self.entries)
@@ -113,7 +125,7 @@ class DesignFile:
         """Unknown numbers; a word is a key without its unit, with more words after dots.
 
         ``offset`` means all offsets, ``offset.2`` second entries, ``offset.left`` those of the
-        table called left.
+        table called left, ``s.point`` the places of all markers.
 
         Parameters
         ----------
@@ -128,11 +140,16 @@ class DesignFile:
         found: list[Parameter] = []
         labels, nominal = list(self.entries), self.kind.nominal(self.model)
         for word, common in [(word, False) for word in free] + [(word, True) for word in shared]:
-            own = np.array([set(word.split(".")) <= one.words for one in self.entries.values()])
-            own &= np.array([word.split(".")[0] == one.kind for one in self.entries.values()])
+            if word == INPUT_LOSS.name:
+                found += parameters(self.model, word, shared=common)
+                continue
+            parts = ["friction" if part == "cable_friction" else part for part in word.split(".")]
+            own = np.array([one.chosen_by(parts) for one in self.entries.values()])
             if not own.any():
                 known = {one.kind for one in self.entries.values()}
                 raise InputError(word, f"a number in {self.path}", did_you_mean(word, known))
+            if parts[0] == "friction" and not nominal[own].all():
+                raise InputError(word, "a first guess above 0 in the file", "0")
             if common:
                 found.append(Parameter(self.kind, f"{word}, all", np.where(own, nominal, 0), 1.0))
             else:
@@ -152,11 +169,13 @@ class DesignFile:
     def robot(self, values: Mapping[str, float]) -> Robot:
         """The robot with other values (SI), by label; see `Maker`."""
         table, where = self.changed(values), str(self.path)
+        places = {key: table.pop(key) for key in MARKERS if key in table}
+        markers = markers_of(places, str(self.points)) if self.points is not None else ()
         with errors_in(where):
             layout = lay_out(read_arm(TomlTable(table, where))) if "section" in table else None
             text = read(table, where).text if layout is None else write(arm_file.robot(layout))
             robot = parse_text(text, path=self.path.with_suffix(".urdf"))
-            return marked(robot, self.markers, layout)
+            return marked(robot, markers, layout)
 
     def changed(self, values: Mapping[str, float]) -> dict[str, Any]:
         """The file's table with other values (SI), by label."""
@@ -172,17 +191,23 @@ class DesignFile:
     def rewritten(self, values: Mapping[str, float]) -> str:
         """The file's text with other values (SI), by label; comments stay.
 
+        Places of markers are left out.
+
         Raises
         ------
         InputError
             For a number that does not stand on its key's line.
         """
-        wanted = self.changed(values)
+        marks = {one for one in values if self.entries[one].path[0] in MARKERS}
+        own = {one: value for one, value in values.items() if one not in marks}
+        wanted = self.changed(own)
+        for key in MARKERS:
+            wanted.pop(key, None)
         new: dict[tuple[Any, ...], float] = {}
-        for label in values:
+        for label in own:
             part: Any = wanted
-            for key in (path := self.entries[label].path):
-                part = part[key]
+            for step in (path := self.entries[label].path):
+                part = part[step]
             new[path] = part
         text = "".join(_replaced(self.path.read_text(encoding="utf-8"), new))
         if tomllib.loads(text) != wanted:

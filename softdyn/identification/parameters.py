@@ -14,7 +14,14 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.dynamics.tree import tree_of
 from softdyn.exceptions import InputError
 from softdyn.identification.markers.camera import CAMERA
-from softdyn.identification.unknowns.kinds import KINDS, SEEN, Kind, MotionSample, Neighbour
+from softdyn.identification.unknowns.kinds import (
+    INPUT_LOSS,
+    KINDS,
+    SEEN,
+    Kind,
+    MotionSample,
+    Neighbour,
+)
 
 DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are central differences
 
@@ -105,6 +112,8 @@ def parameters(model: SoftModel, kind: str, *, shared: bool = False) -> tuple[Pa
     present = np.arange(len(names)) if about_zero else np.flatnonzero(nominal)
     if not present.size:
         raise InputError(kind, "a first guess in the robot's file", "none of it")
+    if shared and known is INPUT_LOSS:
+        return (Parameter(known, f"{kind}, all", np.ones(len(names)), 0.0),)
     if shared and about_zero:
         raise InputError(kind, "each for itself, --free", "one factor for all")
     if shared:

@@ -24,9 +24,9 @@ from softdyn.identification.data import (
 from softdyn.identification.linear import smoothed
 from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.parameters import Parameter, neighbours_of, with_values
-from softdyn.identification.rests import rests
+from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.trajectory import Driven, Start, follow
-from softdyn.identification.unknowns.kinds import SEEN, Around
+from softdyn.identification.unknowns.kinds import INPUT_LOSS, SEEN, Around
 
 MARKS = ("point.", "pose.")
 CLEAR = 10  # a held joint follows its measurement if its motion over its noise is larger
@@ -128,7 +128,7 @@ class FitProblem:
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
         if start is None:
-            path, by = rests(model, self.unknowns, u, around, self.taken.guesses)
+            path, by = rests(model, self.unknowns, self._inputs(theta, run), around)
         else:
             unknowns, driven = self.unknowns if start.by_q.size else (), self._driven(run)
             path, by = follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
@@ -154,6 +154,16 @@ class FitProblem:
         for k, one in enumerate(self.unknowns if slope.shape[2] else ()):
             if one.kind is SEEN:
                 slope[:, :, k] += by @ one.weights
+
+    def _inputs(self, theta: np.ndarray, run: tuple[int, int]) -> Inputs:
+        """The inputs of static rows, with what friction takes of them."""
+        loss = np.zeros(self.base.nu)
+        for one, value in zip(self.unknowns, theta, strict=True):
+            if one.kind is INPUT_LOSS:
+                loss += value * one.weights
+        data, part = self.data, slice(*run)
+        way = None if data.direction is None else data.direction[part]
+        return Inputs(data.u[part], loss, way, self.taken.guesses)
 
     def seen(self, theta: np.ndarray) -> Acquisition:
         """The experiment with the camera of θ."""
@@ -254,7 +264,7 @@ class FitProblem:
 
     def at_rest(self, model: SoftModel, around: Around) -> Start:
         """The start in equilibrium under the first input."""
-        path, by = rests(model, self.unknowns, self.data.u[:1], around, {})
+        path, by = rests(model, self.unknowns, Inputs(self.data.u[:1], np.zeros(model.nu)), around)
         still = np.zeros(model.nv)
         return Start(path[0], still, by[0], np.zeros_like(by[0]))
 

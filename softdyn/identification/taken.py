@@ -14,7 +14,7 @@ from softdyn.identification.markers.camera import FEWEST_POINTS, MarkerView, kab
 from softdyn.identification.markers.labels import followed, match, ordered
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
 from softdyn.identification.problem import Acquisition, measured_outputs
-from softdyn.identification.rests import rests
+from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.result import Identified
 from softdyn.identification.unknowns.kinds import Around
 
@@ -95,8 +95,9 @@ def prepared(
 
 def _points(model: SoftModel, data: Measurements, taken: Acquisition) -> np.ndarray:
     """The model's points (N, m, 3) at rest in the world, or (1, m, 3) under the first input."""
-    inputs = data.u if taken.static else data.u[:1]
-    path, by = rests(model, (), inputs, Around(model), taken.guesses)
+    u = data.u if taken.static else data.u[:1]
+    inputs = Inputs(u, np.zeros(model.nu), data.direction, taken.guesses)
+    path, by = rests(model, (), inputs, Around(model))
     assert taken.view is not None
     return taken.view.points(measured_outputs(model, data.names, path, by)[0])
 

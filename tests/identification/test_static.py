@@ -18,6 +18,7 @@ from softdyn.identification.intervals import half_widths
 from softdyn.identification.markers.camera import MarkerView, seen_at
 from softdyn.identification.parameters import neighbours_of
 from softdyn.identification.problem import Acquisition, measured_outputs, problem_of
+from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.unknowns.kinds import Around
 
 ARM = """\
@@ -58,7 +59,7 @@ CAMERA = np.array([0.3, -0.2, 1.0, 0.4, 1.2, -0.8])
 def arm(tmp_path):
     (tmp_path / "arm.toml").write_text(ARM)
     (tmp_path / "points.toml").write_text(POINTS)
-    return DesignFile(tmp_path / "arm.toml", identification.read_points(tmp_path / "points.toml"))
+    return DesignFile(tmp_path / "arm.toml", tmp_path / "points.toml")
 
 
 def poses(model, names, rng, rows, noise):
@@ -222,3 +223,74 @@ def test_intervals_allow_errors_that_a_pose_shares():
     wide = half_widths(ResidualBlock(shared, J, np.zeros((60, 0))), groups)
     assert alone[0] == pytest.approx(2.0 / np.sqrt(60), rel=0.3)
     assert wide[0] == pytest.approx(2.26 / np.sqrt(10), rel=0.5)
+
+
+def rubbing(arm, mu=0.1):
+    """The arm with cables that rub, and a file for it."""
+    path = arm.path.with_name("rubbing.toml")
+    path.write_text(ARM.replace("max_tension", f"friction = {mu}\nmax_tension"))
+    return DesignFile(path, arm.points)
+
+
+def test_rests_with_friction_balance_and_their_derivatives(arm):
+    """The balance is written out from the capstan equation of the cable's bends, joint by joint."""
+    made = rubbing(arm, 0.15)
+    model, rng = made.model, np.random.default_rng(2)
+    u = rng.uniform(0.5, 4, (3, 3))
+    way = np.array([[1.0, -1, 1], [-1, 1, 1], [1, 1, -1]])
+    names = tuple(f"point.{m}.{a}" for m in "abc" for a in "xyz")
+    unknowns = made.unknowns(["cable_friction", "youngs_modulus", "input_loss"])
+    data = Measurements(np.arange(3.0), u, names, rng.normal(size=(3, 9)), way)
+    problem = problem_of(model, data, unknowns, taken=Acquisition(True))
+    theta = np.array([one.nominal for one in unknowns])
+    theta[2:] = 0.2
+    (run,) = problem.simulated(theta, problem.firsts())
+    for k in range(len(theta)):
+        step = 1e-4 * max(theta[k], 1e-3) * np.eye(len(theta))[k]
+        ends = [problem.outputs(theta + s * step, problem.firsts())[0] for s in (1, -1)]
+        slope = (ends[0] - ends[1]) / (2 * step[k])
+        np.testing.assert_allclose(run.by_theta[:, :, k], slope, rtol=1e-3, atol=1e-5)
+    inputs = Inputs(u, np.full(3, 0.2), way)
+    path, _ = rests(model, (), inputs, Around(model))
+    for q, row, sign in zip(path, u, way, strict=True):
+        state = model.state(q, np.zeros(model.nv))
+        tau = state.K + state.g
+        for tendon, pull, d in zip(model.robot.tendons, row - 0.2 * sign, sign, strict=True):
+            behind = 1.0
+            for term in tendon.terms:  # half of each bend's arm is before its guide
+                j = model.joint_names.index(term.joint)
+                before, behind = behind, behind * np.exp(-d * 0.15 * abs(q[j]))
+                tau[j] += pull * term.coef * (before + behind) / 2
+        assert np.abs(tau).max() < 1e-5 * np.abs(state.K).max()
+
+
+def test_the_last_direction_from_the_order_of_the_rows(arm):
+    """A loop of one input: pulled in on the way up, paid out on the way down."""
+    made = rubbing(arm)
+    u = np.zeros((5, 3))
+    u[:, 0] = [1, 2, 3, 2, 1]
+    told = np.array([[1.0, -1, -1]] * 3 + [[-1.0, 1, 1]] * 2)
+    free, stated = (
+        rests(made.model, (), Inputs(u, np.zeros(3), way), Around(made.model))[0]
+        for way in (None, told)
+    )
+    np.testing.assert_allclose(free, stated, atol=1e-9)
+    assert np.linalg.norm(free[1]) < np.linalg.norm(free[3])  # hysteresis
+
+
+def test_friction_of_cables_from_static_rows(arm, tmp_path, capsys):
+    made = rubbing(arm, 0.05)
+    true, rng = build(made.robot({"friction cable pull": 0.1})), np.random.default_rng(7)
+    names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
+    u = np.concatenate([np.linspace(0, 5, 8), np.linspace(4.4, 0.3, 7)])[:, None] * [1, 0, 0]
+    u = np.concatenate((u, np.roll(u, 1, axis=1)))
+    path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
+    out = measured_outputs(true, names, path, np.zeros((*path.shape, 0)))[0]
+    out += 1e-3 * rng.normal(size=out.shape)
+    data = written(tmp_path / "d.csv", true, u, names, out)
+    base = [str(made.path), data, "--static", "--points", str(arm.points), "--hold-out", "0"]
+    assert command.main([*base, "--free", "cable_friction", "youngs_modulus", "--json", "-"]) == 0
+    mu, modulus = json.loads(capsys.readouterr().out)["parameters"]
+    assert (mu["kind"], mu["member"]) == ("friction", "cable pull")
+    assert mu["low"] < 0.1 < mu["high"] < 0.15
+    assert modulus["low"] < 0.3e6 < modulus["high"]

@@ -6,9 +6,10 @@ the data is ``point.NAME.x`` or ``pose.NAME.x``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from softdyn.checks import did_you_mean, instance, instances
 from softdyn.description.inertia import ZERO, Vector
@@ -60,16 +61,21 @@ def read_points(path: str | Path) -> tuple[Marker, ...]:
         For a bad file; it names the table and the key.
     """
     path = as_path("path", path)
-    table = TomlTable(read_toml(path), str(path))
+    return markers_of(read_toml(path), str(path))
+
+
+def markers_of(values: Mapping[str, Any], path: str) -> tuple[Marker, ...]:
+    """The markers in a table, as `read_points` reads it."""
+    table = TomlTable(values, path)
     found = [_marker(one, False) for one in table.tables("point")]
     found += [_marker(one, True) for one in table.tables("pose")]
     table.finish()
     if not found:
-        raise InputError(str(path), "[[point]] or [[pose]]", "none")
+        raise InputError(path, "[[point]] or [[pose]]", "none")
     names = [one.name for one in found]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(str(path), "each name once", repr(name))
+            raise InputError(path, "each name once", repr(name))
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from softdyn.actuation.capstan import Capstan
 from softdyn.description.robot import Robot
 from softdyn.dynamics.derivatives import mass_columns
 from softdyn.dynamics.model import SoftModel, State, taut_gains
@@ -15,6 +16,7 @@ from softdyn.dynamics.tree import tree_of
 from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.unknowns.friction import friction_of
 
+SHIFT = 1e-4  # of a coefficient of friction, for central differences
 DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are central differences
 
 
@@ -35,17 +37,24 @@ class Around(NamedTuple):
 
 
 class MotionSample(NamedTuple):
-    """A state with its acceleration and input, and the models around its own."""
+    """A state with its acceleration and input, and the models around its own.
+
+    `direction` (tendons,) is that in which each cable slid last, for an equilibrium.
+    """
 
     state: State
     a: np.ndarray
     u: np.ndarray
     around: Around
+    direction: np.ndarray | None = None
 
     def residual(self, model: SoftModel) -> np.ndarray:
         """r = M a + h - B u (n,) of another model at this motion."""
         state = model.state(self.state.q, self.state.v)
         result: np.ndarray = state.M @ self.a + state.h - state.B @ self.u
+        if self.direction is not None and any(one.friction for one in model.robot.tendons):
+            there = self._replace(state=state)
+            result -= capstan_forces(there, Capstan(model))
         return result
 
 
@@ -164,6 +173,50 @@ def _taut(state: State) -> np.ndarray:
     return ~state.model.tendon_slack | (gain > 0) | (damping > 0)
 
 
+def _capstan_columns(sample: MotionSample) -> np.ndarray:
+    """Minus the derivatives of the friction's joint forces, as central differences."""
+    model, tendons = sample.state.model, sample.state.model.robot.tendons
+    found, mu = np.zeros((model.nv, len(tendons))), np.array([one.friction for one in tendons])
+    if sample.direction is None:
+        return found
+    for k in range(len(mu)):
+        shift = SHIFT * np.eye(len(mu))[k]
+        ends = [capstan_forces(sample, Capstan(model, mu + s * shift)) for s in (1, -1)]
+        found[:, k] = (ends[1] - ends[0]) / (2 * SHIFT)
+    return found
+
+
+def capstan_forces(sample: MotionSample, capstan: Capstan) -> np.ndarray:
+    """Joint forces (n,) of cables that slid last in the sample's directions."""
+    assert sample.direction is not None
+    guides = capstan.at(sample.state)
+    return guides.forces(sample.u, sample.direction[capstan.tendon])
+
+
+def _loss_columns(sample: MotionSample) -> np.ndarray:
+    model = sample.state.model
+    if sample.direction is None:
+        return np.zeros((model.nv, model.nu))
+    by_u, capstan = sample.state.B, Capstan(model)
+    if len(capstan.tendon):
+        ways = sample.direction[capstan.tendon]
+        by_u = by_u + capstan.derivatives(sample.state, sample.u, ways).u
+    result: np.ndarray = by_u * sample.direction[tree_of(model).actuated]
+    return result
+
+
+CABLE_FRICTION = Kind(
+    "cable_friction", "", _tendons,
+    lambda model: np.array([one.friction for one in model.robot.tendons]),
+    _capstan_columns, _in("tendons", "friction"),
+)  # fmt: skip
+"""The coefficient μ of a cable on its guides, for equilibria."""
+INPUT_LOSS = Kind(
+    "input_loss", "unit of u", _inputs, lambda model: np.zeros(model.nu),
+    _loss_columns, lambda robot, values: robot, measures="input.", about_zero=True,
+)  # fmt: skip
+"""The part of an input that friction at its driven end takes, against the last motion."""
+
 KINDS = {
     kind.name: kind
     for kind in (
@@ -189,6 +242,8 @@ KINDS = {
         Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
              lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
              -np.inf, "length.", about_zero=True),
+        CABLE_FRICTION,
+        INPUT_LOSS,
     )
 }  # fmt: skip
 SEEN = Kind(
