@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from softdyn import SoftModel
-    from softdyn.identification import DesignFile, Parameter
+    from softdyn.identification import DesignFile, Identified, Parameter
 
 EPILOG = """\
 ROBOT is a URDF, a bundled name, or the TOML file of an arm, as `softdyn new` reads it.
@@ -64,6 +64,8 @@ parser.add_argument("--points", metavar="FILE", help="where the markers are, TOM
 parser.add_argument(
     "--camera", nargs="+", metavar="X", help="fit, or X Y Z RX RY RZ; default: the world's frame"
 )
+parser.add_argument("--folds", type=cli.count, metavar="N", help="test on N parts of static rows")
+parser.output("--discrepancy", "FILE", "of static rows: fit missing joint forces too; write JSON")
 parser.add_argument("--relabel", action="store_true", help="markers' names change in the data")
 parser.add_argument("--step", type=cli.positive, metavar="S", help="longest step (s) of the model")
 parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of the twin's data")
@@ -102,7 +104,10 @@ def command(arguments: cli.Arguments) -> int:
     """Read, fit and write."""
     import math
 
+    import numpy as np
+
     from softdyn import InputError, identification
+    from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
 
@@ -125,21 +130,23 @@ def command(arguments: cli.Arguments) -> int:
     unknowns = made.unknowns(*chosen) if made else identification.unknowns_of(model, *chosen)
     if fitted and taken.view is not None:
         unknowns += identification.camera_unknowns(taken.view.camera)
-    test = None
-    if arguments.test:
-        test = identification.read_csv(arguments.test, model, static=True)
-        test, _ = identification.prepared(
-            model, test, static=True, camera=taken.view.camera if taken.view else None,
-            relabel=arguments.relabel,
-        )  # fmt: skip
     if arguments.second_opinion:
         from softdyn.validation.identification import second_opinion as second
 
         second.check(model, data, unknowns, arguments.hold_out)
-    found = identification.identify(
-        model, data, unknowns, hold_out=arguments.hold_out, step=arguments.step or math.inf,
-        taken=taken, test=test,
-    )  # fmt: skip
+    options: dict[str, Any] = {
+        "hold_out": 0.0 if arguments.test else arguments.hold_out,
+        "step": arguments.step or math.inf, "taken": taken,
+    }  # fmt: skip
+    found = identification.identify(model, data, unknowns, **options)
+    again: dict[str, Any] = {"static": True, "relabel": arguments.relabel, "camera": found.camera}
+    if arguments.relabel and arguments.static:  # the fitted model may name the markers otherwise
+        renamed, _ = identification.prepared(found.model, raw, **again)
+        if not np.array_equal(renamed.outputs, data.outputs, equal_nan=True):
+            found = identification.identify(model, renamed, unknowns, **options)
+    if arguments.test:
+        test = identification.read_csv(arguments.test, model, static=True)
+        found = identification.tested(found, identification.prepared(found.model, test, **again)[0])
     values = found.values()
     if arguments.out and made:
         write_text(arguments.out, made.rewritten(values.get("design", {})))
@@ -147,8 +154,17 @@ def command(arguments: cli.Arguments) -> int:
         write_text(arguments.out, identification.rewritten(model.robot, values))
     if arguments.html:
         write_text(arguments.html, page(model.name, found))
-    lines = identification.doubts(found)
-    report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines}
+    lines = list(identification.doubts(found))
+    unseen = None
+    if arguments.folds:
+        from softdyn.identification.model_errors.discrepancy import left_out
+
+        unseen = distance(found.names, left_out(found.fit, arguments.folds))
+        lines.append(f"rms on rows left out, in {arguments.folds} parts: {unseen:.3g}")
+    if arguments.discrepancy:
+        lines.append(missing_forces(arguments.discrepancy, found))
+    report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines,
+              "rms_left_out": unseen}  # fmt: skip
     text = "\n".join([str(found), *lines])
     if arguments.second_opinion:
         opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
@@ -178,6 +194,17 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         markers = identification.read_points(arguments.points)
         model = build(identification.marked(model.robot, markers))
     return None, model
+
+
+def missing_forces(path: str, found: Identified) -> str:
+    """Fit the discrepancy model, write it with its gain, and state the gain."""
+    from softdyn.identification.model_errors.discrepancy import fit_discrepancy, gain_of
+    from softdyn.validation.files import write_json
+
+    model = fit_discrepancy(found.fit)
+    gain = gain_of(found.fit, model)
+    write_json(path, {**model.report(), "fitted": gain.fitted, "unseen": gain.unseen})
+    return str(gain)
 
 
 def camera_of(arguments: cli.Arguments) -> tuple[np.ndarray | None, bool]:
@@ -235,7 +262,7 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
         ]  # fmt: skip
         cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
         return cli.PASSED if found[0].identifiable.all() else cli.FAILED
-    options = {"seeds": arguments.seeds, "step": arguments.step or math.inf, "jobs": jobs}
+    options: dict[str, Any] = {"seeds": arguments.seeds, "step": arguments.step or math.inf, "jobs": jobs}
     opinions: list[second.Opinion] = []
     if arguments.second_opinion:
         pairs = trials.each_trial(second.of_trial, *what, **options)

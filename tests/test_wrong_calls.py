@@ -125,6 +125,7 @@ IDENTIFICATION = [
     (identification.camera_unknowns, {"start": np.zeros(6)}),
     (identification.DesignFile, {"path": "arm.toml"}),
     (identification.doubts, {"found": None}),
+    (identification.tested, {"found": None}),
     (identification.prepared,
      {"model": MODEL, "data": DATA, "static": False, "camera": np.zeros(6), "fit_camera": False,
       "relabel": False}),

@@ -35,9 +35,9 @@ from softdyn.identification.markers.camera import MarkerView as MarkerView
 from softdyn.identification.markers.points import Marker as Marker
 from softdyn.identification.markers.points import marked as marked
 from softdyn.identification.markers.points import read_points as read_points
-from softdyn.identification.output_error import Fit as Fit
 from softdyn.identification.output_error import fit as fit
 from softdyn.identification.output_error import identify as identify
+from softdyn.identification.output_error import tested as tested
 from softdyn.identification.parameters import Parameter as Parameter
 from softdyn.identification.parameters import camera_unknowns as camera_unknowns
 from softdyn.identification.parameters import member_values as member_values
@@ -45,6 +45,7 @@ from softdyn.identification.parameters import parameters as parameters
 from softdyn.identification.parameters import unknowns_of as unknowns_of
 from softdyn.identification.parameters import with_values as with_values
 from softdyn.identification.problem import Acquisition as Acquisition
+from softdyn.identification.problem import Fit as Fit
 from softdyn.identification.problem import FitProblem as FitProblem
 from softdyn.identification.problem import measured_outputs as measured_outputs
 from softdyn.identification.problem import problem_of as problem_of

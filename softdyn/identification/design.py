@@ -24,7 +24,7 @@ from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from softdyn.design import arm_file
 from softdyn.design.arm_table import read_arm
-from softdyn.design.layout import lay_out
+from softdyn.design.layout import Layout, lay_out
 from softdyn.design.source import arm_of, read
 from softdyn.design.units import UNITS, TomlTable
 from softdyn.dynamics.mimic import build
@@ -35,6 +35,7 @@ from softdyn.identification.markers.points import marked, markers_of, read_point
 from softdyn.identification.parameters import Parameter, distinct, parameters
 from softdyn.identification.unknowns.kinds import INPUT_LOSS, Kind
 
+KEPT = 64  # models
 MARKERS = ("point", "pose")  # tables of the markers' file
 COUNTS = ("segments", "discs", "disc", "count")  # whole numbers, not to be identified
 SUFFIX = {
@@ -110,7 +111,8 @@ class DesignFile:
             read_points(self.points)
             self.table |= read_toml(self.points)
         self.entries = {one.label: one for one in _entries(self.table, (), ())}
-        self.model: SoftModel = build(self.robot({}))
+        self._made: dict[tuple[tuple[str, float], ...], tuple[SoftModel, Layout | None]] = {}
+        self.model: SoftModel = self.model_of({})
         names = tuple(self.entries)
         nominal = np.array([self._value(one) for one in self.entries.values()])
         self.kind = Kind(
@@ -167,15 +169,37 @@ class DesignFile:
         return self.entries[label].unit if label in self.entries else ""
 
     def robot(self, values: Mapping[str, float]) -> Robot:
-        """The robot with other values (SI), by label; see `Maker`."""
-        table, where = self.changed(values), str(self.path)
-        places = {key: table.pop(key) for key in MARKERS if key in table}
-        markers = markers_of(places, str(self.points)) if self.points is not None else ()
-        with errors_in(where):
+        """The robot with other values (SI), by label, and its markers."""
+        return self.model_of(values).robot
+
+    def model_of(self, values: Mapping[str, float]) -> SoftModel:
+        """The model with other values (SI), by label; see `Maker`.
+
+        The last models are kept. Those that differ in the places of markers share their engine.
+        """
+        places = {one for one in values if self.entries[one].path[0] in MARKERS}
+        key = tuple(sorted((one, value) for one, value in values.items() if one not in places))
+        if key not in self._made:
+            for old in list(self._made)[: 1 - KEPT]:
+                del self._made[old]
+            self._made[key] = self._build(self.changed(dict(key)))
+        bare, layout = self._made[key]
+        if self.points is None:
+            return bare
+        table = self.changed({one: values[one] for one in places})
+        markers = markers_of({one: table[one] for one in MARKERS if one in table}, str(self.points))
+        marks = copy.copy(bare)
+        vars(marks).pop("_sensors", None)
+        vars(marks)["robot"] = marked(bare.robot, markers, layout)
+        return marks
+
+    def _build(self, table: dict[str, Any]) -> tuple[SoftModel, Layout | None]:
+        """The model of a table without its markers, and the layout of an arm of sections."""
+        table = {key: value for key, value in table.items() if key not in MARKERS}
+        with errors_in(where := str(self.path)):
             layout = lay_out(read_arm(TomlTable(table, where))) if "section" in table else None
             text = read(table, where).text if layout is None else write(arm_file.robot(layout))
-            robot = parse_text(text, path=self.path.with_suffix(".urdf"))
-            return marked(robot, markers, layout)
+            return build(parse_text(text, path=self.path.with_suffix(".urdf"))), layout
 
     def changed(self, values: Mapping[str, float]) -> dict[str, Any]:
         """The file's table with other values (SI), by label."""

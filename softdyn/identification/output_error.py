@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -31,6 +31,7 @@ from softdyn.identification.parameters import Parameter, distinct, with_values
 from softdyn.identification.problem import (
     PLAIN,
     Acquisition,
+    Fit,
     FitProblem,
     Simulated,
     first_stop,
@@ -54,7 +55,6 @@ def identify(
     hold_out: float = 0.2,
     step: float = np.inf,
     taken: Acquisition = PLAIN,
-    test: Measurements | None = None,
 ) -> Identified:
     """Parameters of the model from measurements, by the output-error method.
 
@@ -83,8 +83,6 @@ def identify(
         Longest step (s) of the simulation; the samples' own by default.
     taken : Acquisition
         Whether the data are static, and how markers were seen.
-    test : Measurements, optional
-        Static data that only test the result; nothing of `data` is then held out.
 
     Raises
     ------
@@ -102,9 +100,7 @@ def identify(
     distinct(unknowns)
     check_data(model, instance("data", data, Measurements, "Measurements"))
     instance("taken", taken, Acquisition, "an Acquisition")
-    if test is not None:
-        check_data(model, instance("test", test, Measurements, "Measurements"))
-    keep, left_out = parts_of(data, hold_out if test is None else 0.0, taken.static)
+    keep, left_out = parts_of(data, hold_out, taken.static)
     if len(data.t) < FEWEST and not taken.static:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))
     whole = problem_of(model, data.rows(keep), unknowns, step, taken)
@@ -133,18 +129,32 @@ def identify(
         for one in unknowns
     )
     statistic, degrees = ljung_box(correlation, samples)
-    if test is None and left_out.size:
-        test = data.rows(left_out) if taken.static else data
     missed = np.zeros((0, len(noise)))
-    if test is not None:
+    if left_out.size:
+        test = data.rows(left_out) if taken.static else data
         missed = _held_out(problem, theta, test, len(keep), noise)
     return Identified(
         with_values(model, problem.unknowns, theta), estimates, problem.data, residuals,
         np.where(samples > 0, noise, np.nan), correlation,
         float(chi2.sf(statistic, degrees)),
         rms(missed / noise), distance(data.names, missed), found.unidentifiable,
-        np.nan if taken.static else _moved(found), taken.static,
+        np.nan if taken.static else _moved(found), found,
     )  # fmt: skip
+
+
+def tested(found: Identified, test: Measurements) -> Identified:
+    """The result with the residuals of other static data as those held out."""
+    instance("found", found, Identified, "an Identified")
+    check_data(found.model, instance("test", test, Measurements, "Measurements"))
+    problem = found.fit.problem
+    if not problem.taken.static:
+        raise InputError("test", "a fit of static rows", "data over time")
+    missed = _held_out(problem, found.fit.theta, test, len(problem.data.t), found.fit.noise)
+    return replace(
+        found,
+        held_out=rms(missed / found.fit.noise),
+        rms_held_out=distance(test.names, missed),
+    )
 
 
 def parts_of(data: Measurements, hold_out: float, static: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -155,31 +165,6 @@ def parts_of(data: Measurements, hold_out: float, static: bool) -> tuple[np.ndar
     count = round(len(every) * hold_out)
     held = ((np.arange(count) + 0.5) * len(every) / max(count, 1)).astype(int)
     return np.setdiff1d(every, held), held
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """The least-squares solution of a problem.
-
-    Attributes
-    ----------
-    problem : FitProblem
-        The problem without the unknowns that are not identifiable.
-    theta : ndarray, (P,)
-        Values of its unknowns.
-    noise : ndarray, (outputs,)
-        Standard deviations of the residuals.
-    simulated : list of Simulated
-        The simulation of each run.
-    unidentifiable : tuple of str
-        The parameters, or combinations of them, that are not identifiable, as text.
-    """
-
-    problem: FitProblem
-    theta: np.ndarray
-    noise: np.ndarray
-    simulated: list[Simulated]
-    unidentifiable: tuple[str, ...]
 
 
 def fit(problem: FitProblem) -> Fit:

@@ -189,15 +189,15 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
 def neighbours_of(
     model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray
 ) -> tuple[Neighbour, ...]:
-    """Two models for each unknown from which the robot is made, for central differences."""
+    """Two models for each unknown from which the robot is made, for one-sided differences."""
     found = []
     for k, unknown in enumerate(unknowns):
         if unknown.kind.maker is not None:
             shift = DIFFERENCE * max(abs(theta[k]), DIFFERENCE * unknown.scale)
-            low, high = theta.copy(), theta.copy()
-            low[k], high[k] = theta[k] - shift, theta[k] + shift
-            models = (with_values(model, unknowns, there) for there in (low, high))
-            found.append(Neighbour(k, next(models), next(models), high[k] - low[k]))
+            there = theta.copy()
+            there[k] += shift
+            beside = with_values(model, unknowns, there)
+            found.append(Neighbour(k, with_values(model, unknowns, theta), beside, shift))
     return tuple(found)
 
 
@@ -222,11 +222,13 @@ def with_values(model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarr
     if not instances("unknowns", unknowns, Parameter, "a Parameter"):
         return check_model(model)
     values = member_values(model, unknowns, theta)
-    robot = model.robot
     kinds = {one.kind.name: one.kind for one in unknowns}
     makers = {kind.maker: name for name, kind in kinds.items() if kind.maker is not None}
     for maker, name in makers.items():
-        robot = maker.robot(values.pop(name))
+        model = maker.model_of(values.pop(name))
+    if not values:
+        return model
+    robot = model.robot
     for name, members in values.items():
         robot = kinds[name].amended(robot, members)
     changed = build(robot)

@@ -51,12 +51,15 @@ class Acquisition:
         Whether each row is an equilibrium under its input.
     view : MarkerView, optional
         The markers and the camera that saw them; without it the outputs are in the world's frame.
+    force : ndarray, (N, n), optional
+        More joint forces in each static row.
     guesses : dict
         Equilibria of the rows (n,) from earlier simulations, where the next search starts.
     """
 
     static: bool = False
     view: MarkerView | None = None
+    force: np.ndarray | None = None
     guesses: dict[bytes, np.ndarray] = field(default_factory=dict)
 
 
@@ -128,7 +131,7 @@ class FitProblem:
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         t, u = self.data.t[slice(*run)], self.data.u[slice(*run)]
         if start is None:
-            path, by = rests(model, self.unknowns, self._inputs(theta, run), around)
+            path, by = rests(model, self.unknowns, self.inputs(theta, run), around)
         else:
             unknowns, driven = self.unknowns if start.by_q.size else (), self._driven(run)
             path, by = follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
@@ -155,7 +158,7 @@ class FitProblem:
             if one.kind is SEEN:
                 slope[:, :, k] += by @ one.weights
 
-    def _inputs(self, theta: np.ndarray, run: tuple[int, int]) -> Inputs:
+    def inputs(self, theta: np.ndarray, run: tuple[int, int]) -> Inputs:
         """The inputs of static rows, with what friction takes of them."""
         loss = np.zeros(self.base.nu)
         for one, value in zip(self.unknowns, theta, strict=True):
@@ -163,7 +166,8 @@ class FitProblem:
                 loss += value * one.weights
         data, part = self.data, slice(*run)
         way = None if data.direction is None else data.direction[part]
-        return Inputs(data.u[part], loss, way, self.taken.guesses)
+        force = None if self.taken.force is None else self.taken.force[part]
+        return Inputs(data.u[part], loss, way, force, self.taken.guesses)
 
     def seen(self, theta: np.ndarray) -> Acquisition:
         """The experiment with the camera of θ."""
@@ -267,6 +271,31 @@ class FitProblem:
         path, by = rests(model, self.unknowns, Inputs(self.data.u[:1], np.zeros(model.nu)), around)
         still = np.zeros(model.nv)
         return Start(path[0], still, by[0], np.zeros_like(by[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The least-squares solution of a problem.
+
+    Attributes
+    ----------
+    problem : FitProblem
+        The problem without the unknowns that are not identifiable.
+    theta : ndarray, (P,)
+        Values of its unknowns.
+    noise : ndarray, (outputs,)
+        Standard deviations of the residuals.
+    simulated : list of Simulated
+        The simulation of each run.
+    unidentifiable : tuple of str
+        The parameters, or combinations of them, that are not identifiable, as text.
+    """
+
+    problem: FitProblem
+    theta: np.ndarray
+    noise: np.ndarray
+    simulated: list[Simulated]
+    unidentifiable: tuple[str, ...]
 
 
 def measured_outputs(

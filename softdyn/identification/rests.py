@@ -33,6 +33,8 @@ class Inputs:
     direction : ndarray, (N, m), optional
         Last direction of each cable: 1 pulled in, -1 paid out, 0 unknown. By default that of the
         cable's length from the row before; before the first row the robot has no input.
+    force : ndarray, (N, n), optional
+        More joint forces in each row.
     guesses : dict
         Where the search starts, by the input's bytes; the results are kept there. An input that is
         not there starts from the equilibrium of the row before.
@@ -41,6 +43,7 @@ class Inputs:
     u: np.ndarray
     loss: np.ndarray
     direction: np.ndarray | None = None
+    force: np.ndarray | None = None
     guesses: dict[bytes, np.ndarray] = field(default_factory=dict)
 
 
@@ -71,8 +74,9 @@ def rests(
         H = rest.stiffness
         if way is not None:
             sample = sample._replace(direction=_of_tendons(model, way))
-            if len(capstan.tendon):
-                sample, H = _with_friction(model, capstan, rest, sample)
+        force = np.zeros(n) if inputs.force is None else inputs.force[k]
+        if force.any() or (way is not None and len(capstan.tendon)):
+            sample, H = _with_forces(model, capstan, rest, sample, force)
         path[k] = model.coordinates(sample.state.q)
         if count:
             free = ~rest.held
@@ -109,21 +113,30 @@ def _directions(model: SoftModel, inputs: Inputs) -> np.ndarray:
     return found
 
 
-def _with_friction(
-    model: SoftModel, capstan: Capstan, rest: Equilibrium, sample: MotionSample
+def _with_forces(
+    model: SoftModel,
+    capstan: Capstan,
+    rest: Equilibrium,
+    sample: MotionSample,
+    force: np.ndarray,
 ) -> tuple[MotionSample, np.ndarray]:
     """The equilibrium near `rest` of cables that rub, and its tangent stiffness (n, n).
 
-    It is Newton's method on K + g - B u - τ = 0, with the friction τ in the sample's directions.
+    It is Newton's method on K + g - B u - τ = 0, with the friction in the sample's directions and
+    a constant force (n,) in τ.
     """
-    assert sample.direction is not None
-    ways, u = sample.direction[capstan.tendon], sample.u
+    ways = np.zeros(len(capstan.tendon))
+    if sample.direction is not None:
+        ways = sample.direction[capstan.tendon]
+    u = sample.u
     free = np.flatnonzero(~rest.held)
     state, size, step = rest.state, np.inf, np.zeros(model.nv)
     q = before = rest.q
     for _ in range(NEWTON):
         sample = sample._replace(state=state)
-        r = state.K + state.bias - state.B @ u - capstan_forces(sample, capstan)
+        r = state.K + state.bias - state.B @ u - force
+        if sample.direction is not None:
+            r -= capstan_forces(sample, capstan)
         left = float(np.abs(r[free]).max(initial=0.0))
         scale = max(float(np.abs(state.B @ u).max(initial=0.0)), 1e-12)
         if left < size:
@@ -137,4 +150,4 @@ def _with_friction(
             step /= 2
         q = move(model, before, step)
         state = model.state(q, np.zeros(model.nv))
-    raise StaticsError(f"no equilibrium of {model.name} with friction of its cables", size)
+    raise StaticsError(f"no equilibrium of {model.name} with its friction or forces", size)

@@ -14,6 +14,7 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.identification.data import Measurements
 from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.parameters import Parameter, member_values
+from softdyn.identification.problem import Fit
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
 NOT_WHITE = (
@@ -73,8 +74,8 @@ class Identified:
     moved : float
         Largest change of an estimate with half of every step, over its standard deviation. It is
         NaN if the model cannot be simulated with half of every step, and for static data.
-    static : bool
-        Whether each sample is an equilibrium.
+    fit : Fit
+        The problem and its solution.
     """
 
     model: SoftModel
@@ -88,7 +89,18 @@ class Identified:
     rms_held_out: float
     unidentifiable: tuple[str, ...]
     moved: float
-    static: bool = False
+    fit: Fit
+
+    @property
+    def static(self) -> bool:
+        """Whether each sample is an equilibrium."""
+        return self.fit.problem.taken.static
+
+    @property
+    def camera(self) -> np.ndarray | None:
+        """The camera (6,) that was fitted or stated."""
+        view = self.fit.problem.seen(self.fit.theta).view
+        return None if view is None else view.camera
 
     @property
     def names(self) -> tuple[str, ...]:

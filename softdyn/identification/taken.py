@@ -96,7 +96,7 @@ def prepared(
 def _points(model: SoftModel, data: Measurements, taken: Acquisition) -> np.ndarray:
     """The model's points (N, m, 3) at rest in the world, or (1, m, 3) under the first input."""
     u = data.u if taken.static else data.u[:1]
-    inputs = Inputs(u, np.zeros(model.nu), data.direction, taken.guesses)
+    inputs = Inputs(u, np.zeros(model.nu), data.direction, guesses=taken.guesses)
     path, by = rests(model, (), inputs, Around(model))
     assert taken.view is not None
     return taken.view.points(measured_outputs(model, data.names, path, by)[0])

@@ -79,7 +79,7 @@ def written(path, model, u, names, out):
 
 def test_a_design_from_relabelled_markers_with_gaps_in_an_unknown_frame(arm, tmp_path, capsys):
     true = {"youngs_modulus material": 0.42e6, "offset cable pull [2]": 0.005}
-    model, rng = build(arm.robot(true)), np.random.default_rng(3)
+    model, rng = arm.model_of(true), np.random.default_rng(3)
     names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
     u, out = poses(model, names, rng, 30, 1e-3)
     seen = seen_at(CAMERA, out.reshape(-1, 3, 3))
@@ -135,7 +135,7 @@ def test_derivatives_of_equilibria_by_the_design_and_the_camera(arm):
         step = 1e-5 * max(abs(theta[k]), 1e-3 * one.scale) * np.eye(len(theta))[k]
         ends = [problem.outputs(theta + s * step, problem.firsts())[0] for s in (1, -1)]
         slope = (ends[0] - ends[1]) / (2 * step[k])
-        np.testing.assert_allclose(run.by_theta[:, :, k], slope, rtol=2e-4, atol=1e-5)
+        np.testing.assert_allclose(run.by_theta[:, :, k], slope, rtol=1e-3, atol=1e-4)
 
 
 def test_words_that_choose_numbers(arm):
@@ -280,7 +280,7 @@ def test_the_last_direction_from_the_order_of_the_rows(arm):
 
 def test_friction_of_cables_from_static_rows(arm, tmp_path, capsys):
     made = rubbing(arm, 0.05)
-    true, rng = build(made.robot({"friction cable pull": 0.1})), np.random.default_rng(7)
+    true, rng = made.model_of({"friction cable pull": 0.1}), np.random.default_rng(7)
     names = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
     u = np.concatenate([np.linspace(0, 5, 8), np.linspace(4.4, 0.3, 7)])[:, None] * [1, 0, 0]
     u = np.concatenate((u, np.roll(u, 1, axis=1)))

@@ -17,7 +17,7 @@ from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.unknowns.friction import friction_of
 
 SHIFT = 1e-4  # of a coefficient of friction, for central differences
-DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are central differences
+DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are differences
 
 
 class Neighbour(NamedTuple):
@@ -59,10 +59,10 @@ class MotionSample(NamedTuple):
 
 
 class Maker(Protocol):
-    """Makes a robot from numbers that are not in its URDF, such as those of a design."""
+    """Makes a model from numbers that are not in a URDF, such as those of a design."""
 
-    def robot(self, values: Mapping[str, float]) -> Robot:
-        """The robot with other values, by member."""
+    def model_of(self, values: Mapping[str, float]) -> SoftModel:
+        """The model with other values, by member."""
 
     def unit(self, label: str) -> str:
         """Unit of a member."""
@@ -201,7 +201,8 @@ def _loss_columns(sample: MotionSample) -> np.ndarray:
     if len(capstan.tendon):
         ways = sample.direction[capstan.tendon]
         by_u = by_u + capstan.derivatives(sample.state, sample.u, ways).u
-    result: np.ndarray = by_u * sample.direction[tree_of(model).actuated]
+    acts = (sample.u != 0) | (model.u_min < 0)  # a cable without tension has nothing to lose
+    result: np.ndarray = by_u * acts * sample.direction[tree_of(model).actuated]
     return result
 
 
