@@ -36,6 +36,11 @@ file separately. --shared identifies one factor on the file's values of all memb
 values are the first guess. If every joint is measured, samples near a stop are left out. Otherwise
 the run must begin at rest under its first input, and it is used up to its first stop.
 
+Static rows: --free cable_friction (the file has a first guess), input_loss (the part of an input
+that friction at the motor takes). direction.INPUT is the last direction, 1 pulled in, -1 paid out;
+without it the order of the rows says so. --discrepancy adds missing joint forces, a ridge function
+of inputs and strains, and states its gain on rows left out.
+
 Of a TOML file, KIND is any key of a number without its unit, such as youngs_modulus, density or
 offset. offset.2 means second entries, offset.left those of the [[cable]] called left.
 
@@ -262,7 +267,11 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
         ]  # fmt: skip
         cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
         return cli.PASSED if found[0].identifiable.all() else cli.FAILED
-    options: dict[str, Any] = {"seeds": arguments.seeds, "step": arguments.step or math.inf, "jobs": jobs}
+    options: dict[str, Any] = {
+        "seeds": arguments.seeds,
+        "step": arguments.step or math.inf,
+        "jobs": jobs,
+    }
     opinions: list[second.Opinion] = []
     if arguments.second_opinion:
         pairs = trials.each_trial(second.of_trial, *what, **options)

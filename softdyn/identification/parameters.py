@@ -181,15 +181,18 @@ def columns_of(unknowns: Sequence[Parameter], sample: MotionSample, count: int) 
         weights = np.stack([parameter.weights for parameter in same], 1)
         found[:, at : at + len(same)] = same[0].kind.columns(sample) @ weights
         at += len(same)
-    for k, low, high, width in sample.around.neighbours:
-        found[:, k] = (sample.residual(high) - sample.residual(low)) / width
+    engine, here = tree_of(sample.state.model).pin_model, None
+    for k, beside, width in sample.around.neighbours:
+        if tree_of(beside).pin_model is not engine:  # else only its markers differ
+            here = sample.residual(sample.state.model) if here is None else here
+            found[:, k] = (sample.residual(beside) - here) / width
     return found
 
 
 def neighbours_of(
     model: SoftModel, unknowns: Sequence[Parameter], theta: np.ndarray
 ) -> tuple[Neighbour, ...]:
-    """Two models for each unknown from which the robot is made, for one-sided differences."""
+    """A model for each unknown from which the robot is made, for one-sided differences."""
     found = []
     for k, unknown in enumerate(unknowns):
         if unknown.kind.maker is not None:
@@ -197,7 +200,7 @@ def neighbours_of(
             there = theta.copy()
             there[k] += shift
             beside = with_values(model, unknowns, there)
-            found.append(Neighbour(k, with_values(model, unknowns, theta), beside, shift))
+            found.append(Neighbour(k, beside, shift))
     return tuple(found)
 
 

@@ -137,9 +137,9 @@ class FitProblem:
             path, by = follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
         names = self.data.names
         out, slope = measured_outputs(model, names, path, by)
-        for k, low, high, width in around.neighbours:  # their markers may be elsewhere, too
-            ends = (measured_outputs(one, names, path, by[:, :, :0])[0] for one in (high, low))
-            slope[:, :, k] += np.subtract(*ends) / width
+        for k, beside, width in around.neighbours:  # their markers may be elsewhere, too
+            there = measured_outputs(beside, names, path, by[:, :, :0])[0]
+            slope[:, :, k] += (there - out) / width
         for k, (unknown, value) in enumerate(zip(self.unknowns, theta, strict=True)):
             shift = unknown.shift(model, names)
             out += value * shift

@@ -182,10 +182,13 @@ def _linear(
         Parameter(JOINT_FORCE, f"joint_force {name}", row, 0.0)
         for name, row in zip(names, np.eye(len(names)), strict=True)
     )
-    wide = replace(problem, unknowns=problem.unknowns + force)
-    theta = np.append(found.theta, np.zeros(len(names)))
+    model = with_values(problem.base, problem.unknowns, found.theta)
+    own = [k for k, one in enumerate(problem.unknowns) if one.kind.measures]  # not the model's
+    unknowns = tuple(problem.unknowns[k] for k in own) + force
+    wide = replace(problem, base=model, unknowns=unknowns)
+    theta = np.append(found.theta[own], np.zeros(len(names)))
     (run,) = wide.simulated(theta, problem.firsts())
-    effect = run.by_theta[:, :, len(found.theta) :] @ shapes / found.noise[:, None]
+    effect = run.by_theta[:, :, len(own) :] @ shapes / found.noise[:, None]
     A = np.einsum("nkb,nf->nkbf", effect, phi).reshape(*effect.shape[:2], -1)
     return (problem.data.outputs - run.out) / found.noise, A
 

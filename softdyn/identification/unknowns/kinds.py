@@ -21,11 +21,10 @@ DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are differe
 
 
 class Neighbour(NamedTuple):
-    """Two models on either side of θ along unknown number `at`, `width` apart."""
+    """A model at θ with unknown number `at` larger by `width`."""
 
     at: int
-    low: SoftModel
-    high: SoftModel
+    model: SoftModel
     width: float
 
 

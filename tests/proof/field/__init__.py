@@ -6,6 +6,7 @@
 - `drag`: our rod with PyElastica's external damping; PyElastica's rod
 - `peers`: the others' programs, run and timed in an environment of their own
 - `pyelastica_rod`, `soromox_rod`: programs for that environment
+- `tentacle`: a real arm's poses, identified
 - `page`: tables, figures, the blocks of docs/field.md
 """
 
@@ -21,7 +22,7 @@ environment with pyelastica 0.3.3 and soromox 0.2.3; it times their programs bes
 exit codes: 0 done; 2 bad input.
 """
 
-CASES = ("rod", "planar", "spatial", "linear")
+CASES = ("rod", "planar", "spatial", "linear", "tentacle")
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("case", choices=CASES, help="the published rollout")
@@ -35,8 +36,10 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Measure, report, write."""
-    from tests.proof.field import cases, page, peers, published, rods
+    from tests.proof.field import cases, page, peers, published, rods, tentacle
 
+    if arguments.case == "tentacle":
+        return tentacle.command(arguments)
     case = cases.CASES[arguments.case]
     tips = published.read(arguments.data, case)
     found = rods.measure(case, tips)

@@ -72,16 +72,25 @@ def write(
     InputError
         The document has no such block.
     """
-    path = Path(path)
-    document = path.read_text(encoding="utf-8")
+    picture = Path(path).parent / f"field_{name}.png"
+    draw(picture, {**theirs, **found["ours"]})
+    replace(path, name, f"{text}\n\n![Tips over time]({picture.name})")
+
+
+def replace(path: str | Path, name: str, text: str) -> None:
+    """Replace the block of a case in the document.
+
+    Raises
+    ------
+    InputError
+        The document has no such block.
+    """
+    document = Path(path).read_text(encoding="utf-8")
     begin, end = f"<!-- generated: python -m tests.proof field {name} -->", f"<!-- end {name} -->"
     block = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.S)
     if len(block.findall(document)) != 1:
         raise InputError(str(path), f"one block between {begin} and {end}", "none, or several")
-    picture = path.parent / f"field_{name}.png"
-    draw(picture, {**theirs, **found["ours"]})
-    about = f"![Tips over time]({picture.name})"
-    content = f"{begin}\n\n{text}\n\n{about}\n\n{end}"
+    content = f"{begin}\n\n{text}\n\n{end}"
     write_text(path, block.sub(lambda _: content, document))
 
 
