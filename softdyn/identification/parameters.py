@@ -49,7 +49,7 @@ class Parameter:
     @property
     def unit(self) -> str:
         """Unit of θ."""
-        if np.count_nonzero(self.weights) > 1:
+        if np.count_nonzero(self.weights) > 1 and not self.kind.about_zero:
             return "of the file's"
         if self.kind.maker is not None:
             return self.kind.maker.unit(self.label)

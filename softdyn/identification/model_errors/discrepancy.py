@@ -34,6 +34,7 @@ DEGREE = 2  # of the polynomials along the arm
 RIDGES = 10.0 ** np.arange(-3, 4.5, 0.5)
 ROUNDS, HALVINGS = 12, 6  # of the search for the weights, and of its steps
 DONE = 1e-3  # it ends where a step reduces the cost by a smaller share
+FEWEST = 3  # rows of a fit
 FOLDS = 11  # largest number of parts of the data in the test of the gain
 
 JOINT_FORCE = Kind(
@@ -223,7 +224,7 @@ def left_out(found: Fit, folds: int, discrepancy: bool = False) -> np.ndarray:
     ----------
     found : Fit
     folds : int
-        Number of parts, of 3 rows or more.
+        Number of parts; 3 rows or more are left in.
     discrepancy : bool
         Whether each fit has a discrepancy model.
 
@@ -238,19 +239,19 @@ def left_out(found: Fit, folds: int, discrepancy: bool = False) -> np.ndarray:
     ]
     problem = replace(found.problem, unknowns=tuple(begin))
     data, rows = problem.data, np.arange(len(problem.data.t))
-    if not (problem.taken.static and 2 <= folds <= len(rows) // 3):
-        expected = f"2 to {len(rows) // 3} parts of static rows"
+    if not (problem.taken.static and 2 <= folds <= len(rows) and len(rows) > FEWEST):
+        expected = f"2 to {len(rows)} parts of static rows, {FEWEST + 1} or more"
         raise InputError("folds", expected, folds if problem.taken.static else "data over time")
     residuals = np.full(data.outputs.shape, np.nan)
     for k in range(folds):
         held = rows % folds == k
         own = fit(_on(problem, data.rows(rows[~held])))
-        there = _on(own.problem, data.rows(rows[held]))
+        there = _on(own.problem, data)
         if discrepancy:
             out = predicted(there, own.theta, fit_discrepancy(own))
         else:
             out = there.outputs(own.theta, there.firsts())[0]
-        residuals[held] = data.outputs[held] - out
+        residuals[held] = (data.outputs - out)[held]
     return residuals
 
 

@@ -74,7 +74,7 @@ PHYSICS = (
     "--shared youngs_modulus density offset.2 input_loss",
     "--shared youngs_modulus density offset.2 input_loss --free s.point offset.point",
 )
-FOLDS = {8: 2, 11: 3, 22: 7}
+FOLDS = {8: 8, 11: 11, 22: 7}
 
 
 def command(arguments: cli.Arguments) -> int:
