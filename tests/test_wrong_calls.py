@@ -120,12 +120,13 @@ UNKNOWNS = identification.parameters(MODEL, "stiffness")
 FITTED = {"model": MODEL, "data": DATA, "unknowns": UNKNOWNS, "step": np.inf}
 IDENTIFICATION = [
     (identification.read_csv, {"path": "data.csv", "model": MODEL, "static": False}),
+    (identification.output_names, {"model": MODEL}),
     (identification.read_points, {"path": "points.toml"}),
     (identification.marked, {"robot": MODEL.robot, "markers": (), "layout": None}),
     (identification.camera_unknowns, {"start": np.zeros(6)}),
     (identification.DesignFile, {"path": "arm.toml"}),
     (identification.doubts, {"found": None}),
-    (identification.tested, {"found": None}),
+    (identification.tested, {"found": None, "test": DATA}),
     (identification.prepared,
      {"model": MODEL, "data": DATA, "static": False, "camera": np.zeros(6), "fit_camera": False,
       "relabel": False}),

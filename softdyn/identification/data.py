@@ -185,6 +185,7 @@ def stretches(stops: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
 
 def output_names(model: SoftModel) -> tuple[str, ...]:
     """Names of all outputs that can be measured of a robot."""
+    check_model(model)
     return (
         *(f"q.{name}" for name in model.joint_names), *(f"tip.{axis}" for axis in AXES),
         *(f"length.{name}" for name in model.tendons.names),

@@ -144,8 +144,8 @@ def identify(
 
 def tested(found: Identified, test: Measurements) -> Identified:
     """The result with the residuals of other static data as those held out."""
-    instance("found", found, Identified, "an Identified")
-    check_data(found.model, instance("test", test, Measurements, "Measurements"))
+    instance("test", test, Measurements, "Measurements")
+    check_data(instance("found", found, Identified, "an Identified").model, test)
     problem = found.fit.problem
     if not problem.taken.static:
         raise InputError("test", "a fit of static rows", "data over time")
