@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from softdyn.controllers.gains import PUBLISHED
 from softdyn.validation.loop.labels import CONTROLLERS
-from softdyn.validation.paper.reproduction import CHANGES
-from softdyn.validation.studies import benchmark
+from softdyn.validation.paper.reproduction import CHANGES, ROBOTS
 from softdyn.validation.tables import Table
 
 # controller → the gains that it uses
@@ -29,7 +28,7 @@ def changes_table() -> str:
 def gains_table() -> str:
     """The published gains that each controller uses."""
     lines = []
-    for robot in benchmark.ROBOTS:
+    for robot in ROBOTS:
         for controller, used in USED.items():
             gains = PUBLISHED[robot][controller]
             values = [getattr(gains, name) if name in used else None for name in NAMES]
