@@ -25,7 +25,8 @@ from softdyn.validation.twin.drives import site_name
 
 LEAST = 1e-12  # N; MuJoCo has no row for a friction of zero
 HIGHEST_IMPEDANCE = 0.9999  # MuJoCo's bound
-STIFFER = 0.1  # factor on MuJoCo's inverse weights: arms chatter at 0.01, and creep 0.2 mm at 1
+# Factor on MuJoCo's inverse weights. At 1 arms creep by 0.2 mm in 10 s; at 1e-3/kg they chatter.
+STIFFER = 0.1
 SLIDES = 1.0 - 1e-6  # a cable slides if its friction is at least this share of the limit
 
 
