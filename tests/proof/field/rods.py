@@ -22,14 +22,13 @@ from tests.proof.field import drag
 from tests.proof.field.cases import ALL, BENDS, PERIOD, SECONDS, UNSHEARED, UNSTRETCHED, Case
 
 JOINTS = (5, 10, 20, 40, 80)
-USUAL, DRAGGED = 20, 16  # joints
+USUAL = 20  # joints
 STEP = 1e-3  # s
 STEPS = {  # scheme: steps (s), whether the material is damped; stiff dampers make RK4 unstable
     Integrator.IMPLICITFAST: ((4e-3, 2e-3, 1e-3, 5e-4), True),
     Integrator.RK4: ((2e-3, 1e-3, 5e-4, 2.5e-4), False),
 }
 FINEST = 1.25e-4 / 4
-UNDAMPED = 1e-4  # s: without damping of the material the fastest mode needs a short step
 COARSE = 0.02  # s between the samples of these
 STEPPED = 5  # joints where the step is changed: few, so that RK4 is stable
 SHORT = 0.5  # s of the rollouts with changed steps
@@ -109,8 +108,9 @@ def measure(case: Case, theirs: Mapping[str, np.ndarray]) -> dict[str, Any]:
         tips, _ = roll(case, twin_of(case, case.arm(USUAL, freedoms, tau), STEP))
         ours[f"ours, {USUAL} joints, also {name}"] = tips
     ours["ours, in the strains of SoRoMoX"] = in_their_strains(case)
-    undamped = twin_of(case, case.arm(DRAGGED, UNSTRETCHED, 0.0), UNDAMPED)
-    ours[f"ours, {DRAGGED} joints, shear, PyElastica's damping"] = drag.roll(case, undamped)
+    joints, step = case.undamped
+    undamped = twin_of(case, case.arm(joints, UNSTRETCHED, 0.0), step)
+    ours[f"ours, {joints} joints, shear, PyElastica's damping"] = drag.roll(case, undamped)
     ladders = [_ladder("joints, 1 ms, to the finest", JOINTS, ladder)]
     for scheme, (steps, damped) in STEPS.items():
         arm = case.arm(STEPPED, BENDS, tau if damped else 0.0)
