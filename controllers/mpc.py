@@ -207,9 +207,12 @@ class Mpc(GuardedController):
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
             return self._fall_back(Status.NON_FINITE)
         acting = link.acting
-        K, D = tangent_dynamics(model, state.q, v, acting)
         held = self._stops.held(state)
         p, speed, unmodelled = self._filter(state, held)
+        if self._filter.noisy:  # noise would enter the matrices, too
+            state = model.state(model.integrate(state.q, p), speed)
+            p, v = np.zeros(model.nv), state.v
+        K, D = tangent_dynamics(model, state.q, v, acting)
         stops = self._stops.stiffness(state, held, by.step)
         linear = state.M, K + np.diag(stops), D, state.B
         force = state.B @ acting - state.h + unmodelled + D @ v

@@ -4,13 +4,18 @@ The prediction for this instant is missed by r_q = q ⊖ q⁻ and r_v = q̇ - q�
 lacks moves both, in the same direction; measurement noise moves each by itself. The correlation of
 the two, joint by joint, therefore says how far to trust the measurement, w in [0, 1]:
 
-- w = 1: the state is the measured one, and the force d grows by S r_v / T over a memory.
+- w = 1: the state is the measured one, and the missing acceleration a grows by r_v / T over a
+  memory.
 - w = 0: a fading-memory filter of third order (Morrison 1969; Zarchan and Musoff, "Fundamentals of
   Kalman Filtering", chapter 9) with θ = e^(-T/τ) keeps part of the prediction,
-  q = q⁻ ⊕ (1 - θ³) r_q, q̇ = q̇⁻ + 3/2 (1 - θ)² (1 + θ) r_q / T, and d grows by
-  1/2 (1 - θ)³ S r_q / T²,
+  q = q⁻ ⊕ (1 - θ³) r_q, q̇ = q̇⁻ + 3/2 (1 - θ)² (1 + θ) r_q / T, and a grows by
+  1/2 (1 - θ)³ r_q / T².
 
-with S = M + T D_t + T² K_t, which maps a change of speed over one period to a force.
+Independent errors, averaged over a window with the share s of a period, have a squared correlation
+of s/2 in the mean. Up to eight times that it counts as none. The force
+is d = S a, with S = M + T D_t + T² K_t, which maps a change of speed over one period to a force.
+The trusts act on a, before S couples the joints: otherwise an error that is noise in one joint
+would push another.
 """
 
 from __future__ import annotations
@@ -23,9 +28,10 @@ from softdyn import SoftModel, State
 from softdyn.compiled import compiled
 from softdyn.controllers.qps.linear_algebra import dot
 
-FADING = 0.02  # τ (s)
+FADING = 0.04  # τ (s)
 WINDOW = 0.1  # s, of the correlation
-SPEEDS = 0.1  # least share of r_v that is trusted
+CHANCE = 4.0  # squared correlation that counts as none, in shares of a period in the window
+SLIGHT = 1e-6  # rad, m: corrections below it leave the model's matrices as they are
 JUMP = 0.5  # rad, m: a state this far from its prediction is a new one
 
 
@@ -43,6 +49,8 @@ class StateFilter:
     ----------
     force : ndarray, (nv,)
         d, the unmodelled joint forces.
+    noisy : bool
+        Whether the last measurement was mostly noise: a mean trust below 1/2, and corrections.
     """
 
     def __init__(self, model: SoftModel, memory: float) -> None:
@@ -52,7 +60,7 @@ class StateFilter:
         """Begin a run with a control period (s)."""
         n, theta = self._model.nv, math.exp(-period / FADING)
         self._period = period
-        self.force = np.zeros(n)
+        self.force, self.noisy = np.zeros(n), False
         self._held = np.zeros(n, bool)
         self._squares = np.zeros((3, n))  # means of r_q², r_v², r_q r_v
         self._expected: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -75,18 +83,17 @@ class StateFilter:
         The forces of the stops are not part of d: joints that are at a stop now or were so one
         period ago keep their measured state and their d, and d is 0 at a stop.
         """
-        off, speed, force = np.zeros(self._model.nv), state.v, self.force
+        off, speed, force, trust = np.zeros(self._model.nv), state.v, self.force, 1.0
         if self._expected is not None:
             q, v, matrix = self._expected
             missed = self._model.coordinates(state.q) - self._model.coordinates(q)
             late, stopped = state.v - v, held | self._held
-            off, kept, pushed, valid = _corrections(
+            off, kept, pushed, trust = _corrections(
                 missed, late, stopped, matrix, self._squares, min(1.0, self._period / WINDOW),
                 self._kept, self._speed, self._push, self._trusted,
             )  # fmt: skip
-            if valid:
-                speed, force = speed - kept, force + pushed
-        self._held = held
+            speed, force = speed - kept, force + pushed
+        self._held, self.noisy = held, trust < 0.5 and bool(np.abs(off).max() > SLIGHT)
         self.force = np.where(held, 0.0, force)
         return off, speed, self.force
 
@@ -95,25 +102,29 @@ class StateFilter:
 def _corrections(
     missed, late, stopped, matrix, squares, share, keeps, speed_gain, push, trusted
 ):  # fmt: skip
-    """How far q, q̇ and d change from the measured ones and the last d; False for a new state.
+    """How far q, q̇ and d change from the measured ones and the last d, and the mean trust.
 
-    The mean squares move by `share`.
+    Nothing changes for a new state. The mean squares move by `share`.
     """
     n = len(missed)
     off, kept, pushed = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
         if not (stopped[i] or abs(missed[i]) < JUMP):
-            return off, kept, pushed, False
+            return off, kept, pushed, 1.0
+    gained, mean, chance = np.empty(n), 0.0, min(CHANCE * share, 0.5)
     for i in range(n):
         squares[0, i] += share * (missed[i] * missed[i] - squares[0, i])
         squares[1, i] += share * (late[i] * late[i] - squares[1, i])
         squares[2, i] += share * (missed[i] * late[i] - squares[2, i])
-        if stopped[i]:
-            continue
         both = max(squares[2, i], 0.0)
         trust = min(both * both / max(squares[0, i] * squares[1, i], 1e-300), 1.0)
-        off[i] = -(1 - trust) * keeps * missed[i]
-        kept[i] = (1 - trust) * ((1 - SPEEDS) * late[i] - speed_gain * missed[i])
-        pushed[i] = trust * trusted * dot(matrix[i], late)
-        pushed[i] += (1 - trust) * push * dot(matrix[i], missed)
-    return off, kept, pushed, True
+        trust = max(trust - chance, 0.0) / (1 - chance)
+        mean += trust / n
+        gained[i] = trust * trusted * late[i] + (1 - trust) * push * missed[i]
+        if not stopped[i]:
+            off[i] = -(1 - trust) * keeps * missed[i]
+            kept[i] = (1 - trust) * (late[i] - speed_gain * missed[i])
+    for i in range(n):
+        if not stopped[i]:
+            pushed[i] = dot(matrix[i], gained)
+    return off, kept, pushed, mean
