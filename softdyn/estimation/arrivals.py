@@ -18,7 +18,7 @@ from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
 from softdyn.sensing import Measurement, Sensors
 
-SAME = 1e-6  # of a sampling interval
+SAME = 1e-3  # of a sampling interval or a step; times this close are one
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
 
 

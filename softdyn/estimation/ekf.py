@@ -24,6 +24,7 @@ from softdyn.sensing import Sensors
 
 FROM_FILE = "file"
 LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
+MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 HALVINGS = 4  # of a step without a solution
 LARGEST = 1e6  # no reading is larger (rad, m, N, …)
 
@@ -236,7 +237,7 @@ class Ekf:
 
     def _advance(self, begin: float, end: float) -> bool:
         """Steps of equal length, none longer than `longest`."""
-        count = math.ceil((end - begin) / self.parameters.longest - SAME)
+        count = max(math.ceil((end - begin) / self.parameters.longest - SAME), 1)
         step = (end - begin) / count
         for k in range(count):
             commands = self._drives.over(begin + k * step, begin + (k + 1) * step)
@@ -298,13 +299,13 @@ class Ekf:
             given = readings[channel.rows]
             good = np.abs(given) <= LARGEST  # NaN is not
             own = channel.own_time(t)
-            late = [one for one in self._late if one.channel is channel and one.time < own + 1e-9]
-            match = next((one for one in late if abs(one.time - own) <= 1e-9), None)
+            late = [one for one in self._late if one.channel is channel and one.time < own + MATCH]
+            match = next((one for one in late if abs(one.time - own) <= MATCH), None)
             done += late
             self._count("skipped", int((~good).sum()))
             if not good.any():
                 continue
-            if match is None and abs(own - t) > 1e-9:
+            if match is None and abs(own - t) > MATCH:
                 self._count("unmatched", int(good.sum()))
                 continue
             if match is None:

@@ -17,7 +17,7 @@ import numpy as np
 from softdyn.dynamics.model import SoftModel
 from softdyn.sensing import Measurement, Sensors
 
-SHARP = 10.0  # times its own variance; a reading that is known as well as this is as good as linear
+SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 SHARE = 1e-2  # of the largest variance of q; axes with less are left out
 
 
