@@ -31,8 +31,8 @@ markers, --camera X Y Z RX RY RZ (m, rad) states it: a point p of the robot is s
 sum of squared distances least: with --static the model's in that row, else the last one seen.
 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
-tendon_damping or offset (the unknown zero of a length.TENDON). --free identifies each member in the
-file separately. --shared identifies one factor on the file's values of all members. The file's
+tendon_damping, free_length (of an elastic cable) or offset (the unknown zero of a length.TENDON).
+--free identifies each member in the file separately. --shared identifies one factor on the file's values of all members. The file's
 values are the first guess. If every joint is measured, samples near a stop are left out. Otherwise
 the run must begin at rest under its first input, and it is used up to its first stop.
 

@@ -166,6 +166,11 @@ def _tendon_damper(sample: MotionSample) -> np.ndarray:
     return (arms * rates[:, None]).T
 
 
+def _free_lengths(sample: MotionSample) -> np.ndarray:
+    model, state = sample.state.model, sample.state
+    return -(state.moment_arms * (model.tendon_stiffness * _taut(state))[:, None]).T
+
+
 def _taut(state: State) -> np.ndarray:
     """Whether (tendons,) each tendon's spring and damper act."""
     gain, damping = taut_gains(state.model, state.lengths, state.moment_arms @ state.v)
@@ -239,6 +244,8 @@ KINDS = {
              _tendon_spring, _in("tendons", "stiffness")),
         Kind("tendon_damping", "N s/m", _tendons, lambda model: model.tendon_damping,
              _tendon_damper, _in("tendons", "damping")),
+        Kind("free_length", "m", _tendons, lambda model: model.tendon_rest,
+             _free_lengths, _in("tendons", "rest"), -np.inf, about_zero=True),
         Kind("offset", "m", _tendons, lambda model: np.zeros(len(model.tendons.names)),
              lambda sample: np.zeros(sample.state.moment_arms.T.shape), lambda robot, values: robot,
              -np.inf, "length.", about_zero=True),
