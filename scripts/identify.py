@@ -33,8 +33,9 @@ sum of squared distances least: with --static the model's in that row, else the 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
 tendon_damping, free_length (of an elastic cable) or offset (the unknown zero of a length.TENDON).
 --free identifies each member in the file separately. --shared identifies one factor on the file's
-values of all members. The file's values are the first guess. If every joint is measured, samples near a stop are left out. Otherwise
-the run must begin at rest under its first input, and it is used up to its first stop.
+values of all members. The file's values are the first guess. If every joint is measured, samples
+near a stop are left out. Otherwise the run must begin at rest under its first input, and it is used
+up to its first stop.
 
 Static rows: --free cable_friction (the file has a first guess), input_loss (the part of an input
 that friction at the motor takes). direction.INPUT is the last direction, 1 pulled in, -1 paid out;
