@@ -38,7 +38,7 @@ class TaskCondition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class TaskReport:
-    """What a command does for one of several tasks.
+    """The effect of a command on one of several tasks.
 
     Attributes
     ----------

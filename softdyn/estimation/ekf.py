@@ -148,7 +148,7 @@ class Ekf:
 
     @property
     def counts(self) -> EkfCounts:
-        """What the filter did with its data."""
+        """Counts of the filter's data."""
         return EkfCounts(**self._counted)
 
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> StateEstimate:

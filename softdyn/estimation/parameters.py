@@ -84,7 +84,7 @@ class EkfParameters:
 
 @dataclass(frozen=True)
 class EkfCounts:
-    """What a filter did with its data since its last `reset`.
+    """Counts of a filter's data since its last `reset`.
 
     Attributes
     ----------

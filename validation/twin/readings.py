@@ -60,7 +60,7 @@ def command_units(robot: Robot) -> tuple[str, ...]:
 
 
 class Readings:
-    """What the sensors of a twin with a rig read.
+    """Readings of the sensors of a twin with a rig.
 
     MuJoCo evaluates a sensor at its rate and delays it. A reading is then composed: the tension is
     that of the inputs, and of the tendon's own spring and damper; a pose is a position and a

@@ -199,7 +199,7 @@ def rig_of(value: Any) -> Rig | None:
 
 
 class Drivers:
-    """What MuJoCo's actuators lack: a bound on a command's rate, and a commanded velocity's lag.
+    """A bound on a command's rate and a commanded velocity's lag, which MuJoCo's actuators lack.
 
     MuJoCo lags forces and lengths itself; its integrator has no room for a lag before it.
 

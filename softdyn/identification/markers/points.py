@@ -1,4 +1,4 @@
-"""Where each marker is on the robot, and the sensors that stand for them.
+"""The places of markers on the robot, and the sensors that stand for them.
 
 A marker is read from a TOML file and becomes a position or pose sensor of the robot. Its column in
 the data is ``point.NAME.x`` or ``pose.NAME.x``.

@@ -29,7 +29,7 @@ class Neighbour(NamedTuple):
 
 
 class Around(NamedTuple):
-    """What derivatives by θ need beside the model: the file's inertias, and neighbours of θ."""
+    """The file's inertias and the neighbours of θ, for derivatives by θ."""
 
     file: SoftModel
     neighbours: tuple[Neighbour, ...] = ()

@@ -78,7 +78,7 @@ class Case:
 
     @property
     def tensions(self) -> np.ndarray:
-        """Of the cables (N)."""
+        """The cables' tensions (N)."""
         return np.ones(2) if self.upright else np.zeros(0)
 
     def arm(
