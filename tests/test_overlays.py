@@ -88,7 +88,12 @@ def test_springs_and_dampers_replace_those_of_the_urdf(arm, tmp_path):
         ('<spring joint="bend"/>', "<spring>", "<joint> or <tendon>", "<spring>"),
         ('<tendon name="t"/>', '<tendon name="t">', "at least one <joint>", "an empty tendon"),
         ('<task frame="nail"/>', "<task>", "the name of a link", "'nail'"),
-        ('<task frame="pad"/><task frame="pad"/>', "<task>", "one <task>", "2 of them"),
+        (
+            '<task frame="pad"/><task frame="pad"/>',
+            "<task>",
+            "a unique task name",
+            "a second 'pad'",
+        ),
     ],
 )
 def test_misuses_name_the_overlay_and_its_line(inside, element, expected, got, arm, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, controllers, design, identification, statics
+from softdyn.actuation import Capstan
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
 from softdyn.design import log_spiral
 from softdyn.tasks import PointTask
@@ -19,6 +20,7 @@ MODEL = softdyn.load("finger")
 REST = statics.rest(MODEL)
 Q, U, TIP = MODEL.q0, np.array([-0.1, -0.1]), REST.y
 LIMITS = (MODEL.lower, MODEL.upper)
+RUBBING = Capstan(MODEL, np.full(len(MODEL.robot.tendons), 0.1))
 
 
 def listed(generate):
@@ -61,6 +63,9 @@ STATICS = [
     (statics.HardStops.of, {"model": MODEL}),
     (statics.SoftStops, {"weight": np.ones(4), "lower": LIMITS[0], "upper": LIMITS[1]}),
     (statics.TipSearch(TIP, (REST,)).distance, {"equilibrium": REST}),
+    (statics.rest_interval, {"capstan": RUBBING, "u": U}),
+    (statics.rest_after, {"capstan": RUBBING, "u": U, "direction": 1.0, "start": Q}),
+    (statics.follow, {"capstan": RUBBING, "inputs": [U], "start": Q}),
     (statics.Equilibrium,
      {"model": MODEL, "q": Q, "u": U, "held": REST.held, "limit_forces": REST.limit_forces,
       "stiffness": REST.stiffness}),
@@ -194,6 +199,7 @@ def test_the_table_lists_the_public_functions():
         "TaskSearch",
         "Diagnosis",
         "StaticsError",
+        "StuckRest",
     }
     tested |= {"Design", "FREEDOMS", "Layout", "arm_of", "read"}
     tested |= {

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softdyn.actuation.capstan import Capstan
-from softdyn.checks import array, vector
+from softdyn.checks import array, instance, vector
 from softdyn.dynamics.derivatives import stiffness
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
@@ -65,6 +65,11 @@ class StuckRest:
         return self.state.y
 
 
+def check_capstan(capstan: Capstan) -> Capstan:
+    """`capstan`, if it is one; otherwise an InputError."""
+    return instance("capstan", capstan, Capstan, "a softdyn.actuation.Capstan")
+
+
 def rest_after(
     capstan: Capstan, u: np.ndarray, direction: np.ndarray | float, start: np.ndarray | None = None
 ) -> StuckRest:
@@ -88,11 +93,12 @@ def rest_after(
     InputError
         For a wrong shape or a number that is not finite.
     """
-    model = capstan.model
+    model = check_capstan(capstan).model
     u = vector("u", u, model.nu)
     guides = len(capstan.tendon)
-    stated = np.broadcast_to(np.asarray(direction, float), (guides,))
-    stated = array("direction", stated, (guides,))
+    one = not np.shape(direction)
+    stated = array("direction", direction, () if one else (guides,))
+    stated = np.broadcast_to(stated, (guides,))
     q = settle(model, u).q if start is None else array("start", start, (model.nq,))
     return _solve(capstan, u, q, lambda _: (stated, np.zeros((guides, model.nv))))
 
@@ -125,11 +131,11 @@ def follow(
     StaticsError, InputError
         As in `rest_after`.
     """
-    found: list[StuckRest] = []
-    q = None if start is None else array("start", start, (capstan.model.nq,))
-    for u in inputs:
-        u = vector("u", u, capstan.model.nu)
-        q = settle(capstan.model, u).q if q is None else q
+    model, found = check_capstan(capstan).model, list[StuckRest]()
+    q = None if start is None else array("start", start, (model.nq,))
+    for k, given in enumerate(instance("inputs", inputs, Iterable, "an iterable of inputs")):
+        u = vector(f"inputs[{k}]", given, model.nu)
+        q = settle(model, u).q if q is None else q
         found.append(_lead(capstan, found[-1].u if found else u, u, q, HALVINGS))
         q = found[-1].state.q
     if not found:

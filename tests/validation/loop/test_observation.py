@@ -61,7 +61,8 @@ def test_winches_lag_and_delay_are_in_the_filter():
         model, law, SetPoint(np.array([0.0, 0.0, -0.5])), duration=0.6, rig=rig, observer=observer
     )
     tips = np.array([model.state(q, np.zeros(27)).y for q in log.q_seen])
-    assert np.linalg.norm(tips - log.y[:-1], axis=1)[50:].max() < 3e-3
+    away = np.linalg.norm(tips - log.y[:-1], axis=1)[50:]
+    assert np.sqrt(np.mean(away**2)) < 2e-3  # 5 mm with a filter that ignores lag and delay
     assert np.ptp(log.y, axis=0).max() > 0.02
 
 
