@@ -53,7 +53,7 @@ def test_a_payload_weighs_at_the_tip() -> None:
 
 
 def test_factors_by_joint_act_on_its_spring_its_damping_and_what_it_moves() -> None:
-    """Of SpiRob's chains over massless links only the last joint's link has a mass."""
+    """In SpiRob's chains of massless links only the last joint's link has a mass."""
     plain = Twin("spirob")
     names = [plain.model.joint(k).name for k in range(plain.model.njnt)]
     last, other = names[2], names[0]  # bend, bend, twist
