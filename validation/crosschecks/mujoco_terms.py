@@ -205,6 +205,10 @@ class MujocoTerms:
         self._data.ctrl[:] = self._inputs @ u
         mujoco.mj_forward(self._model, self._data)
         check_warnings(self._data)
+        return self._accelerations()
+
+    def _accelerations(self) -> np.ndarray:
+        """q̈ (nv,) of MuJoCo's last forward computation."""
         if not self._tied:
             return self._map.T @ (self._data.qacc - self._rate @ self._v)
         return np.linalg.solve(self.M(), self._map.T @ self._data.qfrc_smooth - self._turning())

@@ -1,4 +1,4 @@
-"""The rig in both engines: inputs of winches, tensions, sensors and a trajectory.
+"""The rig in both engines: inputs of winches, tensions, q̈, sensors and a trajectory.
 
 In MuJoCo the rig is actuators with bias, activation and delay, and sensors. In the model it is
 `Winches`, `SoftModel.measure`, `RigMotion`. MuJoCo has no bound on a command's rate and no lag of
@@ -35,12 +35,12 @@ from softdyn.validation.twin.twin import Twin
 RIG_SCALES = {
     "inputs": "largest stiffness of a winch's cable times the length of the robot",
     "tension": "largest stiffness of a cable times the length of the robot",
+    "rigged qdd": "1 rad/s²",
     "friction": "largest tension, and that times the length of the robot",
     "sensors": "1 of each unit, length of the robot, tension as above, largest q̈ times length",
     "rigged": "1 rad and 1 rad/s",
 }
-RIG_TOLERANCES = {"inputs": 1e-10, "tension": 1e-10, "friction": 1e-10, "sensors": 1e-10,
-                  "rigged": 1e-8}  # fmt: skip
+RIG_TOLERANCES = dict.fromkeys(RIG_SCALES, 1e-10) | {"rigged": 1e-8}
 Comparison = tuple[str, np.ndarray, np.ndarray, float]  # quantity, model's, twin's, scale
 
 
@@ -54,7 +54,8 @@ def quantities_of(model: SoftModel) -> tuple[str, ...]:
         model, model.q0, np.zeros(model.nv), _winch_damping(robot)
     )
     rubs = any(tendon.friction for tendon in robot.tendons)
-    there = winds, bool(_pulled(robot)), rubs, bool(robot.sensors), moved and not apart
+    pulled = bool(_pulled(robot))
+    there = winds, pulled, pulled, rubs, bool(robot.sensors), moved and not apart
     return tuple(name for name, has in zip(RIG_SCALES, there, strict=True) if has)
 
 
@@ -101,6 +102,10 @@ class RigTerms(MujocoTerms):
         """The inputs (nu,) that act."""
         return self._data.actuator_force[: self.nu].copy()
 
+    def accelerations(self) -> np.ndarray:
+        """q̈ (nv,) with slack tendons and the inputs that act."""
+        return self._accelerations()
+
     def rubbing(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tensions behind the guides of cables that slide, the guides' numbers, joint forces."""
         friction = CableFriction(self._model, self._twin.robot)
@@ -145,6 +150,9 @@ class RigStates:
         gears = np.array([abs(actuator.gear) for actuator in model.robot.actuators])
         stiff = self.winches.stiffness.max(initial=0.0)
         yield "inputs", gears * u, gears * judge.acting(), stiff * length
+        qdd = model.forward_dynamics(q, v, u)
+        if _pulled(model.robot):
+            yield "rigged qdd", qdd, judge.accelerations(), 1.0
         if any(tendon.friction for tendon in model.robot.tendons):
             guides = self.capstan.at(state)
             tensions, numbers, forces = judge.rubbing()
@@ -155,8 +163,7 @@ class RigStates:
         theirs = found.values + found.errors_of(judge.readings(commands))
         stiff = max([stiff, 1.0, *(tendon.stiffness for tendon in model.robot.tendons)])
         scales = dict.fromkeys(SensorKind, max(length, 1.0)) | {SensorKind.TENSION: stiff * length}
-        moved = float(np.abs(model.forward_dynamics(q, v, u)).max(initial=1.0))
-        scales[SensorKind.ACCELEROMETER] = moved * length
+        scales[SensorKind.ACCELEROMETER] = np.abs(qdd).max(initial=1.0) * length
         own, first = len(self.model.robot.sensors) - len(_pulled(model.robot)), 0
         for k, sensor in enumerate(model.robot.sensors):
             rows = slice(first, first := first + sensor.kind.size)

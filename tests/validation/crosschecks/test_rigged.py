@@ -77,7 +77,7 @@ def test_a_floating_robot_with_a_rig(tmp_path: Path) -> None:
 def test_accelerometers_of_a_robot_with_followers(tmp_path: Path) -> None:
     """MuJoCo's accelerations lack the ties; a trajectory with the rig is not compared."""
     found = errors(rigged.measured(softdyn.load(micro.write(tmp_path, micro.GRIPPER))))
-    assert list(found) == ["tension", "sensors"]
+    assert list(found) == ["tension", "rigged qdd", "sensors"]
     assert max(found.values()) < 1e-11
 
 
@@ -108,9 +108,9 @@ def test_random_robots_with_random_rigs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fields", "seen"),
     [
-        ({"stiffness": 610.0}, {"inputs", "tension", "sensors", "rigged"}),
-        ({"damping": 4.1}, {"inputs", "tension", "sensors", "rigged"}),
-        ({"upper": 10.0}, {"inputs", "tension", "sensors", "rigged"}),
+        ({"stiffness": 610.0}, {"inputs", "tension", "rigged qdd", "sensors", "rigged"}),
+        ({"damping": 4.1}, {"inputs", "tension", "rigged qdd", "sensors", "rigged"}),
+        ({"upper": 10.0}, {"inputs", "tension", "rigged qdd", "sensors", "rigged"}),
         ({"lag": 0.021}, {"rigged"}),
         ({"delay": 0.0046}, {"rigged"}),  # one step more
         ({"delay": 0.0042}, set()),  # the same steps
@@ -156,7 +156,7 @@ def test_the_command_reports_the_rig(arm: SoftModel, tmp_path: Path) -> None:
     found = command("crosscheck", path, "--samples", 2, "--states-only", "--json", report)
     assert found.code == 0, found.err
     names = [check["quantity"] for check in json.loads(report.read_text())["checks"]]
-    assert names[-3:] == ["inputs", "tension", "sensors"]
+    assert names[-4:] == ["inputs", "tension", "rigged qdd", "sensors"]
 
 
 def test_a_robot_without_a_rig_has_no_such_quantities() -> None:
