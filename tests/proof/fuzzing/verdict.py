@@ -123,11 +123,8 @@ def _comparable(model: SoftModel, M: np.ndarray) -> bool:
     sizes += [abs(x) for t in robot.tendons for s in t.sites for x in s.xyz]
     sizes += [x for t in robot.tendons for x in (t.stiffness, t.damping)]
     masses = [link.inertia.mass for link in robot.links if link.inertia.mass > 0]
+    if max(sizes, default=0.0) >= LARGEST or min(masses, default=1.0) <= SMALLEST:
+        return False  # rounding may make the diagonal of M negative
     scale = np.sqrt(np.diag(M))
     condition = float(np.linalg.cond(M / np.outer(scale, scale)))
-    return (
-        max(sizes, default=0.0) < LARGEST
-        and min(masses, default=1.0) > SMALLEST
-        and math.isfinite(condition)
-        and condition < CONDITION
-    )
+    return math.isfinite(condition) and condition < CONDITION
