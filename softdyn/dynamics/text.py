@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softdyn.description.rig import Actuator, CommandKind
 from softdyn.description.robot import Robot
 
 if TYPE_CHECKING:
@@ -18,13 +19,13 @@ LISTED = 12  # most joints or inputs that get a line each
 
 
 def model_text(model: SoftModel) -> str:
-    """A few lines: sizes, file, joints, inputs."""
+    """A few lines: sizes, file, joints, inputs, rig."""
     robot = model.robot
     return "\n".join((
         head(model),
         f"  file    {robot.path}{' (bundled)' if model.bundled else ''}",
         *(f"  {line}" for line in joint_lines(robot)),
-        *(f"  {line}" for line in _input_lines(robot)),
+        *(f"  {line}" for line in (*_input_lines(robot), *rig_lines(robot))),
     ))  # fmt: skip
 
 
@@ -115,6 +116,32 @@ def _input_lines(robot: Robot) -> Iterator[str]:
     if len(shown) > LISTED:
         shown = [*shown[:3], "…", shown[-1]]
     yield from (f"  {line}" for line in shown)
+
+
+def rig_lines(robot: Robot) -> Iterator[str]:
+    """Motors that are not ideal, equal ones on one line, and the number of sensors of each kind."""
+    motors: dict[str, list[str]] = {}
+    for actuator in robot.actuators:
+        if not actuator.is_ideal:
+            motors.setdefault(_motor(actuator), []).append(actuator.name)
+    yield from (f"motors {short(names)}: {text}" for text, names in motors.items())
+    kinds = Counter(sensor.kind.value for sensor in robot.sensors)
+    if kinds:
+        yield f"sensors: {', '.join(f'{count} {kind}' for kind, count in kinds.items())}"
+
+
+def _motor(actuator: Actuator) -> str:
+    unit = {CommandKind.FORCE: "1", CommandKind.LENGTH: "m", CommandKind.VELOCITY: "m/s"}
+    parts = [f"command a {actuator.command.value}"]
+    if actuator.is_winch:
+        parts.append(f"through a cable of {actuator.stiffness:g} N/m, {actuator.damping:g} N s/m")
+    if actuator.lag:
+        parts.append(f"lag {actuator.lag:g} s")
+    if actuator.rate < math.inf:
+        parts.append(f"rate {actuator.rate:g} {unit[actuator.command]}/s")
+    if actuator.delay:
+        parts.append(f"delay {actuator.delay:g} s")
+    return ", ".join(parts)
 
 
 def _range(values: list[float]) -> str:

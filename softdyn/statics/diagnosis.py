@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.dynamics.text import head, joint_lines, numbers
+from softdyn.dynamics.text import head, joint_lines, numbers, rig_lines
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
@@ -144,6 +144,8 @@ class Diagnosis:
                 "over": [s.link for s in tendon.sites] or [t.joint for t in tendon.terms],
                 "length": float(length),
                 "stiffness": tendon.stiffness,
+                "slack": tendon.slack,
+                "friction": tendon.friction,
                 "actuators": [a.name for a in robot.actuators if a.tendon == tendon.name],
             }
 
@@ -152,7 +154,7 @@ class Diagnosis:
         return "\n".join((
             head(self.model),
             "", *joint_lines(self.model.robot),
-            "", *self._tendon_lines(),
+            "", *self._tendon_lines(), *rig_lines(self.model.robot),
             "", *self._actuation_lines(),
             "", *self._stability_lines(),
             "", self._equilibrium_line(),
@@ -174,6 +176,8 @@ class Diagnosis:
         for t in self._tendons():
             over = t["over"] if len(t["over"]) <= 4 else [*t["over"][:2], "…", t["over"][-1]]
             spring = f", elastic {t['stiffness']:g}" if t["stiffness"] else ""
+            spring += " in tension only" if t["slack"] else ""
+            spring += f", friction {t['friction']:g}" if t["friction"] else ""
             yield (
                 f"  {t['name']:<16}{t['kind']:<8} over {', '.join(over)}: "
                 f"length {t['length']:.4g}{spring}; {', '.join(t['actuators']) or 'no input'}"

@@ -12,6 +12,7 @@ import pytest
 
 import softdyn
 from softdyn.dynamics.text import short
+from tests.support import micro, winched
 
 
 def test_a_model_says_its_sizes_and_inputs():
@@ -48,6 +49,20 @@ def test_robots_without_springs_can_be_printed(name, options, said):
     model = softdyn.load(name, **options)
     assert said in str(model)
     assert str(model.state(model.q0, np.zeros(model.nv)))
+
+
+def test_the_rig_is_said(tmp_path):
+    model = softdyn.load(micro.write(tmp_path, winched.ARM))
+    lines = [line.strip() for line in str(model).splitlines()]
+    assert lines[-3:] == [
+        "motors flexor: command a length, through a cable of 600 N/m, 4 N s/m, lag 0.02 s, "
+        "delay 0.0041 s",
+        "motors extensor: command a force, lag 0.01 s, delay 0.003 s",
+        "sensors: 1 length, 2 tension, 1 pose, 1 position, 1 accelerometer, 1 gyro, 1 joint",
+    ]
+    checked = str(softdyn.diagnose(model)).splitlines()
+    assert set(lines[-3:]) < set(checked)
+    assert any(line.endswith("elastic 50 in tension only; extensor") for line in checked)
 
 
 def test_a_text_solves_nothing():

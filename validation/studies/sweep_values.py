@@ -115,8 +115,7 @@ GROUPS: dict[str, dict[str, Check]] = {
         "period": positive, "duration": positive, "timestep": step, "contacts": flag,
         "payload": not_negative,
         "friction": flag, "mass": positive, "stiffness": not_negative, "damping": not_negative,
-        "dry_friction": not_negative, "cable_friction": not_negative, "pull_friction": not_negative,
-        "soft_stops": flag,
+        "dry_friction": not_negative, "soft_stops": flag,
     },
     "rig": {
         "file": flag, "command": command, "stiffness": positive, "damping": not_negative,

@@ -13,7 +13,6 @@ import numpy as np
 from softdyn import InputError
 from softdyn.checks import did_you_mean, instance, number
 from softdyn.validation.twin.borrowed import BorrowedShapes
-from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF
 from softdyn.validation.twin.twin import Twin
 
 Factors = float | Mapping[str, float]
@@ -34,11 +33,6 @@ class PlantErrors:
         Whether links can touch, and whether the file's dry friction acts.
     dry_friction : float
         Dry friction of every joint (N m or N). It replaces the file's unless it is 0.
-    cable_friction : float
-        Friction along every driven tendon, as a share of its largest force: more than a one-sided
-        input can overcome where the arm holds with less.
-    pull_friction : float
-        Friction along every driven tendon, as a share of its present force, whichever way it moves.
     soft_stops : bool
         Whether joint limits and dry friction are as soft as MuJoCo's defaults.
     shapes : Path, optional
@@ -59,8 +53,6 @@ class PlantErrors:
     contacts: bool = False
     friction: bool = False
     dry_friction: float = 0.0
-    cable_friction: float = 0.0
-    pull_friction: float = 0.0
     soft_stops: bool = False
     shapes: Path | None = None
     mass: Factors = 1.0
@@ -71,7 +63,7 @@ class PlantErrors:
     def __post_init__(self) -> None:
         for name, usual in (("contacts", False), ("friction", False), ("soft_stops", False)):
             instance(name, getattr(self, name), type(usual), "true or false")
-        for name in ("dry_friction", "cable_friction", "pull_friction", "payload"):
+        for name in ("dry_friction", "payload"):
             number(name, getattr(self, name), lower=0.0)
         for name in BY_JOINT:
             value = getattr(self, name)
@@ -89,8 +81,6 @@ class PlantErrors:
         model = twin.model
         if self.dry_friction:
             model.dof_frictionloss[:] = self.dry_friction
-        if self.cable_friction or self.pull_friction:
-            self._rub(twin)
         if self.soft_stops:
             model.jnt_solref[:], model.jnt_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
             model.dof_solref[:], model.dof_solimp[:] = SOFT_SOLREF, SOFT_SOLIMP
@@ -119,29 +109,9 @@ class PlantErrors:
 
     def options(self) -> dict[str, Any]:
         """The arguments of `simulate` that concern the plant."""
-        rubbing = self.dry_friction, self.cable_friction, self.pull_friction
-        friction = self.friction or any(share > 0 for share in rubbing)
+        friction = self.friction or self.dry_friction > 0
         contacts = self.contacts or self.shapes is not None
         return {"twin": self.twin, "contacts": contacts, "friction": friction}
-
-    def _rub(self, twin: Twin) -> None:
-        """Friction along the driven tendons, the present pull's share anew before every advance."""
-        model, advance = twin.model, twin.advance
-        gear, tendons = np.abs(model.actuator_gear[:, 0]), model.actuator_trnid[:, 0]
-        largest = self.cable_friction * gear * np.abs(model.actuator_ctrlrange).max(axis=1)
-        # a row that is 0 when the steps begin has no constraint that a later pull could use
-        model.tendon_frictionloss[tendons] = np.maximum(largest, 1e-9)
-        model.tendon_solref_fri[tendons] = STIFF_SOLREF
-        model.tendon_solimp_fri[tendons] = STIFF_SOLIMP
-        if not self.pull_friction:
-            return
-
-        def rubbing(u: np.ndarray, steps: int = 1) -> None:
-            pull = self.pull_friction * gear * np.abs(np.clip(u, *model.actuator_ctrlrange.T))
-            model.tendon_frictionloss[tendons] = largest + np.maximum(pull, 1e-9)
-            advance(u, steps)
-
-        twin.advance = rubbing  # type: ignore[method-assign]
 
 
 def multiplied(factors: Factors, by: float) -> Factors:

@@ -62,8 +62,6 @@ PLANTS = {
     "stiffness x 1.1": PlantErrors(stiffness=1.1), "stiffness x 1.2": PlantErrors(stiffness=1.2),
     "damping x 0.8": PlantErrors(damping=0.8), "damping x 0.9": PlantErrors(damping=0.9),
     "damping x 1.1": PlantErrors(damping=1.1), "damping x 1.2": PlantErrors(damping=1.2),
-    "cable friction 5 % of the bound": PlantErrors(cable_friction=0.05),
-    "cable friction 5 % of the pull": PlantErrors(pull_friction=0.05),
     "dry friction": PlantErrors(dry_friction=0.001),
     "contacts": PlantErrors(contacts=True),
     "soft stops": PlantErrors(soft_stops=True),
@@ -76,6 +74,7 @@ RIGS = {
     "actuators lag 50 ms": Rig(file=False, lag=0.05),
     "lag 50 ms, assumed 25 ms": Rig(file=False, lag=0.05),
     "lag 50 ms, assumed 100 ms": Rig(file=False, lag=0.05),
+    "cable friction 0.1": Rig(file=False, friction=0.1),
 }
 # what `best` is told of its actuators
 ASSUMED = {

@@ -1,8 +1,7 @@
-"""Plants that differ from the model: masses, springs, dampers and cable friction."""
+"""Plants that differ from the model: masses, springs, dampers and a payload."""
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -23,15 +22,6 @@ def test_a_plant_of_other_numbers() -> None:
     for twin in (plain, heavy):
         twin.advance(np.zeros(2), 400)
     assert np.abs(plain.qpos - heavy.qpos).max() > 1e-3
-
-
-def test_cables_rub() -> None:
-    twin = PlantErrors(cable_friction=0.05).twin("finger", friction=False)  # as `simulate` calls it
-    twin.advance(np.array([1.0, -1.0]), 100)  # both tendons slide
-    rubs = twin.data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
-    largest = 0.05 * 0.1  # N m: gear 0.1, inputs up to 1
-    np.testing.assert_allclose(np.abs(twin.data.efc_force[rubs]), [largest] * 2)
-    assert (twin.data.efc_force[rubs] * twin.data.ten_velocity < 0).all()
 
 
 def test_a_payload_weighs_at_the_tip() -> None:
