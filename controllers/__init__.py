@@ -10,7 +10,7 @@ Modules; numbers in brackets are the paper's equations, in their order of appear
 - `impedance`: IC (14 to 16) and UIC (17 to 20), in closed form; `impedance_qp`: IC-QP (21, 22);
 - `qps`: the QPs and their parts, among them the Lyapunov function (6 to 10);
 - `gains`: the controllers' parameters, with the paper's table;
-- `barriers`: obstacles (`obstacles`) and limits for `SoftIdClfQp`;
+- `barriers`: limits and `softdyn.safety.obstacles` for `SoftIdClfQp`;
 - `mpc`: predictive control, whose parts are in `predictive`;
 - `staged`: `SoftIdClfQp` with the tuned gains of a `schedule`; `best`, the recommended controller;
 - `allocation`: joint torques into bounded inputs, for a user's own controller;

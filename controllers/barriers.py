@@ -30,16 +30,11 @@ import numpy as np
 from softdyn import SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import SILENT
-from softdyn.controllers.obstacles import (
-    CENTIRADIAN,
-    MILLIMETRE,
-    RATE,
-    KeepOutSphere,
-    Values,
-)
-from softdyn.controllers.obstacles import HalfSpace as HalfSpace
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import DenseQp, QpProblem, QpSolution
+from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
+from softdyn.safety.obstacles import RATE, KeepOutSphere
+from softdyn.safety.obstacles import HalfSpace as HalfSpace
 
 NEGLIGIBLE = 1e-6  # of these units
 ROOM = 1e-2  # of these units; every row is relaxed by it, because a QP needs an interior

@@ -6,6 +6,7 @@ either has no shapes here; `softdyn.view.scene` then draws its joints and links 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,8 +61,12 @@ class Visual:
     skin: bool = False
 
 
-def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
+def visuals(
+    robot: Robot, kinds: Sequence[str] = ("visual", "collision")
+) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     """The shapes of all links, and a line for each that cannot be shown.
+
+    A link has the shapes of the first of `kinds` of which it has any.
 
     Raises
     ------
@@ -74,8 +79,7 @@ def visuals(robot: Robot) -> tuple[tuple[Visual, ...], tuple[str, ...]]:
     found: list[Visual] = []
     problems: list[str] = []
     for link in root.children("link"):
-        shapes = list(link.children("visual")) or list(link.children("collision"))
-        for shape in shapes:
+        for shape in next(filter(None, (list(link.children(kind)) for kind in kinds)), ()):
             try:
                 shown = _shapes(robot, link.text("name"), shape, named)
                 if not all(_reach(visual) <= MAX_SIZE for visual in shown):
