@@ -10,7 +10,7 @@ model, by the rules below.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -30,6 +30,7 @@ from softdyn.controllers.controller import (
 )
 from softdyn.controllers.gains import check_fields, no_actuator
 from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.aim import Aim, ErrorAhead, TipAim, aim_of
 from softdyn.controllers.predictive.buckling import Pull, buckling_input
 from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
 from softdyn.controllers.predictive.objective import horizon_weights
@@ -41,6 +42,7 @@ from softdyn.controllers.predictive.stops import JointStops
 from softdyn.controllers.qps.qp import DenseQp, QpProblem
 from softdyn.dynamics.derivatives import tangent_dynamics
 from softdyn.dynamics.model import check_model
+from softdyn.tasks.task import Task
 
 KNOTS = (1, 3, 6, 12, 30)  # unknown inputs at the ends of these steps; the last is the horizon
 DEFAULT_PERIOD = 0.002  # s
@@ -112,6 +114,8 @@ class Mpc(GuardedController):
     model does not explain is estimated as a constant joint force d from the last period's
     prediction error, so that the tip settles without offset.
 
+    With tasks, e are their errors, scaled by the roots of their weights, and J their rows.
+
     Parameters
     ----------
     model : SoftModel
@@ -131,11 +135,14 @@ class Mpc(GuardedController):
         The objective then has κ ‖u - u*‖²_diag(R), and σ ‖q - q*‖²_S if it is unstable. The
         `distance` of a command is that of its tip.
         With targets, a robot that its cables can buckle is pulled on paths (`predictive.buckling`).
+    tasks : sequence of softdyn.tasks.Task, optional
+        Tasks of one level; by default the position of the tip. An own K_p has no effect.
 
     Raises
     ------
     InputError
-        A robot without actuators, parameters of another kind, a negative lag or delay.
+        A robot without actuators, parameters of another kind, a negative lag or delay, tasks of
+        several levels.
     """
 
     name = "mpc"
@@ -149,9 +156,11 @@ class Mpc(GuardedController):
         lag: float | None = None,
         delay: float | None = None,
         targets: RestTargets | None = None,
+        tasks: Sequence[Task] | None = None,
     ) -> None:
         if check_model(model).nu == 0:
             raise no_actuator(model)
+        aim = aim_of(model, tasks)
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.actuation = Actuation.of(model, delay, lag)
@@ -166,16 +175,29 @@ class Mpc(GuardedController):
         self._qp = DenseQp(size, size, guess=True)
         self.solvers = (self._qp,)
         self._stops = JointStops(model)
-        given, self._pull, lag = self.parameters, None, self.actuation.lag
-        weigh = partial(horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag)
+        self._pull: Pull | None = None
+        given, lag = self.parameters, self.actuation.lag
+        self._weigh = partial(
+            horizon_weights, model, KNOTS, speed=given.speed, rate=given.rate, lag=lag
+        )
         with np.errstate(all="ignore"):
-            self._usual = self._on_path = weigh(given.horizon)
             least = None if targets is None else buckling_input(model)
-        if least is not None:
-            self._pull = Pull(model, least)
-            self._on_path = weigh(min(given.horizon, PATH + LAGS * lag), blind=True)
+            if least is not None:
+                self._pull = Pull(model, least)
+            self._weigh_rows(None)
+        self._aim: Aim = TipAim()
         self.reset(period)
-        warm_up(self, model, period)
+        warm_up(self, model, period)  # with the tip, because tasks have no targets yet
+        self._aim = aim
+        self.reset(period)
+
+    def _weigh_rows(self, rows: np.ndarray | None) -> None:
+        """The weights at set points and on paths, for the errors' rows (r, n) at rest."""
+        given, lag = self.parameters, self.actuation.lag
+        self._usual = self._on_path = self._weigh(given.horizon, rows=rows)
+        if self._pull is not None:
+            horizon = min(given.horizon, PATH + LAGS * lag)
+            self._on_path = self._weigh(horizon, blind=True, rows=rows)
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s): forget the input applied, the estimated forces."""
@@ -186,6 +208,7 @@ class Mpc(GuardedController):
         if self._pull is not None:
             self._pull.reset(self.period)
         self._goal = np.full(3, np.nan)
+        self._weighed = not self._aim.tasks
         self._away = 0.0  # s
         self._asked: Future[tuple[RestTarget, ...]] | None = None
         self._found = False
@@ -201,7 +224,12 @@ class Mpc(GuardedController):
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         """V of the command is the cost that the horizon predicts."""
         model, link, v = self._model, self.actuation, state.v
-        moving = bool(reference.ydot.any() or reference.yddot.any())
+        goals = self._aim.targets(reference)
+        moving = any(goal.ydot.any() or goal.yddot.any() for goal in goals)
+        if not self._weighed:
+            rest = model.state(model.q0, np.zeros(model.nv))
+            self._weigh_rows(self._aim(rest, reference, moving).rows)
+            self._weighed = True
         by = self._on_path if moving else self._usual
         small = math.isfinite(state.q @ state.q + v @ v)  # as all but hostile numbers are
         if not (small or (np.isfinite(state.q).all() and np.isfinite(v).all())):
@@ -222,21 +250,25 @@ class Mpc(GuardedController):
             means, u = link.over_delay(by.step)
             p, speed, _ = ahead(linear, force, first, means - acting, link.delay / len(means))
             start = force + state.B @ (u - acting)
-        target = self._target_of(state, reference, moving)
+        aim = self._aim(state, reference, moving)
+        target = self._target_of(state, reference, aim, moving)
         if not moving and self._found:
-            asked, target = self._follow(reference.y, state, p, speed, u), self._follow.target
+            asked = self._follow(
+                None if self._aim.tasks else goals[0].y, aim.far, state, p, speed, u
+            )
+            target = self._follow.target
             if asked is not None:
                 return self._send(asked, np.nan, target, state, (linear, force, first))
         t = by.ahead + link.delay
-        goal = reference.y + t * reference.ydot + 0.5 * t * t * reference.yddot
-        rows, error, inputs, offset = state.J, state.y - goal, by.inputs, by.offset @ u
+        error = aim.now - (aim.y + t * aim.ydot + 0.5 * t * t * aim.yddot)
+        rows, inputs, offset = aim.rows, by.inputs, by.offset @ u
         if target is not None:
             inputs, offset = inputs + by.hold, offset + by.hold_offset @ (u - target.u)
             if not target.stable:
                 rows = np.vstack((rows, by.form))
                 bent = by.form @ (model.coordinates(state.q) - model.coordinates(target.q))
                 error = np.hstack((error, np.tile(bent, (len(error), 1))))
-        pace = self._pace(by.lookahead.metric, state.J, reference.ydot + t * reference.yddot)
+        pace = self._pace(by.lookahead.metric, aim.rows, aim.ydot + t * aim.yddot)
         H, g, c = condensed_qp(
             linear, start, (p, speed), rows, error, pace, by.lookahead, inputs, offset
         )
@@ -267,27 +299,29 @@ class Mpc(GuardedController):
         return command
 
     def _target_of(
-        self, state: State, reference: Reference | SetPoint, moving: bool
+        self,
+        state: State,
+        reference: Reference | SetPoint,
+        aim: ErrorAhead,
+        moving: bool,
     ) -> RestTarget | None:
         """The target on a path: an input that buckles the arm, and no shape.
 
         At a set point it looks for targets: `Mpc` alone did not arrive, and the target is nearer.
         """
-        y = reference.y
         if moving and self._pull is not None:
-            u = self._pull(float(np.linalg.norm(state.y - y)))
-            return RestTarget(state.q, u, True, np.nan)
+            return RestTarget(state.q, self._pull(aim.far), True, np.nan)
         if self.targets is None or moving:
             return None
+        far, y = aim.far, np.concatenate([x.y.ravel() for x in self._aim.targets(reference)])
         if not np.array_equal(self._goal, y):
             self._goal, self._away, self._asked, self._found = y.copy(), 0.0, None, False
             self._follow.begin(())
         if self._found:
             return None
-        far = float(np.linalg.norm(state.y - y))
         self._away = self._away + self.period if far > WITHIN or self._asked else 0.0
         if self._asked is None and self._away > STUCK and np.isfinite(far):
-            self._asked = self.targets.ask(y)
+            self._asked = self.targets.ask(y, self._aim.tasks, reference)
         if self._asked is not None and self._away > STUCK + ARRIVES and self._asked.done():
             found, self._away = self._asked.result(), ARRIVES  # and again where it is no nearer
             if found and found[0].distance < far - WITHIN:
@@ -296,7 +330,7 @@ class Mpc(GuardedController):
         return None
 
     def _pace(self, metric: np.ndarray, J: np.ndarray, ydot: np.ndarray) -> np.ndarray:
-        """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, 3).
+        """Metric times the joint speeds (N, nv) of least metric that move the tip at ẏ (N, r).
 
         With the rows G = J (metric)⁻¹ these are G⁺ ẏ; directions that hardly move the tip are left
         out.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
@@ -12,9 +12,11 @@ from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.rest_target import RestTargets
+from softdyn.controllers.qps.stacked_error import checked_tasks
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
 from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
 from softdyn.dynamics.model import check_model
+from softdyn.tasks.task import Task
 
 
 class Staged(GuardedController):
@@ -94,10 +96,12 @@ def best(
     *,
     lag: float | None = None,
     delay: float | None = None,
+    tasks: Sequence[Task] | None = None,
 ) -> Staged | Mpc:
     """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
 
-    A schedule is for actuators that act at once: with a lag or a delay it is not used.
+    A schedule is for the tip and actuators that act at once: with tasks, a lag or a delay it is not
+    used.
 
     Parameters
     ----------
@@ -107,17 +111,19 @@ def best(
         A schedule or its tables. The tuned one is used if there is one and no other is given.
     lag, delay : float, optional
         Lag and delay of the actuators (s); by default those of the robot's file, see `Mpc`.
+    tasks : sequence of softdyn.tasks.Task, optional
+        Tasks of one level; by default the position of the tip.
 
     Raises
     ------
     InputError
-        A schedule together with a lag or a delay, and whatever the controller raises.
+        A schedule together with tasks, a lag or a delay, and whatever the controller raises.
     """
     link = Actuation.of(check_model(model), delay, lag)
-    late = link.lag > 0 or link.delay > 0
+    late = link.lag > 0 or link.delay > 0 or not checked_tasks(model, tasks)[1]
     if late and gains is not None:
-        raise InputError("gains", "none, for actuators with a lag or a delay", repr(gains))
+        raise InputError("gains", "none, for tasks, a lag or a delay", repr(gains))
     schedule = tuned(model) if gains is None and not late else gains
     if schedule is None:
-        return Mpc(model, lag=lag, delay=delay, targets=RestTargets(model))
+        return Mpc(model, lag=lag, delay=delay, targets=RestTargets(model), tasks=tasks)
     return Staged(model, schedule)

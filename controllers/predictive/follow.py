@@ -59,14 +59,22 @@ class PlanFollower:
         self._left = PLANS
 
     def __call__(
-        self, goal: np.ndarray, state: State, p: np.ndarray, v: np.ndarray, acting: np.ndarray
+        self,
+        goal: np.ndarray | None,
+        far: float,
+        state: State,
+        p: np.ndarray,
+        v: np.ndarray,
+        acting: np.ndarray,
     ) -> np.ndarray | None:
         """The command (nu,) of the plan or before it, not yet bounded; None without a plan.
 
         Parameters
         ----------
-        goal : ndarray, (3,)
-            The reference for the tip (m).
+        goal : ndarray, (3,), optional
+            The reference for the tip (m), by default the tip of the target.
+        far : float
+            Distance from the reference (m, rad).
         state : State
             The present state.
         p, v, acting : ndarray, (nv,), (nv,), (nu,)
@@ -77,7 +85,7 @@ class PlanFollower:
             return None
         q = self._model.integrate(state.q, p)
         if self._plan is None:
-            self._wait(goal, state.y, (q, v, acting))
+            self._wait(goal, far, (q, v, acting))
         if self._asked is not None:
             return self._kept
         if self._plan is None:
@@ -89,18 +97,18 @@ class PlanFollower:
         self._time += self._period
         return command
 
-    def _wait(self, goal: np.ndarray, y: np.ndarray, start: tuple[np.ndarray, ...]) -> None:
-        """A period goes by without a plan, with the tip at y."""
+    def _wait(self, goal: np.ndarray | None, far: float, start: tuple[np.ndarray, ...]) -> None:
+        """A period goes by without a plan."""
         target, coordinates = self.target or self._targets[0], self._model.coordinates
         bent = np.abs(coordinates(start[0]) - coordinates(target.q)).max(initial=0.0) > BENT
         if self._asked is None:
-            far = np.linalg.norm(y - goal) > target.distance + WITHIN
-            self._away = self._away + self._period if bent and far else 0.0
+            away = bent and far > target.distance + WITHIN
+            self._away = self._away + self._period if away else 0.0
             if self._left > 0 and self._away >= STUCK:
                 q, v, self._kept = (x.copy() for x in start)
                 work = partial(
-                    make_plan, self._model, q, v, self._kept, self._targets, goal.copy(),
-                    self._lag, ARRIVES,
+                    make_plan, self._model, q, v, self._kept, self._targets,
+                    None if goal is None else goal.copy(), self._lag, ARRIVES,
                 )  # fmt: skip
                 self._asked, self._away = in_future(work, self._background), 0.0
                 self._left -= 1

@@ -55,11 +55,17 @@ class HorizonWeights:
         return self.lookahead.step
 
 
-def stiffness_at_rest(model: SoftModel, horizon: float) -> tuple[State, np.ndarray, float]:
-    """The state at rest, the dynamic stiffness S (n, n) there over a horizon (s), ‖J S⁻¹ Jᵀ‖."""
+def stiffness_at_rest(
+    model: SoftModel, horizon: float, rows: np.ndarray | None = None
+) -> tuple[State, np.ndarray, float]:
+    """The state at rest, the dynamic stiffness S (n, n) there over a horizon (s), ‖J S⁻¹ Jᵀ‖.
+
+    J (r, n) are `rows`, by default those of the tip.
+    """
     state = model.state(model.q0, np.zeros(model.nv))
     S = state.M / horizon**2 + state.D / horizon + np.diag(model.stiffness)
-    return state, S, float(np.linalg.norm(state.J @ np.linalg.solve(S, state.J.T), 2))
+    J = state.J if rows is None else rows
+    return state, S, float(np.linalg.norm(J @ np.linalg.solve(S, J.T), 2))
 
 
 def horizon_weights(
@@ -71,6 +77,7 @@ def horizon_weights(
     lag: float,
     *,
     blind: bool = False,
+    rows: np.ndarray | None = None,
 ) -> HorizonWeights:
     """The weights of a robot on one horizon.
 
@@ -85,9 +92,11 @@ def horizon_weights(
         Weight of the inputs' changes.
     blind : bool
         Whether changes that R does not see count, too, each input by its own entry of R.
+    rows : ndarray, (r, n), optional
+        The errors' Jacobian at rest, by default that of the tip.
     """
     H, step = horizon, horizon / knots[-1]
-    state, S, compliance = stiffness_at_rest(model, H)
+    state, S, compliance = stiffness_at_rest(model, H, rows)
     factor = np.linalg.cholesky(S)
     R = rate * compliance * state.B.T @ np.linalg.solve(S, state.B)
     lengths = np.diff((0, *knots)).astype(float)

@@ -103,7 +103,8 @@ class Plan:
 
 def make_plan(
     model: SoftModel, q: np.ndarray, v: np.ndarray, acting: np.ndarray,
-    targets: Sequence[RestTarget], goal: np.ndarray, lag: float = 0.0, wait: float = 0.0,
+    targets: Sequence[RestTarget], goal: np.ndarray | None = None, lag: float = 0.0,
+    wait: float = 0.0,
 ) -> Plan | None:  # fmt: skip
     """A plan from a state to one of some equilibria; None if no path comes near a target's shape.
 
@@ -118,8 +119,8 @@ def make_plan(
         The state at its begin, and the input that acts then.
     targets : sequence of RestTarget
         The equilibria, the best first.
-    goal : ndarray, (3,)
-        The point (m) for the tip.
+    goal : ndarray, (3,), optional
+        The point (m) for the tip, by default the tip of the target.
     lag : float
         Time constant (s) of the actuators.
     wait : float
@@ -134,11 +135,13 @@ def make_plan(
     if m == 0:
         raise InputError("model", "a robot with actuators", model.name)
     start = array("q", q, (model.nq,)), array("v", v, (n,)), array("acting", acting, (m,))
-    goal, lag = array("goal", goal, (3,)), number("lag", lag, lower=0.0)
+    lag = number("lag", lag, lower=0.0)
+    point = None if goal is None else array("goal", goal, (3,))
     given = instances("targets", targets, RestTarget, "a RestTarget")
     best: tuple[float, Plan] | None = None
     for target, travel in product(given, TRAVELS):
-        problem = coast(_pose(model, start, target, goal, lag), wait)
+        y = model.state(target.q, np.zeros(n)).y if point is None else point
+        problem = coast(_pose(model, start, target, y, lag), wait)
         found = None if problem is None else search_path(problem, travel)
         if problem is None or found is None:
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import suppress
@@ -13,11 +14,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from softdyn import SoftModel, statics
+from softdyn import Reference, SoftModel, statics
 from softdyn.controllers.predictive.buckling import buckling_input
 from softdyn.statics import Equilibrium, StaticsError
 from softdyn.statics.explore import TipProblem
 from softdyn.statics.tip_solver import solve_at_tip
+from softdyn.tasks.task import Task
 
 Result = TypeVar("Result")
 WITHIN = 5e-3  # m: equilibria whose tips are this close to the reference count as equally near
@@ -34,7 +36,7 @@ SAME = 1e-3  # rad, m; of the poles: equilibria this close count as one
 
 @dataclass(frozen=True, eq=False)
 class RestTarget:
-    """An equilibrium (q*, u*) for a reference of the tip.
+    """An equilibrium (q*, u*) for a reference of the tip, or of tasks.
 
     Attributes
     ----------
@@ -45,7 +47,7 @@ class RestTarget:
     stable : bool
         Whether it is stable without control.
     distance : float
-        From its tip to the reference (m).
+        From its tip to the reference (m); ‖error‖ of tasks, unweighted (m, rad).
     """
 
     q: np.ndarray
@@ -103,7 +105,7 @@ def folded(
 
 
 # the searches of each model, which all its controllers share
-_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[bool, bytes], Future[tuple[RestTarget, ...]]]]
+_ASKED: WeakKeyDictionary[SoftModel, dict[tuple[Any, ...], Future[tuple[RestTarget, ...]]]]
 _ASKED = WeakKeyDictionary()
 
 
@@ -114,8 +116,8 @@ class RestTargets:
     sum of unstable poles, which bounds the effort of holding them. Up to 1 1/s it counts as none,
     and the shape nearest to the branch from rest comes first. Where the arm can buckle
     (`buckling_input`), the search starts at folded shapes with the tip at the set point. Otherwise,
-    or if these give nothing, it is `statics.inputs_for_tip`. It takes seconds, and its result
-    depends on the robot and the set point alone.
+    or if these give nothing, it is `statics.inputs_for_tip`; for tasks `statics.inputs_for_tasks`.
+    It takes seconds, and its result depends on the robot and the set point alone.
 
     Parameters
     ----------
@@ -129,15 +131,34 @@ class RestTargets:
         self._model, self.background = model, background
         self._asked = _ASKED.setdefault(model, {})
 
-    def ask(self, y: np.ndarray) -> Future[tuple[RestTarget, ...]]:
-        """The targets for the tip at y (3,), the best first; none if no equilibrium was found."""
-        key = self.background, np.asarray(y, float).tobytes()
+    def ask(
+        self, y: np.ndarray, tasks: tuple[Task, ...] = (), reference: Any = None
+    ) -> Future[tuple[RestTarget, ...]]:
+        """The targets for the tip at y (3,), the best first; none if no equilibrium was found.
+
+        For tasks, y are the numbers of all their targets in the reference.
+        """
+        key = self.background, tasks, np.asarray(y, float).tobytes()
         if key not in self._asked:
-            self._asked[key] = in_future(partial(self._search, y), self.background)
+            search = partial(self._for_tasks, tasks, reference) if tasks else self._search
+            self._asked[key] = in_future(partial(search, y), self.background)
         return self._asked[key]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return RestTargets, (self._model, self.background)
+
+    def _for_tasks(
+        self, tasks: tuple[Task, ...], reference: Reference, y: Any
+    ) -> tuple[RestTarget, ...]:
+        try:
+            search = statics.inputs_for_tasks(self._model, tasks, reference)
+        except (StaticsError, np.linalg.LinAlgError):
+            return ()
+        errors = [math.hypot(*search.errors(one).values()) for one in search.found]
+        within = max(WITHIN, errors[0])
+        near = [pair for pair in zip(search.found, errors, strict=True) if pair[1] <= within]
+        near.sort(key=lambda pair: max(instability(pair[0])[0], SLOW))  # stable
+        return tuple(RestTarget(one.q, one.u, one.stable, far) for one, far in near[:BEST])
 
     def _search(self, y: np.ndarray) -> tuple[RestTarget, ...]:
         model = self._model

@@ -21,7 +21,7 @@ from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.linear_algebra import dot
 from softdyn.controllers.qps.tip_error import TipError
 from softdyn.tasks.frames import PointTask
-from softdyn.tasks.task import Task
+from softdyn.tasks.task import Task, TaskError
 
 
 class TaskRows(Protocol):
@@ -138,12 +138,7 @@ class StackedError:
         """
         values, jacobian = self._found
         for task, part in zip(self.tasks, self.parts, strict=True):
-            found = task(state, reference)
-            size = part.stop - part.start
-            shapes = [np.shape(each) for each in found]
-            if shapes != [(size,), (size,), (size, len(state.v)), (size,)]:
-                expected = f"an error of {size} rows, its rate, Jacobian and drift"
-                raise InputError(f"task {task.name!r}", expected, shapes)
+            found = evaluated(task, part.stop - part.start, state, reference)
             values[0, part], values[1, part], jacobian[part], values[2, part] = found
         _stack(
             values, jacobian, state.v, self.roots, self._Kp, self._levels, *self._numbers,
@@ -155,6 +150,22 @@ class StackedError:
 def several_levels(error: TaskRows) -> bool:
     """Whether the tasks have more than one level."""
     return isinstance(error, StackedError) and len(error.levels) > 1
+
+
+def evaluated(task: Task, size: int, state: State, reference: Reference | SetPoint) -> TaskError:
+    """The error of a task, which must have `size` rows.
+
+    Raises
+    ------
+    InputError
+        Whatever the task raises, or for a result of another shape.
+    """
+    found = task(state, reference)
+    shapes = [np.shape(each) for each in found]
+    if shapes != [(size,), (size,), (size, len(state.v)), (size,)]:
+        expected = f"an error of {size} rows, its rate, Jacobian and drift"
+        raise InputError(f"task {task.name!r}", expected, shapes)
+    return found
 
 
 def rows_of(task: Task, model: SoftModel) -> int:
@@ -173,8 +184,22 @@ def task_error(
     InputError
         For an empty list, anything but tasks, or two tasks of one name.
     """
+    found, tip = checked_tasks(model, tasks)
+    if not tip:
+        return StackedError(model, gains, found)
+    return TipError(gains, found[0].name if found else "")
+
+
+def checked_tasks(model: SoftModel, tasks: Sequence[Task] | None) -> tuple[tuple[Task, ...], bool]:
+    """The tasks, none for None, and whether they are no more than the position of the tip.
+
+    Raises
+    ------
+    InputError
+        For an empty list, anything but tasks, or two tasks of one name.
+    """
     if tasks is None:
-        return TipError(gains)
+        return (), True
     kind: Any = Task  # mypy wants a concrete class
     found: tuple[Task, ...] = instances("tasks", tasks, kind, "a softdyn.tasks.Task")
     names = [task.name for task in found]
@@ -184,11 +209,7 @@ def task_error(
         raise InputError("tasks", "a task or more, each with its own name", got)
     only = found[0]
     plain = isinstance(only, PointTask) and only.plain and only.link == model.robot.task
-    return (
-        TipError(gains, only.name)
-        if plain and len(found) == 1
-        else StackedError(model, gains, found)
-    )
+    return found, plain and len(found) == 1
 
 
 @compiled

@@ -115,7 +115,7 @@ class Task(ABC):
 
     def __call__(self, state: State, reference: Any) -> TaskError:
         """The selected rows of the error against this task's part of a reference."""
-        found = self.evaluate(state, self._target_in(reference))
+        found = self.evaluate(state, self.target_in(reference))
         if self.axes is None:
             return found
         rows = list(self.axes)
@@ -123,8 +123,14 @@ class Task(ABC):
             raise InputError(f"{self.name}: axes", f"below {len(found.error)}", max(rows))
         return TaskError(*(np.ascontiguousarray(part[rows]) for part in found))
 
-    def _target_in(self, reference: Any) -> Any:
-        """The part of a reference that has this task's name; a plain one is a point's target."""
+    def target_in(self, reference: Any) -> Any:
+        """The part of a reference that has this task's name; a plain one is a point's target.
+
+        Raises
+        ------
+        InputError
+            If there is none, and the task has no own one.
+        """
         found = None
         if isinstance(reference, StackedReference):
             found = reference.targets.get(self.name)

@@ -87,7 +87,7 @@ class Found:
         self.targets, self.asked = targets, list[np.ndarray]()
         self.background = False
 
-    def ask(self, y: np.ndarray) -> object:
+    def ask(self, y: np.ndarray, *_: object) -> object:
         self.asked.append(y)
         answer: Future[tuple[RestTarget, ...]] = Future()
         answer.set_result(self.targets)
