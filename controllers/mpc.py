@@ -36,6 +36,7 @@ from softdyn.controllers.predictive.follow import ARRIVES, STUCK, PlanFollower
 from softdyn.controllers.predictive.objective import horizon_weights
 from softdyn.controllers.predictive.plan import Plan
 from softdyn.controllers.predictive.prediction import ahead, condensed_qp
+from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.rest_target import WITHIN, RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.controllers.predictive.stops import JointStops
@@ -127,6 +128,9 @@ class Mpc(GuardedController):
     lag, delay : float, optional
         Time constant (s) with which the inputs follow the commands, and time (s) from a state to
         the begin of the command that answers it; by default the longest of the robot's file.
+    friction : float or array_like, (tendons,), optional
+        Coefficients of the cables' friction that the pulls make up for (`predictive.pulls`); by
+        default those of the robot's file. What they leave is part of d.
     targets : RestTargets, optional
         Finds an equilibrium (q*, u*) for a set point at which the tip does not arrive: after 1 s
         farther than 5 mm away it is searched for, and 0.5 s later, or any second after, it acts if
@@ -155,6 +159,7 @@ class Mpc(GuardedController):
         *,
         lag: float | None = None,
         delay: float | None = None,
+        friction: np.ndarray | float | None = None,
         targets: RestTargets | None = None,
         tasks: Sequence[Task] | None = None,
     ) -> None:
@@ -164,6 +169,7 @@ class Mpc(GuardedController):
         self.parameters = resolve_parameters(parameters)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.actuation = Actuation.of(model, delay, lag)
+        self._pulls = FrictionPulls(model, friction)
         self._filter = StateFilter(model, self.parameters.memory)
         self.targets = targets
         self._follow = PlanFollower(
@@ -290,6 +296,8 @@ class Mpc(GuardedController):
         """The command that is sent, within its bounds; it also predicts the next state."""
         command, acting = self.guard.accept(asked, V, np.nan), self.actuation.acting
         mean = self.actuation.send(command.u)
+        if self._pulls.rubs and command.status is Status.OK:
+            command = replace(command, u=self._pulls(command.u, state, self._filter.force))
         if target is not None:
             command = replace(command, distance=target.distance)
         if command.status is Status.OK:

@@ -29,7 +29,7 @@ CONTROLLERS: dict[str, Any] = {
     for controller in (SoftIdClfQp, IdClfQp, ClfQp, Impedance, UnderactuatedImpedance, ImpedanceQp)
 }
 # not in the paper; neither needs gains
-LINK = ("lag", "delay")  # of their actuators (s)
+LINK = ("lag", "delay", "friction")  # of their actuators (s), and of their cables
 BEYOND: dict[str, Callable[..., Any]] = {Staged.name: best, Mpc.name: Mpc}
 
 
@@ -75,7 +75,7 @@ def make_controller(
     parameters : Any
         Second argument of the class, if not None. For a controller of the paper it is a table with
         its `options` and with fields of `Gains`, which replace the published ones. A table for
-        ``best`` or ``mpc`` may also have ``lag`` and ``delay``.
+        ``best`` or ``mpc`` may also have ``lag``, ``delay`` and ``friction``.
     cls : Callable, optional
         The class of the name, if it is known already.
 

@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.actuation import Capstan
 from softdyn.checks import number
 from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
@@ -96,12 +99,13 @@ def best(
     *,
     lag: float | None = None,
     delay: float | None = None,
+    friction: np.ndarray | float | None = None,
     tasks: Sequence[Task] | None = None,
 ) -> Staged | Mpc:
     """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
 
-    A schedule is for the tip and actuators that act at once: with tasks, a lag or a delay it is not
-    used.
+    A schedule is for the tip, actuators that act at once and cables that do not rub: with tasks, a
+    lag, a delay or friction it is not used.
 
     Parameters
     ----------
@@ -111,19 +115,24 @@ def best(
         A schedule or its tables. The tuned one is used if there is one and no other is given.
     lag, delay : float, optional
         Lag and delay of the actuators (s); by default those of the robot's file, see `Mpc`.
+    friction : float or array_like, (tendons,), optional
+        Coefficients of the cables' friction; by default those of the robot's file, see `Mpc`.
     tasks : sequence of softdyn.tasks.Task, optional
         Tasks of one level; by default the position of the tip.
 
     Raises
     ------
     InputError
-        A schedule together with tasks, a lag or a delay, and whatever the controller raises.
+        A schedule together with tasks, a lag, a delay or friction, and whatever the controller
+        raises.
     """
     link = Actuation.of(check_model(model), delay, lag)
-    late = link.lag > 0 or link.delay > 0 or not checked_tasks(model, tasks)[1]
-    if late and gains is not None:
-        raise InputError("gains", "none, for tasks, a lag or a delay", repr(gains))
-    schedule = tuned(model) if gains is None and not late else gains
+    other = link.lag > 0 or link.delay > 0 or not checked_tasks(model, tasks)[1]
+    other |= len(Capstan(model, friction).tendon) > 0
+    if other and gains is not None:
+        raise InputError("gains", "none, for tasks, a lag, a delay or friction", repr(gains))
+    schedule = tuned(model) if gains is None and not other else gains
     if schedule is None:
-        return Mpc(model, lag=lag, delay=delay, targets=RestTargets(model), tasks=tasks)
+        targets = RestTargets(model)
+        return Mpc(model, lag=lag, delay=delay, friction=friction, targets=targets, tasks=tasks)
     return Staged(model, schedule)

@@ -5,7 +5,8 @@
 - `actuation`: delay and lag of the actuators
 - `state_filter`: measured states and unmodelled forces
 - `stops`: joint stops as stiff springs
-- `compensated`: any controller behind delay and lag
+- `pulls`: the pulls at the winches that make up for the friction of cables
+- `compensated`: any controller behind delay, lag and friction
 - `rest_target`: equilibria as targets of shape and input
 - `buckling`: the pull that buckles an arm, so that its tip can follow a path
 - `riccati`: linear feedback about a path, by the backward recursion

@@ -28,16 +28,25 @@ chooses the directions d, for example those of the last motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
-from softdyn.checks import array, instance, read_only, vector
-from softdyn.description.robot import JointTerm, Robot, Site, Tendon, from_driven_end
+from softdyn.checks import array, instance, number, read_only, vector
+from softdyn.description.robot import (
+    MOST_FRICTION,
+    JointTerm,
+    Robot,
+    Site,
+    Tendon,
+    from_driven_end,
+)
 from softdyn.dynamics.derivatives import Derivatives, tendon_curvature, tendon_forces
 from softdyn.dynamics.engine import moved_bodies
 from softdyn.dynamics.model import SoftModel, State, check_model, taut_gains
 from softdyn.dynamics.projection import Projection, project, underlying_tree
-from softdyn.dynamics.tendons import compile_tendons
+from softdyn.dynamics.tendons import compile_tendons, moment_arms
 
 STRAIGHT = 1e-9  # a wrap angle (rad) below which its gradient has no direction
 
@@ -49,8 +58,9 @@ class Capstan:
     ----------
     model : SoftModel
         The robot's model.
-    friction : array_like, (tendons,), optional
-        Coefficients μ that replace those of the file.
+    friction : float or array_like, (tendons,), optional
+        Coefficients μ that replace those of the file. One number is that of every cable that an
+        input pulls.
 
     Attributes
     ----------
@@ -64,13 +74,17 @@ class Capstan:
     Raises
     ------
     InputError
-        For coefficients of the wrong shape, or that are not finite.
+        For coefficients of the wrong shape, that are not finite, or one number outside 0 to 10.
     """
 
-    def __init__(self, model: SoftModel, friction: np.ndarray | None = None) -> None:
+    def __init__(self, model: SoftModel, friction: np.ndarray | float | None = None) -> None:
         self.model, robot = check_model(model), model.robot
-        stated = [tendon.friction for tendon in robot.tendons]
-        mu = array("friction", stated if friction is None else friction, (len(stated),))
+        given: Any = [tendon.friction for tendon in robot.tendons] if friction is None else friction
+        if isinstance(given, Real):
+            one = number("friction", given, lower=0.0, upper=MOST_FRICTION)
+            driven = {actuator.tendon for actuator in robot.actuators}
+            given = [one if tendon.name in driven else 0.0 for tendon in robot.tendons]
+        mu = array("friction", given, (len(robot.tendons),))
         tree, self._S = underlying_tree(model)
         dof = {name: k for k, name in enumerate(tree.joint_names)}
         self._moves = moved_bodies(tree.pin_model)
@@ -103,9 +117,11 @@ class Capstan:
         arms, angles = self._pieces.coefficients, np.zeros(len(self.tendon))
         angles[self._at_joints] = np.abs(self._coordinates(state)[self._dof])
         if len(self._at_sites):
-            jacobian, *poses = self._kinematics(state)
-            arms = self._pieces.moment_arms(jacobian, *poses)
-            before, behind, _ = self._directions(*poses)
+            jacobian, rotations, translations = self._kinematics(state)
+            arms, lengths = arms.copy(), np.zeros(len(arms))
+            columns = np.ascontiguousarray(jacobian.T)
+            moment_arms(arms, lengths, columns, rotations, translations, *self._pieces.segments)
+            before, behind, _ = self._directions(rotations, translations)
             turn = np.linalg.norm(np.cross(before, behind), axis=1)
             angles[self._at_sites] = np.arctan2(turn, np.einsum("gi,gi->g", before, behind))
         return Guides(self, state, angles, arms if self._S is None else arms @ self._S)
