@@ -2,6 +2,7 @@
 
 - `prediction`: the linear model over the horizon and its condensed QP
 - `objective`: the weights of its objective, from the robot at rest
+- `aim`: the error along the horizon, of the tip or of tasks
 - `actuation`: delay and lag of the actuators
 - `state_filter`: measured states and unmodelled forces
 - `stops`: joint stops as stiff springs
