@@ -11,9 +11,12 @@ u.NAME for every actuator; times begin at 0 and have even steps, each row is hel
 one, and other columns, such as those of a log, are ignored. Without either all inputs are zero.
 Inputs beyond the bounds in the robot's file are refused.
 
+Several files run at once on all cores, for the time of the shortest. --out FOLDER writes a log for
+each, with the file's name; page and plot show all runs.
+
 The steps of --timestep are 0.5 ms or less by default. A coarser step adds numerical damping.
 
-exit codes: 0 done; 1 the robot's motion diverged; 2 bad input.
+exit codes: 0 done; 1 a motion diverged; 2 bad input.
 """
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -21,7 +24,7 @@ parser.add_argument("robot", metavar="ROBOT")
 cli.add_robot_options(parser)
 given = parser.add_mutually_exclusive_group()
 given.add_argument("--u", type=cli.finite, nargs="+", metavar="U", help="constant inputs")
-given.add_argument("--inputs", metavar="FILE", help="inputs over time, CSV")
+given.add_argument("--inputs", metavar="FILE", nargs="+", help="inputs over time, CSV")
 parser.add_argument(
     "--seconds", type=cli.positive, metavar="T",
     help="length of the run in s (default: 3, or to the last row of --inputs)",
@@ -42,7 +45,8 @@ parser.add_argument(
     help="with the rig of the robot's file; FILE changes it, as for run",
 )  # fmt: skip
 parser.output("--log", "FILE", "write the run as NPZ, or as CSV where FILE ends in .csv")
-parser.output("--html", "FILE", "write the run as a page that replays it")
+parser.add_argument("--out", metavar="FOLDER", help="write a log for each of several --inputs")
+parser.output("--html", "FILE", "write a page that replays the motion")
 parser.output("--plot", "FILE", "the tip and the inputs over time: .png or .pdf")
 cli.add_json(parser)
 
@@ -52,47 +56,65 @@ SECONDS = 3.0
 def command(arguments: cli.Arguments) -> int:
     """Read the inputs, run and report."""
     import time
+    from pathlib import Path
 
     import numpy as np
 
+    import softdyn
     from softdyn.commands.run import make_rig
-    from softdyn.validation import rollout
-    from softdyn.validation.report.plot_style import check_path
-    from softdyn.validation.rollouts.inputs import read_inputs
+    from softdyn.validation import rollouts
+    from softdyn.validation.report.replay import comparison
+    from softdyn.validation.report.time_figures import look, save_comparison
+    from softdyn.validation.rollouts.inputs import read_files
 
     if arguments.plot is not None:
-        check_path(arguments.plot)
+        look.check_path(arguments.plot)
     model = cli.load_robot(arguments)
+    names, several = ["run"], len(arguments.inputs or ()) > 1
+    if several and arguments.log is not None:
+        raise softdyn.InputError("--log", "--out FOLDER with several --inputs", arguments.log)
     seconds, hold = arguments.seconds or SECONDS, None
-    u = np.clip(np.zeros(model.nu), model.u_min, model.u_max)
+    batch = [np.array(arguments.u or np.clip(np.zeros(model.nu), model.u_min, model.u_max))]
     if arguments.inputs is not None:
-        rows = read_inputs(arguments.inputs, model)
-        u, hold, seconds = rows.u, rows.hold, arguments.seconds or rows.seconds
-    elif arguments.u is not None:
-        u = np.array(arguments.u)
+        files = read_files(arguments.inputs, model)
+        names, batch = list(files), [rows.u for rows in files.values()]
+        hold = files[names[0]].hold
+        seconds = arguments.seconds or min(rows.seconds for rows in files.values())
+    logs_to = [] if arguments.out is None else [Path(arguments.out, f"{n}.npz") for n in names]
+    if logs_to:
+        cli.make_folder(Path(arguments.out))
+        cli.check_outputs(parser, arguments, *logs_to)
     began = time.perf_counter()
-    log = rollout(
-        model, u, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
+    logs = rollouts(
+        model, batch, seconds, hold=hold, period=arguments.period, timestep=arguments.timestep,
         integrator=arguments.integrator, q0=arguments.q0, contacts=arguments.contacts,
         friction=arguments.friction, rig=make_rig(arguments.rig),
     )  # fmt: skip
     wall = time.perf_counter() - began
+    for log, path in zip(logs, logs_to, strict=False):
+        log.save(path)
     if arguments.log is not None:
-        (log.to_csv if arguments.log.endswith(".csv") else log.save)(arguments.log)
+        (logs[0].to_csv if arguments.log.endswith(".csv") else logs[0].save)(arguments.log)
     if arguments.html is not None:
-        log.show(model).save(arguments.html)
+        page = comparison(logs, [model] * len(logs), names) if several else logs[0].show(model)
+        page.save(arguments.html)
     if arguments.plot is not None:
-        log.plot(arguments.plot)
+        save_comparison(arguments.plot, logs, names if several else None)
+    runs = [
+        {"failed": log.failed, "reason": log.reason, "final_tip": log.y[-1].tolist()}
+        for log in logs
+    ]  # fmt: skip
     report = {
-        "robot": log.robot, "seconds": float(log.t[-1]), "timestep": log.timestep,
-        "integrator": arguments.integrator, "failed": log.failed, "reason": log.reason,
-        "final_tip": log.y[-1].tolist(), "wall_s": wall,
+        "robot": model.name, "seconds": seconds, "timestep": logs[0].timestep,
+        "integrator": arguments.integrator, "wall_s": wall,
+        **({"runs": dict(zip(names, runs, strict=True))} if several else runs[0]),
     }  # fmt: skip
-    written = (arguments.log, arguments.html, arguments.plot, arguments.json)
-    lines = [str(log), f"{wall:.3g} s of computing"]
+    lines = [f"{n}: {log}" if several else str(log) for n, log in zip(names, logs, strict=True)]
+    lines.append(f"{wall:.3g} s of computing")
+    written = (arguments.log, *logs_to, arguments.html, arguments.plot, arguments.json)
     lines += [f"wrote {file}" for file in written if file not in (None, "-")]
     cli.write_report(report, arguments.json, "\n".join(lines))
-    return cli.FAILED if log.failed else cli.PASSED
+    return cli.FAILED if any(log.failed for log in logs) else cli.PASSED
 
 
 main = cli.program(parser, command, __name__)

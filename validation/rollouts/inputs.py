@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,6 +93,25 @@ def held_inputs(
 def _is_nested(inputs: Any) -> bool:
     """Whether inputs have rows."""
     return bool(len(inputs)) and isinstance(inputs[0], np.ndarray | list | tuple)
+
+
+def read_files(paths: Sequence[str], model: SoftModel) -> dict[str, InputRows]:
+    """`read_inputs` of several files, by the files' names without their ends.
+
+    Raises
+    ------
+    InputError
+        Also for files of the same name, and for rows that are not equally far apart in all files.
+    """
+    names = [Path(path).stem for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError("--inputs", "files with different names", ", ".join(names))
+    found = [read_inputs(path, model) for path in paths]
+    for path, rows in zip(paths, found, strict=True):
+        if not math.isclose(rows.hold, found[0].hold, rel_tol=1e-9):
+            expected = f"rows {found[0].hold:g} s apart, as in {paths[0]}"
+            raise InputError(path, expected, f"{rows.hold:g} s")
+    return dict(zip(names, found, strict=True))
 
 
 def read_inputs(path: str | Path, model: SoftModel) -> InputRows:

@@ -143,6 +143,39 @@ def test_the_command(cart, tmp_path):
     assert "tip at the end 0.4 0 0 m" in still.out
 
 
+def test_several_files_at_once(cart, tmp_path):
+    import json
+
+    files = [tmp_path / f"{name}.csv" for name in ("weak", "strong", "slow")]
+    for file, force, step, rows in zip(
+        files, (1, 3, 2), (0.01, 0.01, 0.02), (30, 20, 9), strict=True
+    ):
+        lines = [f"{step * k:.2f},{force}" for k in range(rows + 1)]
+        file.write_text("\n".join(["t,u.u", *lines]) + "\n")
+    base = ["rollout", cart.robot.path, "--inputs"]
+    page, plot, out = tmp_path / "all.html", tmp_path / "all.png", tmp_path / "out"
+    done = command(
+        *base, *files[:2], "--out", out, "--html", page, "--plot", plot, "--json", "-"
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["seconds"] == 0.2
+    for name, force in (("weak", 1.0), ("strong", 3.0)):
+        alone = rollout(cart, [[force]] * 20, 0.2)
+        assert told["runs"][name]["final_tip"] == alone.y[-1].tolist()
+        assert np.array_equal(Log.load(out / f"{name}.npz").q, alone.q)
+    assert all(name in page.read_text() for name in ("weak", "strong"))
+    assert plot.stat().st_size > 10_000
+    for arguments, said in (
+        ([files[0], files[2]], "slow.csv: expected rows 0.01 s apart, as in"),
+        ([files[0], files[0]], "--inputs: expected files with different names, got weak, weak"),
+        ([*files[:2], "--log", "run.npz"], "--log: expected --out FOLDER with several --inputs"),
+    ):
+        refused = command(*base, *arguments)
+        assert refused.code == 2
+        assert said in refused.err
+
+
 NAN = math.nan
 
 
