@@ -15,7 +15,7 @@ ROBOT is a bundled name (finger, helix, spirob, spirob48), a path to an annotate
 of a robot of example-robot-data. The first CONTROLLER acts (best by default); each further one, a
 class of your own as FILE.py:CLASS, joins the registry's in the page's menu. --gains and --rig are
 as for run. With a rig the page shows the inputs that act, and its delay and noise replace the
-rig's unless they are 0.
+rig's unless they are 0. With --observer, as for run, the ghost is the estimate.
 
 The plant runs in real time in this process, the pages' server in another. So a slow page loses
 frames, but delays nothing. The page lists its keys on "?". The printed address contains a random
@@ -45,6 +45,10 @@ parser.add_argument(
 parser.add_argument(
     "--rig", nargs="?", const="file", metavar="FILE",
     help="with the rig of the robot's file; FILE changes it",
+)  # fmt: skip
+parser.add_argument(
+    "--observer", nargs="?", const="", metavar="WHICH",
+    help="estimate the state from the rig's sensors",
 )  # fmt: skip
 parser.add_argument(
     "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
@@ -90,6 +94,7 @@ def make_session(arguments: cli.Arguments) -> Any:
     from softdyn.commands.run import make_rig
     from softdyn.validation import paper
     from softdyn.validation.live.session import Session, menu_of
+    from softdyn.validation.loop.observation import make_observer
     from softdyn.view.live.messages import OPEN_LOOP
 
     model = cli.load_robot(arguments)
@@ -98,13 +103,15 @@ def make_session(arguments: cli.Arguments) -> Any:
     own = controllers_of(arguments, first)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
-    menu = menu_of(model, own)
+    menu, rig, observer = menu_of(model, own), make_rig(arguments.rig), None
+    if arguments.observer is not None:
+        observer = make_observer(model, rig, arguments.observer)
     note = cli.best_note(model, law, arguments.gains)
     if note:
         print(note, file=sys.stderr, flush=True)
     return Session(
         model, menu, law, period=arguments.period, target=arguments.target,
-        rig=make_rig(arguments.rig),
+        rig=rig, observer=observer,
     )  # fmt: skip
 
 

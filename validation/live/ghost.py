@@ -45,6 +45,6 @@ class Ghost:
                 raise InputError("ghost", "a mass matrix", error) from None
 
     @property
-    def tip(self) -> np.ndarray:
+    def y(self) -> np.ndarray:
         """Position (3,) of the tip in the world (m)."""
         return self._model.state(self.q, np.zeros(self._model.nv)).y

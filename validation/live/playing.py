@@ -37,7 +37,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     title = model.bundled or model.name
     page = live_page(
         figure, "play", title=title, laws=session.limits.laws, period=session.period,
-        pull=session.pull,
+        pull=session.pull, estimates=session.estimates,
     )  # fmt: skip
     return Channel(
         page, figure, replayed=session.columns.replayed, title=title, limits=session.limits,

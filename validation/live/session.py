@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, statics
+from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State, statics
 from softdyn.controllers import Mpc, registry
 from softdyn.controllers.controller import guard_of
+from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
+from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.time_grid import TimeGrid
 from softdyn.validation.studies.experiments import setup_of
 from softdyn.validation.twin.plant_errors import multiplied
@@ -79,6 +81,8 @@ class Session:
     rig : Rig or str, optional
         The rig between controller and plant, as in `ClosedLoop`. The page's factors multiply the
         rig's, and its delay and noise replace the rig's unless they are 0.
+    observer : Observer, optional
+        It estimates the controller's states from the rig's sensors, and the ghost is its estimate.
 
     Attributes
     ----------
@@ -106,6 +110,7 @@ class Session:
         period: float | None = None,
         target: Any = None,
         rig: Rig | str | None = None,
+        observer: Observer | None = None,
     ) -> None:
         self.model, self._menu = model, dict(menu)
         self._wanted = rig_of(rig) or Rig(file=False)
@@ -127,13 +132,24 @@ class Session:
         self._law: Any = None
         self._by_hand = self._u = self._zero
         self._V = np.nan
+        self._observer = observer
+        self._observe: Observation | None = None
+        self._estimate: State | None = None
         self.shown, self.changed = PageState(OPEN_LOOP, inputs=self._zero.tolist()), True
+        self.shown.ghost = observer is not None
         self._rig, self._map = self._built(self._mismatch, *self._at_rest(), 0.0, self._zero)
         self._state = model.state(*self._q_v())
+        if self._observe is not None:
+            self._observe.reset()
         if target is None:
             target = self._state.y
         self._reference: Reference = SetPoint(target)
         self._choose(law)
+
+    @property
+    def estimates(self) -> bool:
+        """Whether the controller gets an observer's estimate."""
+        return self._observe is not None
 
     # -- messages ------------------------------------------------------------------------------
 
@@ -209,6 +225,9 @@ class Session:
         self._release()
         if self._ghost is not None:
             self._ghost = self._new_ghost()
+        if self._observe is not None:
+            self._observe.reset()
+            self._estimate = None
         self._u, self._V = self._zero, np.nan
         self._by_hand = self._zero
         self.shown.inputs = self._zero.tolist()
@@ -221,7 +240,7 @@ class Session:
 
     @_do.register
     def _(self, message: messages.ShowGhost) -> None:
-        self._ghost = self._new_ghost() if message.on else None
+        self._ghost = self._new_ghost() if message.on and not self.estimates else None
         self.shown.ghost = message.on
 
     # -- time ----------------------------------------------------------------------------------
@@ -236,7 +255,7 @@ class Session:
         began = perf_counter_ns()
         try:
             self._state = self.model.state(*self._q_v())
-            seen = self._rig.see(self._state)
+            seen = self._see()
             if self._law is None:
                 self._u = self._by_hand
             else:
@@ -252,7 +271,7 @@ class Session:
 
     def frame(self, **clock: float) -> np.ndarray:
         """The present state as a frame; `clock` has the figures of the clock."""
-        hand, ghost = self._hand, self._ghost
+        hand = self._hand
         with suppress(InputError):  # a diverged plant is shown at its last finite state
             self._state = self.model.state(*self._q_v())
         state = self._state
@@ -262,12 +281,21 @@ class Session:
         }  # fmt: skip
         if hand is not None:
             values |= {"force": hand.force, "point": hand.point}
-        if ghost is not None:
-            gap = np.linalg.norm(ghost.tip - state.y)
+        ghost = self._ghost if self._estimate is None else self._estimate
+        if ghost is not None and self.shown.ghost:
+            gap = np.linalg.norm(ghost.y - state.y)
             values |= {"ghost": self.model.coordinates(ghost.q), "gap": gap}
         return self.columns.frame(**values, **clock)
 
     # -- inside --------------------------------------------------------------------------------
+
+    def _see(self) -> State:
+        """The state that the controller sees: the plant's behind the rig, or its estimate."""
+        if self._observe is None:
+            return self._rig.see(self._state)
+        _, measured = self._rig.sample()
+        self._estimate = self._rig.show(self._observe(self.t, measured, self._rig.sent))
+        return self._estimate
 
     def _advance(self) -> None:
         steps = self._grid.substeps
@@ -300,6 +328,8 @@ class Session:
         """A new plant in a given state, whose input u has been held for long."""
         wanted = _changed(self._wanted, said)
         rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep)
+        if self._observer is not None:
+            self._observe = Observation(self._observer, self.model, rig)
         states = StateMap(self.model, rig.twin)
         try:
             rig.twin.set_state(*states.to_twin(q, v), t)

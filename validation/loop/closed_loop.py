@@ -242,6 +242,8 @@ class ClosedLoop:
             self._record.rig(len(self._rig.readings.names))
             self._rig.start(model.state(q, v))
         self._observe = None if observer is None else Observation(observer, model, self._rig)
+        if self._observe is not None:
+            self._observe.reset()
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None

@@ -52,8 +52,11 @@ class Observation:
                 "observer", f"one for {len(rig.readings.names)} readings", f"for {takes}"
             )
         self._observer, self._model, self.nanoseconds = observer, model, 0
-        if hasattr(observer, "reset"):
-            observer.reset()
+
+    def reset(self) -> None:
+        """Begin a run."""
+        if hasattr(self._observer, "reset"):
+            self._observer.reset()
 
     def __call__(self, t: float, measured: np.ndarray, sent: np.ndarray) -> State:
         """The estimated state; it has the estimate's `covariance`, if there is one.

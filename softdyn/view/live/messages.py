@@ -199,7 +199,7 @@ class SetSpeed:
 
 @dataclass(frozen=True)
 class ShowGhost:
-    """Starts or ends the ghost: the analytic model beside the plant under the same input."""
+    """Starts or ends the ghost: an observer's estimate, or the model under the same input."""
 
     on: bool = field(metadata=_by(_flag))
 

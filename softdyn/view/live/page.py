@@ -25,6 +25,7 @@ def live_page(
     period: float = 0.0,
     pull: float = 1.0,
     path: np.ndarray | None = None,
+    estimates: bool = False,
 ) -> str:
     """The page as text.
 
@@ -44,6 +45,8 @@ def live_page(
         Force (N) of the longest arrow.
     path : ndarray, (K, 3), optional
         The reference's path.
+    estimates : bool
+        Whether the ghost is an observer's estimate, and not the model beside the plant.
 
     Raises
     ------
@@ -64,6 +67,7 @@ def live_page(
         "unit": input_unit(model.robot),
         "period": period,
         "pull": pull,
+        "ghost": "estimate" if estimates else "model",
         "path": None if path is None else np.round(path, 5).tolist(),
     }
     own = partial(asset, room="softdyn.view.live")

@@ -201,6 +201,8 @@ def test_a_page_that_loses_command_while_it_drags_lets_go(browser, url):
 def test_the_reach_and_the_model_beside_the_plant_are_shown(browser):
     browser.key("g")
     browser.until("softdyn.ghost.object.visible")
+    label = browser.run("document.getElementById('ghost').parentElement.textContent.trim()")
+    assert label == "model beside it"
     browser.key("h")
     browser.until("softdyn.rests.length > 20")
     reach = np.array(browser.run("softdyn.rests"))

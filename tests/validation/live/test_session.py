@@ -10,6 +10,7 @@ import pytest
 import softdyn
 from softdyn import InputError, SetPoint, statics
 from softdyn.commands import play
+from softdyn.estimation import Ekf
 from softdyn.validation import Rig, Twin, simulate
 from softdyn.validation.live.playing import drive, period_note
 from softdyn.validation.live.session import Session, menu_of
@@ -21,6 +22,7 @@ from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock, Kept
 from tests.support import micro, winched
+from tests.support.sensed import sensed
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +84,30 @@ def test_the_model_beside_the_plant_stays_with_it_until_they_differ(model):
     session.apply(m.Mismatch(mass=1.3))
     run(session, 0.5)
     assert part(session, "gap") > 1e-4
+
+
+def test_the_ghost_of_an_observer_is_its_estimate():
+    model = sensed("finger", rate=60.0, latency=0.03)
+    session = Session(model, menu_of(model), "best", rig="file", observer=Ekf(model))
+    goal = softdyn.validation.paper.set_point("finger", 0.5).reference.y
+    session.apply(m.SetTarget(goal))
+    assert np.isnan(part(session, "gap")).all()
+    run(session, 2.0)
+    assert np.linalg.norm(part(session, "y") - goal) < 2e-3
+    assert 0.0 < part(session, "gap") < 2e-3
+    assert 1e-7 < np.abs(part(session, "ghost") - part(session, "q")).max() < 0.1
+    session.apply(m.ShowGhost(False))
+    assert np.isnan(part(session, "ghost")).all()
+    session.apply(m.ShowGhost(True))
+    assert np.isfinite(part(session, "ghost")).all()
+    with pytest.raises(InputError, match="observer: expected a rig that alters readings alone"):
+        session.apply(m.Mismatch(noise=1e-3))
+    session.apply(m.Mismatch(mass=1.3))
+    session.apply(m.Reset())
+    assert np.isnan(part(session, "gap")).all()
+    run(session, 0.5)
+    assert not session.shown.paused
+    assert part(session, "gap") < 0.02
 
 
 def test_law_and_plant_change_while_it_moves(model):

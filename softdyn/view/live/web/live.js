@@ -10,7 +10,7 @@ const INK = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
 const KEYS = [
   [" ", "space", "run or pause", "play"], [".", ".", "one control period", "step"],
   ["r", "r", "reset: at rest again", "reset"], ["v", "v", "record, and stop", "record"],
-  ["g", "g", "the model beside the plant", "ghost"], ["h", "h", "where the tip can rest", "reach"],
+  ["g", "g", "model or estimate beside the plant", "ghost"], ["h", "h", "where the tip can rest", "reach"],
   ["o", "o", "open loop and back"], ["f", "f", "look at the robot"],
   ["+", "+ −", "faster, slower"], ["?", "?", "these keys", "ask"],
 ];
@@ -460,6 +460,7 @@ class Live {
     contacts.id = "contacts";
     contacts.before("links touch");
     contacts.onchange = () => this.sayMismatch();
+    this.find("ghost").nextElementSibling.textContent = this.scene.ghost;
     this.find("ghost").onchange = event => this.say({do: "ghost", on: event.target.checked});
     this.find("reach").onclick = () => {
       if (!this.rests.length) this.say({do: "reach"});
@@ -481,7 +482,7 @@ class Live {
         [1e6 * this.scene.period]),
       misses: new Plot(parent, "missed periods", [{}], {range: (_, low, high) =>
         [low || 0, Math.max(high || 0, (low || 0) + 1)]}),
-      gap: new Plot(parent, "tip, plant against model (mm)", [{stroke: GHOST}], log),
+      gap: new Plot(parent, `tip, plant against ${this.scene.ghost} (mm)`, [{stroke: GHOST}], log),
     };
   }
   sayMismatch() {
