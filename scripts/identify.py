@@ -20,9 +20,10 @@ ROBOT is a URDF, a bundled name, or the TOML file of an arm, as `softdyn new` re
 
 DATA is CSV. Its header names the columns: t (s), u.INPUT for every input, and the measured ones of
 q.JOINT (rad, m), tip.x, tip.y, tip.z (m), length.TENDON (m), point.MARKER.x, .y, .z (m) and
-pose.MARKER.x … .rz (m, rotation vector in rad). Time steps may differ. A cell of a marker, of the
-tip or of a length may be empty. --static: each row is an equilibrium under its inputs, t may be
-missing.
+pose.MARKER.x … .rz (m, rotation vector in rad), and measured.SENSOR of the file's length, joint,
+position and pose sensors, as in the log of a run with --rig. Time steps may differ. Cells of all
+but joints may be empty. --outputs: read only those that begin so. --static: each row is an
+equilibrium under its inputs, t may be missing.
 
 --points FILE says where the markers are, in TOML: [[point]] (or [[pose]]) with a name, and either
 link and xyz_mm, or s_mm along the arm and offset_mm. --camera fit identifies the frame of the
@@ -31,7 +32,8 @@ markers, --camera X Y Z RX RY RZ (m, rad) states it: a point p of the robot is s
 sum of squared distances least: with --static the model's in that row, else the last one seen.
 
 KIND is stiffness, damping, friction (dry), rest, armature, mass, gear, tendon_stiffness,
-tendon_damping, free_length (of an elastic cable) or offset (the unknown zero of a length.TENDON).
+tendon_damping, free_length (of an elastic cable), offset (the unknown zero of a length.TENDON),
+sensor_bias (of each reading) or sensor_latency (of each sensor).
 --free identifies each member in the file separately. --shared identifies one factor on the file's
 values of all members. The file's values are the first guess. If every joint is measured, samples
 near a stop are left out. Otherwise the run must begin at rest under its first input, and it is used
@@ -64,6 +66,7 @@ parser.add_argument("data", metavar="DATA", nargs="?", help="CSV")
 parser.add_argument("--free", nargs="+", metavar="KIND", help="default: stiffness damping")
 parser.add_argument("--shared", nargs="+", default=[], metavar="KIND")
 parser.option("--hold-out", cli.finite, "PART", "last part of the data, only for a test", 0.2)
+parser.add_argument("--outputs", nargs="+", default=[], metavar="NAME", help="default: all")
 parser.add_argument("--static", action="store_true", help="each row is an equilibrium")
 parser.add_argument("--test", metavar="CSV", help="static data for the test, instead of --hold-out")
 parser.add_argument("--points", metavar="FILE", help="where the markers are, TOML")
@@ -127,7 +130,8 @@ def command(arguments: cli.Arguments) -> int:
     chosen = arguments.free or (), arguments.shared
     if arguments.twin is not None:
         return of_twin(arguments, model, identification.unknowns_of(model, *chosen))
-    raw = identification.read_csv(arguments.data, model, static=arguments.static)
+    how = {"static": arguments.static, "outputs": arguments.outputs}
+    raw = identification.read_csv(arguments.data, model, **how)
     given, fitted = camera_of(arguments)
     data, taken = identification.prepared(
         model, raw, static=arguments.static, camera=given, fit_camera=fitted,
@@ -151,7 +155,7 @@ def command(arguments: cli.Arguments) -> int:
         if not np.array_equal(renamed.outputs, data.outputs, equal_nan=True):
             found = identification.identify(model, renamed, unknowns, **options)
     if arguments.test:
-        test = identification.read_csv(arguments.test, model, static=True)
+        test = identification.read_csv(arguments.test, model, **how)
         found = identification.tested(found, identification.prepared(found.model, test, **again)[0])
     values = found.values()
     if arguments.out and made:

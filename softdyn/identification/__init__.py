@@ -17,6 +17,7 @@ them, and the residuals give the intervals.
 - `trajectory`: the model's motion under the measured input, with its sensitivities; `rests`: its
   equilibria;
 - `linear`: a first guess by weighted least squares on smoothed joint angles;
+- `outputs`: what sensors would read of a motion;
 - `problem`: simulates the stretches without a stop; `blocks`: least squares with common unknowns
   and unknowns of each stretch;
 - `output_error`: the fit of the simulated outputs; `intervals`: intervals, parameters not
@@ -38,6 +39,7 @@ from softdyn.identification.markers.points import read_points as read_points
 from softdyn.identification.output_error import fit as fit
 from softdyn.identification.output_error import identify as identify
 from softdyn.identification.output_error import tested as tested
+from softdyn.identification.outputs import measured_outputs as measured_outputs
 from softdyn.identification.parameters import Parameter as Parameter
 from softdyn.identification.parameters import camera_unknowns as camera_unknowns
 from softdyn.identification.parameters import member_values as member_values
@@ -47,7 +49,6 @@ from softdyn.identification.parameters import with_values as with_values
 from softdyn.identification.problem import Acquisition as Acquisition
 from softdyn.identification.problem import Fit as Fit
 from softdyn.identification.problem import FitProblem as FitProblem
-from softdyn.identification.problem import measured_outputs as measured_outputs
 from softdyn.identification.problem import problem_of as problem_of
 from softdyn.identification.result import Estimate as Estimate
 from softdyn.identification.result import Identified as Identified

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +14,13 @@ from softdyn.csv_columns import columns, numbers, once
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError, errors_in
 from softdyn.identification.markers.points import PREFIX
+from softdyn.identification.unknowns.sensor_errors import READ, reading_names
 from softdyn.sensing.sensors import SUFFIXES
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
-BESIDE = ("v.", "target.", "command.", "acting.", "measured.", "q_seen.", "v_seen.")
-GAPS = ("tip.", "length.", "point.", "pose.")  # columns whose cells may be empty
+BESIDE = ("v.", "target.", "command.", "acting.", "q_seen.", "v_seen.")
+GAPS = ("tip.", "length.", "point.", "pose.", READ)  # columns whose cells may be empty
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state
 ENOUGH = 0.2  # if this share of the data lies in stretches without a stop, hold no further joint
@@ -191,6 +193,7 @@ def output_names(model: SoftModel) -> tuple[str, ...]:
         *(f"length.{name}" for name in model.tendons.names),
         *(PREFIX[sensor.kind] + sensor.name + suffix for sensor in model.robot.sensors
           if sensor.kind in PREFIX for suffix in SUFFIXES[sensor.kind.size]),
+        *(READ + name for name in reading_names(model.robot)),
     )  # fmt: skip
 
 
@@ -222,13 +225,16 @@ def check_data(model: SoftModel, data: Measurements) -> None:
         )
 
 
-def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Measurements:
+def read_csv(
+    path: str | Path, model: SoftModel, *, static: bool = False, outputs: Sequence[str] = ()
+) -> Measurements:
     """Measurements from a CSV file whose header names the columns.
 
     ``direction.INPUT`` of static rows is the last direction of motion, see `Measurements`.
     The columns are ``t`` in seconds, ``u.NAME`` for every input, and any of ``q.JOINT`` (rad, m),
-    ``tip.x``, ``tip.y``, ``tip.z``, ``length.TENDON`` and ``point.MARKER.x`` (m). An empty cell is
-    a gap.
+    ``tip.x``, ``tip.y``, ``tip.z``, ``length.TENDON``, ``point.MARKER.x`` (m) and
+    ``measured.SENSOR``. An empty cell is a gap. The log of a rig has ``acting.NAME`` too; the mean
+    of two rows is then the input between them, if a motor changed what was asked for.
 
     Parameters
     ----------
@@ -238,6 +244,8 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
         The robot whose joints, tendons, inputs and sensors it names.
     static : bool
         Whether each row is an equilibrium. ``t`` may then be missing.
+    outputs : sequence of str
+        Beginnings of the outputs to read, such as ``measured.``; by default all.
 
     Raises
     ------
@@ -250,13 +258,22 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
     ways = tuple(name.replace("u.", "direction.", 1) for name in inputs) if static else ()
     known = ("t", *inputs, *output_names(model))
     titles, header, rows = columns(path)
+    acting = tuple(name.replace("u.", "acting.", 1) for name in inputs)
+    acting = acting if set(acting) <= set(header) else ()
+    chosen = tuple(instances("outputs", outputs, str, "the beginning of an output's name"))
     # other columns of a log are no measurements
-    kept = [k for k, name in enumerate(header) if not name.startswith(BESIDE)]
+    kept = [
+        k for k, name in enumerate(header)
+        if name in acting or not (
+            name.startswith(BESIDE) or (name.startswith(READ) and name not in known)
+            or (chosen and name in output_names(model) and not name.startswith(chosen))
+        )
+    ]  # fmt: skip
     header = [header[k] for k in kept]
     for name in header:
-        if name not in (*known, *ways):
-            expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x"
-            expected += " or pose.MARKER.rx, of this robot and its markers"
+        if name not in (*known, *ways, *acting):
+            expected = "t, u.INPUT, q.JOINT, tip.x, tip.y, tip.z, length.TENDON, point.MARKER.x,"
+            expected += " pose.MARKER.rx or measured.SENSOR, of this robot and its markers"
             raise InputError(f"{path}: header", expected, did_you_mean(name, known))
     timed = not static or "t" in header
     once(path, header, ("t", *inputs) if timed else inputs)
@@ -264,8 +281,8 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
         raise InputError(str(path), "each column once", "one that is there twice")
     table = numbers(path, header, [[row[k] for k in kept] for row in rows], GAPS)
     column = {name: table[:, k] for k, name in enumerate(header)} if len(table) else {}
-    outputs = tuple(name for name in known[1 + len(inputs) :] if name in header)
-    if not outputs or not column:
+    names = tuple(name for name in known[1 + len(inputs) :] if name in header)
+    if not names or not column:
         expected = "rows, and a column of q.JOINT, tip.x, length.TENDON or point.MARKER.x"
         raise InputError(str(path), expected, f"{len(table)} rows of {', '.join(header)}")
     for joint in model.robot.moving_joints:
@@ -274,15 +291,19 @@ def read_csv(path: str | Path, model: SoftModel, *, static: bool = False) -> Mea
         if joint.kind == "revolute" and in_degrees(most, joint.lower, joint.upper):
             expected = f"radians, from {joint.lower:g} to {joint.upper:g}"
             raise InputError(f"{path}: column q.{joint.name}", expected, f"{most:g}: degrees?")
-    stacked = [np.stack([column[name] for name in names], 1) if names else np.zeros((len(table), 0))
-               for names in (inputs, outputs)]  # fmt: skip
+    u, values, forces = (
+        np.stack([column[name] for name in some], 1) if some else np.zeros((len(table), 0))
+        for some in (inputs, names, acting)
+    )
+    if acting and not np.array_equal(forces[1:], u[:-1]):
+        u = (forces + np.vstack((forces[1:], forces[-1:]))) / 2
     with errors_in(str(path)):
         times = column["t"] if timed else np.arange(float(len(table)))
         way = None
         if any(name in column for name in ways):
             once(path, header, ways)
             way = np.stack([column[name] for name in ways], 1)
-        data = Measurements(times, stacked[0], outputs, stacked[1], way)
+        data = Measurements(times, u, names, values, way)
         check_data(model, data)
     step = float(np.median(np.diff(data.t)))
     if step >= SLOW and "t (s)" not in titles and not static:

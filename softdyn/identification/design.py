@@ -36,6 +36,7 @@ from softdyn.identification.parameters import Parameter, distinct, parameters
 from softdyn.identification.unknowns.kinds import INPUT_LOSS, Kind
 
 KEPT = 64  # models
+KEYS = {"cable_friction": "friction", "sensor_bias": "bias", "sensor_latency": "latency"}
 MARKERS = ("point", "pose")  # tables of the markers' file
 COUNTS = ("segments", "discs", "disc", "count")  # whole numbers, not to be identified
 SUFFIX = {
@@ -145,7 +146,7 @@ class DesignFile:
             if word == INPUT_LOSS.name:
                 found += parameters(self.model, word, shared=common)
                 continue
-            parts = ["friction" if part == "cable_friction" else part for part in word.split(".")]
+            parts = [KEYS.get(part, part) for part in word.split(".")]
             own = np.array([one.chosen_by(parts) for one in self.entries.values()])
             if not own.any():
                 known = {one.kind for one in self.entries.values()}

@@ -126,17 +126,18 @@ def least_deviations(
 
 
 def autocorrelation(residuals: np.ndarray) -> np.ndarray:
-    """ρ at lags 1 … LAGS (LAGS, outputs), over pairs without NaN."""
+    """ρ at lags 1 … LAGS (LAGS, outputs) in each output's own samples, those without NaN.
+
+    A camera is slower than the rows, so a lag in rows would be no lag of its own.
+    """
     lags = min(LAGS, len(residuals) - 2)
     found = np.zeros((lags, residuals.shape[1]))
-    count = np.maximum(np.isfinite(residuals).sum(0), 1)  # avoids 0/0 if a joint is held throughout
-    power = np.nansum(residuals**2, axis=0) / count
-    for lag in range(1, lags + 1):
-        product = residuals[lag:] * residuals[:-lag]
-        pairs = np.isfinite(product).sum(0)
-        total = np.nansum(product, axis=0) / np.maximum(pairs, 1)
-        found[lag - 1] = total / np.where(power > 0, power, np.inf)
-    return np.nan_to_num(found)
+    for j, column in enumerate(residuals.T):
+        own = column[np.isfinite(column)]
+        power = float(own @ own) / max(len(own), 1)
+        for lag in range(1, min(lags, len(own) - 2) + 1 if power > 0 else 0):
+            found[lag - 1, j] = np.mean(own[lag:] * own[:-lag]) / power
+    return found
 
 
 def widening(correlation: np.ndarray, samples: np.ndarray) -> np.ndarray:

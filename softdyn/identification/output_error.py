@@ -39,6 +39,7 @@ from softdyn.identification.problem import (
 )  # fmt: skip
 from softdyn.identification.result import Estimate, Identified, distance, rms
 from softdyn.identification.trajectory import TrajectoryError
+from softdyn.identification.unknowns.sensor_errors import without_repeats
 from softdyn.statics.equilibrium import StaticsError
 
 CUTS = 4  # largest number of times that data without joint angles are cut at a simulated stop
@@ -100,6 +101,9 @@ def identify(
     distinct(unknowns)
     check_data(model, instance("data", data, Measurements, "Measurements"))
     instance("taken", taken, Acquisition, "an Acquisition")
+    if not taken.static:
+        fresh = without_repeats(model.robot, data.names, data.t, data.outputs)
+        data = replace(data, outputs=fresh)
     keep, left_out = parts_of(data, hold_out, taken.static)
     if len(data.t) < FEWEST and not taken.static:
         raise InputError("data", f"at least {FEWEST} samples", len(data.t))

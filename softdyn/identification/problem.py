@@ -14,7 +14,6 @@ from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.identification.blocks import ResidualBlock
 from softdyn.identification.data import (
-    AXES,
     SHORTEST,
     Measurements,
     at_stops,
@@ -23,12 +22,19 @@ from softdyn.identification.data import (
 )
 from softdyn.identification.linear import smoothed
 from softdyn.identification.markers.camera import MarkerView
+from softdyn.identification.outputs import measured_outputs, of_sensors
 from softdyn.identification.parameters import Parameter, neighbours_of, with_values
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.trajectory import Driven, Start, follow
-from softdyn.identification.unknowns.kinds import INPUT_LOSS, SEEN, Around
+from softdyn.identification.unknowns.kinds import (
+    INPUT_LOSS,
+    SEEN,
+    SENSOR_BIAS,
+    SENSOR_LATENCY,
+    Around,
+)
+from softdyn.identification.unknowns.sensor_errors import READ, biases, read_late
 
-MARKS = ("point.", "pose.")
 CLEAR = 10  # a held joint follows its measurement if its motion over its noise is larger
 
 
@@ -135,17 +141,35 @@ class FitProblem:
         else:
             unknowns, driven = self.unknowns if start.by_q.size else (), self._driven(run)
             path, by = follow(model, unknowns, t, u, start, driven, self.step, around, self.finer)
-        names = self.data.names
-        out, slope = measured_outputs(model, names, path, by)
+        out, slope = self._read(model, run, path, by)
         for k, beside, width in around.neighbours:  # their markers may be elsewhere, too
-            there = measured_outputs(beside, names, path, by[:, :, :0])[0]
+            there = self._read(beside, run, path, by[:, :, :0])[0]
             slope[:, :, k] += (there - out) / width
         for k, (unknown, value) in enumerate(zip(self.unknowns, theta, strict=True)):
-            shift = unknown.shift(model, names)
-            out += value * shift
+            shift = unknown.shift(model, self.data.names)
+            if unknown.kind is not SENSOR_BIAS:  # the model has these
+                out += value * shift
             if slope.shape[2]:
                 slope[:, :, k] += shift
         self._see(theta, out, slope, self.data.outputs[slice(*run)])
+        return out, slope
+
+    def _read(
+        self, model: SoftModel, run: tuple[int, int], path: np.ndarray, by: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs of a path with the errors of the model's sensors, and their derivatives."""
+        names, robot = self.data.names, model.robot
+        out, slope = measured_outputs(model, names, path, by)
+        if not any(name.startswith(READ) for name in names):
+            return out, slope
+        if not self.taken.static:
+            t, known = self.data.t[slice(*run)], np.isfinite(self.data.outputs[slice(*run)])
+            late = read_late(robot, names, t, known, self.smooth is None, out, slope)
+            for k, one in enumerate(self.unknowns if slope.shape[2] else ()):
+                if one.kind is SENSOR_LATENCY:
+                    slope[:, :, k] += late * of_sensors(robot, names, one.weights)
+        bias = biases(robot)
+        out += [bias.get(name.removeprefix(READ), 0.0) for name in names]
         return out, slope
 
     def _see(self, theta: np.ndarray, out: np.ndarray, slope: np.ndarray, data: np.ndarray) -> None:
@@ -296,46 +320,6 @@ class Fit:
     noise: np.ndarray
     simulated: list[Simulated]
     unidentifiable: tuple[str, ...]
-
-
-def measured_outputs(
-    model: SoftModel, names: Sequence[str], path: np.ndarray, by: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, outputs) of a path (N, n), and their derivatives from the path's.
-
-    Those of a rotation vector are by a turn in the marker's own axes.
-    """
-    instances("names", names, str, "an output's name")
-    for name, value, axes in (("path", path, 2), ("by", by, 3)):
-        shape = instance(name, value, np.ndarray, "an array").shape
-        if len(shape) != axes or shape[:2] != (len(path), check_model(model).nv):
-            raise InputError(name, f"{axes} axes, the first (N, {model.nv})", f"shape {shape}")
-    out, slope = np.empty((len(path), len(names))), np.empty((len(path), len(names), by.shape[2]))
-    joints = {f"q.{name}": k for k, name in enumerate(model.joint_names)}
-    of_joints = [(k, joints[name]) for k, name in enumerate(names) if name in joints]
-    of_tip = [(k, AXES.index(name[-1])) for k, name in enumerate(names) if name.startswith("tip.")]
-    lengths = {f"length.{name}": k for k, name in enumerate(model.tendons.names)}
-    of_cables = [(k, lengths[name]) for k, name in enumerate(names) if name in lengths]
-    for k, j in of_joints:
-        out[:, k], slope[:, k] = path[:, j], by[:, j]
-    of_marks = [(k, name) for k, name in enumerate(names) if name.startswith(MARKS)]
-    if of_tip or of_cables or of_marks:
-        still, none = np.zeros(model.nv), np.zeros(model.nu)
-        rows: list[tuple[int, int]] = []
-        for i, point in enumerate(path):
-            state = model.state(model.configuration(point), still)
-            for k, axis in of_tip:
-                out[i, k], slope[i, k] = state.y[axis], state.J[axis] @ by[i]
-            for k, t in of_cables:
-                out[i, k], slope[i, k] = state.lengths[t], state.moment_arms[t] @ by[i]
-            if of_marks:
-                found = model.measure(state, none)
-                known = found.components.names
-                rows = rows or [(k, known.index(name.partition(".")[2])) for k, name in of_marks]
-                for k, row in rows:
-                    out[i, k] = found.values[row]
-                    slope[i, k] = found.jacobian[row, : model.nv] @ by[i]
-    return out, slope
 
 
 def problem_of(

@@ -15,6 +15,7 @@ from softdyn.identification.data import Measurements
 from softdyn.identification.markers.camera import MarkerView
 from softdyn.identification.parameters import Parameter, member_values
 from softdyn.identification.problem import Fit
+from softdyn.identification.unknowns.kinds import SENSOR_ERRORS
 
 COARSE = 0.3  # of a standard deviation; more, and the simulation's step is too coarse
 NOT_WHITE = (
@@ -121,8 +122,10 @@ class Identified:
     def values(self) -> dict[str, dict[str, float]]:
         """Identified values of the robot, by kind and member, as `rewritten` takes them."""
         known = [
-            one for one in self.estimates if one.identified and not one.parameter.kind.measures
-        ]
+            one for one in self.estimates
+            if one.identified
+            and (not one.parameter.kind.measures or one.parameter.kind in SENSOR_ERRORS)
+        ]  # fmt: skip
         theta = np.array([one.value for one in known])
         return member_values(self.model, [one.parameter for one in known], theta)
 

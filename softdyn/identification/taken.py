@@ -13,7 +13,8 @@ from softdyn.identification.data import Measurements, check_data
 from softdyn.identification.markers.camera import FEWEST_POINTS, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.labels import followed, match, ordered
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
-from softdyn.identification.problem import Acquisition, measured_outputs
+from softdyn.identification.outputs import measured_outputs
+from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.result import Identified
 from softdyn.identification.unknowns.kinds import Around

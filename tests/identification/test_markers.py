@@ -13,7 +13,7 @@ from softdyn.identification.markers import labels
 from softdyn.identification.markers.camera import CAMERA, MarkerView, kabsch, seen_at
 from softdyn.identification.markers.mistakes import check_frame, check_size, exchanged
 from softdyn.identification.markers.points import Marker, marked, read_points
-from softdyn.identification.problem import measured_outputs
+from softdyn.identification.outputs import measured_outputs
 
 POINTS = """
 [[point]]

@@ -18,7 +18,8 @@ from softdyn.identification.model_errors.discrepancy import (
     predicted,
     shapes_of,
 )
-from softdyn.identification.problem import Acquisition, measured_outputs
+from softdyn.identification.outputs import measured_outputs
+from softdyn.identification.problem import Acquisition
 from softdyn.identification.rests import Inputs, rests
 from softdyn.identification.unknowns.kinds import Around
 from tests.identification.test_static import ARM, POINTS, written

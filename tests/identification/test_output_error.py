@@ -17,8 +17,9 @@ from softdyn.identification import Measurements, blocks, output_error, problem
 from softdyn.identification.data import stretches
 from softdyn.identification.linear import first_guess
 from softdyn.identification.output_error import _joined, _solve
+from softdyn.identification.outputs import measured_outputs
 from softdyn.identification.parameters import Parameter, columns_of, with_values
-from softdyn.identification.problem import measured_outputs, problem_of
+from softdyn.identification.problem import problem_of
 from softdyn.identification.result import COARSE
 from softdyn.identification.unknowns.kinds import Around, MotionSample
 from softdyn.validation.identification.trials import Excitation, deviations, trial, twin_data
@@ -73,7 +74,8 @@ def test_each_kind_s_column_is_a_difference_of_two_robots(kind, tmp_path):
     text = (softdyn.load("finger").robot.path).read_text()
     text = text.replace('<tendon name="', '<tendon stiffness="2" damping="0.1" name="')
     text = text.replace("<dynamics ", '<dynamics friction="1e-3" ')
-    text = text.replace("</softdyn>", '<joint name="joint1" armature="1e-3"/></softdyn>')
+    rest = '<joint name="joint1" armature="1e-3"/><sensor name="s" type="joint" joint="joint1"/>'
+    text = text.replace("</softdyn>", f"{rest}</softdyn>")
     path = tmp_path / "finger.urdf"
     path.write_text(text)
     model = softdyn.load(path)

@@ -19,9 +19,9 @@ def test_autocorrelation_and_what_follows_from_it():
     assert rho.shape == (LAGS, 2)
     for lag in (1, 2, 7, LAGS):
         for j in (0, 1):
-            x = series[:, j]
-            pairs = [a * b for a, b in zip(x[lag:], x[:-lag], strict=True) if np.isfinite(a * b)]
-            assert rho[lag - 1, j] == pytest.approx(np.mean(pairs) / np.nanmean(x**2))
+            x = series[np.isfinite(series[:, j]), j]
+            pairs = [a * b for a, b in zip(x[lag:], x[:-lag], strict=True)]
+            assert rho[lag - 1, j] == pytest.approx(np.mean(pairs) / np.mean(x**2))
     samples = np.array([290, 300])
     statistic, freedoms = ljung_box(rho, samples)
     expected = sum(
@@ -37,3 +37,11 @@ def test_autocorrelation_and_what_follows_from_it():
     ]  # fmt: skip
     np.testing.assert_allclose(widening(rho, samples), np.maximum(wide, 1))
     assert widening(rho, samples)[1] > 2
+
+
+def test_a_slow_sensor_has_lags_in_its_own_samples():
+    own = np.random.default_rng(5).normal(size=(200, 1))
+    rows = np.full((1000, 1), np.nan)
+    rows[::5] = own
+    np.testing.assert_array_equal(autocorrelation(rows), autocorrelation(own))
+    assert not autocorrelation(np.full((30, 1), np.nan)).any()

@@ -21,6 +21,7 @@ from softdyn.description.robot import Robot, Tendon
 
 LARGEST_FORCE = 1e15  # stands for no bound
 UNBOUNDED = 1e10  # m, N: a larger bound counts as none
+EARLY = 1e-9  # of a sensor's interval; sums of plant steps may be rounded down
 SPARE = 2  # entries of a history beyond those that its delay spans
 
 _SENSOR, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
@@ -159,7 +160,7 @@ def add_sensor(spec: mujoco.MjSpec, robot: Robot, sensor: Sensor, timestep: floa
         part.objtype, part.objname = objtype, name
         if sensor.latency > 0 or sensor.rate > 0:
             part.delay = max(steps - 0.5, 0.0) * timestep
-            part.interval = (1.0 / sensor.rate if sensor.rate > 0 else 0.0, 0.0)
+            part.interval = ((1.0 - EARLY) / sensor.rate if sensor.rate > 0 else 0.0, 0.0)
             part.nsample = steps + SPARE
 
 

@@ -94,7 +94,8 @@ class Readings:
             for field in ("noise", "bias", "resolution")
         )  # fmt: skip
         self._sampled = np.repeat(np.array([s.rate > 0 for s in self.sensors], bool), sizes)
-        begins = np.cumsum([0, *sizes])[:-1]
+        self._begins = begins = np.cumsum([0, *sizes])[:-1]
+        self._sizes = sizes
         kinds = [sensor.kind for sensor in self.sensors]
         self._turns = [
             int(k) + 3 for k, kind in zip(begins, kinds, strict=True) if kind is SensorKind.POSE
@@ -104,7 +105,7 @@ class Readings:
     def __call__(self) -> tuple[np.ndarray, np.ndarray]:
         """The readings (k,) at the present instant, and the values (k,) without errors."""
         true = self.ideal()
-        fresh = ~self._sampled | (true != self._true)
+        fresh = ~self._sampled | self._changed(true != self._true)
         errors = self._random.normal(size=len(true)) * self._noise + self._bias
         measured = true + errors
         for k in self._turns:
@@ -114,6 +115,12 @@ class Readings:
         self._before = np.where(fresh, measured, self._before)
         self._true = true
         return self._before.copy(), true
+
+    def _changed(self, components: np.ndarray) -> np.ndarray:
+        """Whether (k,) some component of the same sensor changed."""
+        if not self.sensors:
+            return components
+        return np.repeat(np.logical_or.reduceat(components, self._begins), self._sizes)
 
     def ideal(self) -> np.ndarray:
         """The readings (k,) without noise, bias and rounding, after `mj_forward`."""

@@ -221,7 +221,23 @@ class Twin:
             if model.actuator_actadr[k] >= 0:
                 integrates = model.actuator_dyntype[k] == mujoco.mjtDyn.mjDYN_INTEGRATOR
                 data.act[model.actuator_actadr[k]] = (lengths if integrates else commands)[k]
+        self._hold_readings()
         self.refresh()
+
+    def _hold_readings(self) -> None:
+        """Late sensors have read the present state for long; MuJoCo's would have read zeros."""
+        model, data = self.model, self.data
+        delays = model.sensor_delay.copy()
+        model.sensor_delay[:] = 0
+        self.refresh()
+        now = data.sensordata.copy()
+        model.sensor_delay[:] = delays
+        for k, (samples, _) in enumerate(model.sensor_history):
+            if samples:
+                values = now[model.sensor_adr[k] :][: model.sensor_dim[k]]
+                phase = data.history[model.sensor_historyadr[k]]
+                held = np.tile(values, (samples, 1))
+                mujoco.mj_initSensorHistory(model, data, k, None, held, phase)
 
     def refresh(self) -> None:
         """Compute the derived quantities of the present state; the next step is not changed."""

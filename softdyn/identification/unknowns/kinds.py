@@ -15,6 +15,7 @@ from softdyn.dynamics.model import SoftModel, State, taut_gains
 from softdyn.dynamics.tree import tree_of
 from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.unknowns.friction import friction_of
+from softdyn.identification.unknowns.sensor_errors import READ, biases, sensors_of, with_biases
 
 SHIFT = 1e-4  # of a coefficient of friction, for central differences
 DIFFERENCE = 1e-4  # relative shift of an unknown, where derivatives are differences
@@ -132,6 +133,10 @@ def _inputs(model: SoftModel) -> Sequence[str]:
     return [actuator.name for actuator in model.robot.actuators]
 
 
+def _sensors(model: SoftModel) -> Sequence[str]:
+    return [sensor.name for sensor, _ in sensors_of(model.robot)]
+
+
 def _coordinates(sample: MotionSample) -> np.ndarray:
     return sample.state.model.coordinates(sample.state.q)
 
@@ -221,6 +226,21 @@ INPUT_LOSS = Kind(
     _loss_columns, lambda robot, values: robot, measures="input.", about_zero=True,
 )  # fmt: skip
 """The part of an input that friction at its driven end takes, against the last motion."""
+SENSOR_BIAS = Kind(
+    "sensor_bias", "m, rad", lambda model: list(biases(model.robot)),
+    lambda model: np.array(list(biases(model.robot).values())),
+    lambda sample: np.zeros((len(sample.a), len(biases(sample.state.model.robot)))),
+    with_biases, -np.inf, READ, about_zero=True,
+)  # fmt: skip
+"""The constant error of each reading."""
+SENSOR_LATENCY = Kind(
+    "sensor_latency", "s", _sensors,
+    lambda model: np.array([sensor.latency for sensor, _ in sensors_of(model.robot)]),
+    lambda sample: np.zeros((len(sample.a), len(_sensors(sample.state.model)))),
+    _in("sensors", "latency"), 0.0, "late.", about_zero=True,
+)  # fmt: skip
+"""The age of each sensor's readings when they arrive."""
+SENSOR_ERRORS = SENSOR_BIAS, SENSOR_LATENCY
 
 KINDS = {
     kind.name: kind
@@ -251,6 +271,8 @@ KINDS = {
              -np.inf, "length.", about_zero=True),
         CABLE_FRICTION,
         INPUT_LOSS,
+        SENSOR_BIAS,
+        SENSOR_LATENCY,
     )
 }  # fmt: skip
 SEEN = Kind(

@@ -9,10 +9,11 @@ import pytest
 import softdyn
 from softdyn.actuation import Winches
 from softdyn.description.rig import CommandKind, SensorKind
-from softdyn.validation import Twin
+from softdyn.validation import Rig, Twin, rollout
 from softdyn.validation.twin.readings import Readings
 from softdyn.validation.twin.state_map import StateMap
 from tests.proof.crosschecks.random_robots import write_robot
+from tests.support import cart
 from tests.support.micro import FLOATING, write
 from tests.support.rigged import measured, wound
 
@@ -50,3 +51,21 @@ def test_the_model_and_the_twin_read_the_same(source, tmp_path) -> None:
             if sensor.kind is SensorKind.ACCELEROMETER:
                 scale = max(scale, qdd)
             assert errors[rows].max() <= 1e-10 * scale, sensor
+
+
+def test_a_late_camera_begins_with_the_start_and_reads_at_its_rate(tmp_path) -> None:
+    """In a plane, one coordinate is constant; its noise is new in each reading all the same."""
+    text = cart.CART.format(stiffness=8, damping=0.3, lower=-1, upper=1)
+    camera = """<sensor name="camera" type="position" link="tip" noise="1e-3" rate="50"
+        latency="0.03"/></softdyn>"""
+    model = cart.load(tmp_path, text.replace("</softdyn>", camera))
+    rig = Rig(seed=1)
+    log = rollout(model, np.ones(1), 2.0, period=0.002, timestep=5e-4, q0=np.array([0.3]), rig=rig)
+    seen = log.measured
+    assert seen[0] == pytest.approx([0.7, 0, 0], abs=5e-3)
+    rows = np.flatnonzero((np.diff(seen, axis=0) != 0).all(1)) + 1
+    np.testing.assert_allclose(
+        log.t[rows][1:], 0.03 + 0.02 * np.arange(2, len(rows) + 1), atol=1e-9
+    )
+    true = np.interp(log.t[rows] - 0.03, log.t, log.y[:, 0])
+    assert np.abs(seen[rows, 0] - true)[1:].max() < 5e-3
