@@ -15,6 +15,7 @@ exit codes: 0 all are compiled; 2 bad input.
 
 # one robot per kind of tendon, because their kernels differ
 ROBOTS = ("finger", "spirob")
+OBSERVER = "observer"
 
 
 parser = cli.Parser(__doc__, EPILOG)
@@ -22,7 +23,7 @@ parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one pe
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Make every controller for every kind of robot, which compiles its kernels."""
+    """Make every controller and an observer of every kind of robot, which compiles its kernels."""
     from softdyn.compiled import COMPILES
     from softdyn.controllers.registry import BEYOND, CONTROLLERS
     from softdyn.validation.processes import in_order
@@ -31,17 +32,27 @@ def command(arguments: cli.Arguments) -> int:
         cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
         return cli.PASSED
     # first the kernels that most share, so that other processes find them
-    names = sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__)
+    names = [*sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__), OBSERVER]
     in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
     cli.say("all kernels are compiled")
     return cli.PASSED
 
 
 def _warm(robot: str, name: str) -> None:
-    import softdyn
-    from softdyn.controllers.registry import make_controller
+    import numpy as np
 
-    make_controller(name, softdyn.load(robot))
+    import softdyn
+    from softdyn.commands.observe import sensors_of
+    from softdyn.controllers.registry import make_controller
+    from softdyn.estimation import Ekf
+
+    model = softdyn.load(robot)
+    if name != OBSERVER:
+        make_controller(name, model)
+        return
+    observer = Ekf(model, sensors_of(model, "lengths=0.001,tip=0.001@100+0.015"))
+    for k in range(5):  # a late reading arrives, and the wrong ones move joints to their stops
+        observer.step(0.01 * k, np.full(observer.components, 0.1), np.zeros(model.nu))
 
 
 main = cli.program(parser, command, __name__)

@@ -9,7 +9,8 @@
 - `estimate`: what it returns, and what an observer of a closed loop is;
 - `balance`, `implicit_step`: the prediction and its exact Jacobians;
 - `covariance`: prediction and updates of the covariance;
-- `arrivals`, `second_order`: rates and latencies of sensors, and readings of a poorly known state;
+- `readings`, `arrivals`, `second_order`: predicted readings, rates and latencies of sensors, and
+  readings of a poorly known state;
 - `drives`: delay, rate and lag of motors;
 - `observability`: how well and how fast sensors show the state at an equilibrium;
 - `recorded`: the filter over recorded data, with residuals by sensor;

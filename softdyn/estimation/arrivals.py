@@ -16,7 +16,8 @@ import numpy as np
 
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
-from softdyn.sensing import Measurement, Sensors
+from softdyn.estimation.readings import Reader
+from softdyn.sensing import Measurement
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
@@ -28,8 +29,8 @@ class SensorChannel:
 
     Attributes
     ----------
-    sensors : Sensors
-        They evaluate the readings and their Jacobians.
+    read : Reader
+        It evaluates the readings and their Jacobians.
     rows : ndarray of int, (k,)
         Their numbers among all readings.
     bias, variance : ndarray, (k,)
@@ -38,17 +39,20 @@ class SensorChannel:
         Readings per second (0: one in each step), and age (s).
     linear : bool
         Whether no reading bends with q: joints, and tendons with constant moment arms.
+    straight : bool
+        Whether no reading is a rotation or an angle.
     last : int
         The number of the last sample that has arrived.
     """
 
-    sensors: Sensors
+    read: Reader
     rows: np.ndarray
     bias: np.ndarray
     variance: np.ndarray
     rate: float
     latency: float
     linear: bool
+    straight: bool
     last: int = -1
 
     def own_time(self, t: float) -> float:
@@ -62,6 +66,14 @@ class SensorChannel:
         number = self._number(t)
         new, self.last = number > self.last, max(number, self.last)
         return new
+
+    def errors(self, predicted: Measurement, given: np.ndarray) -> np.ndarray:
+        """Readings (k,) minus their prediction; NaN where a reading is NaN."""
+        if self.straight:
+            return given - predicted.values
+        good = np.isfinite(given)
+        error = predicted.errors_of(np.where(good, given, predicted.values))
+        return np.where(good, error, np.nan)
 
     def waits(self, begin: float, end: float) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long."""
@@ -103,8 +115,9 @@ class LateReading:
     predicted : Measurement
         The prediction at that time.
     change : ndarray, (k,)
-        The corrections of its errors since.
-    shift, variance : ndarray, (k,)
+        The known error, the shift of `softdyn.estimation.second_order`, and the corrections of its
+        errors since: to be subtracted from the error.
+    variance : ndarray, (k,)
         See `softdyn.estimation.second_order`.
     """
 
@@ -112,7 +125,6 @@ class LateReading:
     time: float
     predicted: Measurement
     change: np.ndarray
-    shift: np.ndarray
     variance: np.ndarray
 
 
@@ -131,13 +143,14 @@ def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[Senso
             ]) for field in ("bias", "noise", "resolution")
         )  # fmt: skip
         variance = np.maximum(noise**2 + resolution**2 / 12, LEAST**2)
-        reader = Sensors(model, tuple(sensors[k] for k in members))
-        straight = {tendon.name for tendon in model.robot.tendons if not tendon.sites}
+        reader = Reader(model, tuple(sensors[k] for k in members))
+        fixed = {tendon.name for tendon in model.robot.tendons if not tendon.sites}
         linear = all(
             sensors[k].kind is SensorKind.JOINT
-            or (sensors[k].kind is SensorKind.LENGTH and sensors[k].tendon in straight)
+            or (sensors[k].kind is SensorKind.LENGTH and sensors[k].tendon in fixed)
             for k in members
         )
-        rows = np.concatenate(numbers)
-        found.append(SensorChannel(reader, rows, bias, variance, rate, latency, linear))
+        rows, parts = np.concatenate(numbers), reader.components
+        straight = not (parts.rotations or parts.angles)
+        found.append(SensorChannel(reader, rows, bias, variance, rate, latency, linear, straight))
     return found

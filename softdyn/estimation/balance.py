@@ -98,7 +98,6 @@ class ForceBalance:
         sizes = [one.size(tree) for one in disturbances]
         first = dict(zip(disturbances, np.cumsum([0, *sizes]), strict=False))
         self._places = np.array([first.get(one, -1) for one in Disturbance])
-        self._by_d = np.zeros((n, sum(sizes)))
         actuators = tree.robot.actuators
         winches = [(a.is_winch, a.stiffness, a.damping) for a in actuators]
         tendons = tree.tendons
@@ -116,8 +115,9 @@ class ForceBalance:
             )),
             tree.actuated, *tendons.segments,
         )  # fmt: skip
-        self._residual, self._inputs = np.empty(n), np.empty(tree.nu)
-        self._by_q, self._by_v = np.empty((n, n)), np.empty((n, n))
+        self._results = (
+            np.empty(n), *np.empty((3, n, n)), np.zeros((n, sum(sizes))), np.empty(tree.nu)
+        )  # fmt: skip
         self._views: tuple[Any, ...] = ()
 
     def __call__(
@@ -134,27 +134,32 @@ class ForceBalance:
         d : ndarray, (nd,)
             Disturbances.
         """
-        model, data, S = self._model, self._data, self._S
-        if isinstance(model, Projection) and S is not None:
-            q, v, a, d = model.expand(q), S @ v, S @ a, self._expanded(d)
-        pin.computeRNEADerivatives(self._engine, data, q, v, a)
-        n = len(v)
-        if not self._in_view:
-            self._memory.copy_from(data)
-        if not self._views or not self._in_view:
-            self._views = (
-                data.tau, np.reshape(data.dtau_dq, (n, n)), np.reshape(data.dtau_dv, (n, n)),
-            )  # fmt: skip
-        held = self._memory
-        arguments: tuple[Any, ...] = (
-            self._residual, self._by_q, self._by_v, self._by_d, self._inputs, *self._views,
-            held.S, held.rotations, held.translations, v, self._tree.chart.of(q), commands, d,
-            self._places, *self._constants,
-        )  # fmt: skip
-        _balance(*arguments)
-        M = np.reshape(data.M, (n, n)).T
-        found = BalanceTerms(self._residual, self._by_q, self._by_v, M, self._by_d, self._inputs)
+        S = self._S
+        if isinstance(self._model, Projection) and S is not None:
+            q, v, a, d = self._model.expand(q), S @ v, S @ a, self._expanded(d)
+        arguments = self.arguments(q, v, a, commands, d)
+        balance_terms(*arguments)
+        found = BalanceTerms(*arguments[:6])
         return found if S is None else self._projected(found, S)
+
+    def arguments(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
+    ) -> tuple[Any, ...]:
+        """Arguments of `balance_terms` at a point of the tree; the first six are the results."""
+        data, held = self._data, self._memory
+        pin.computeRNEADerivatives(self._engine, data, q, v, a)
+        if not self._in_view:
+            held.copy_from(data)
+        if not self._views or not self._in_view:
+            by_q, by_v, M = (
+                np.reshape(block, (len(v), len(v)))
+                for block in (data.dtau_dq, data.dtau_dv, data.M.T)
+            )
+            self._views = (
+                *self._results, data.tau, by_q, by_v, M, held.S, held.rotations, held.translations
+            )  # fmt: skip
+        coordinates = self._tree.chart.of(q)
+        return (*self._views, v, coordinates, commands, d, self._places, *self._constants)
 
     def _expanded(self, d: np.ndarray) -> np.ndarray:
         """The disturbances (nd,) with one offset for each joint of the tree."""
@@ -176,18 +181,19 @@ class ForceBalance:
 
 
 @compiled
-def _balance(
-    residual, by_q, by_v, by_d, inputs, tau, tau_q, tau_v, S, rotations, translations, v,
+def balance_terms(
+    residual, by_q, by_v, by_a, by_d, inputs, tau, tau_q, tau_v, M, S, rotations, translations, v,
     coordinates, commands, d, places, tip, tip_offset, moves_tip, gravity, joints, tendons,
     coefficients, actuators, actuated, bodies, offsets, pairs, signs,
 ):  # fmt: skip
-    """Fill in the residual, its Jacobians by q, v and d, and the acting inputs."""
+    """Fill in the residual, its Jacobians by q, v, a and d, and the acting inputs."""
     n = len(v)
     for i in range(n):
         residual[i] = tau[i]
         for j in range(n):
             by_q[i, j] = tau_q[i, j]
             by_v[i, j] = tau_v[i, j]
+            by_a[i, j] = M[i, j]
     _joints(residual, by_q, by_v, by_d, v, coordinates, d, places, joints)
     if len(tendons) > 0:
         _tendons(

@@ -79,8 +79,8 @@ def update(P, rows, errors, variances, change):
     ----------
     P : ndarray, (s, s)
         Overwritten.
-    rows : ndarray, (k, s)
-        Jacobians h of the readings.
+    rows : ndarray, (k, w)
+        Jacobians h of the readings by the first w errors; those by the others are zero.
     errors, variances : ndarray, (k,)
         Reading minus prediction, and the variance R of its noise. Readings whose error is not
         finite are left out. The errors are overwritten by those that are left after the readings
@@ -94,11 +94,12 @@ def update(P, rows, errors, variances, change):
         Σ e² / (h P hᵀ + R), and the number of readings used.
     """
     size, nis, used = len(P), 0.0, 0
-    gain, rest = np.empty(size), np.empty(size)
+    row, gain, rest = np.zeros(size), np.empty(size), np.empty(size)
     for k in range(len(rows)):
-        row, error = rows[k], errors[k]
+        error = errors[k]
         if not np.isfinite(error):
             continue
+        row[: len(rows[k])] = rows[k]
         spread = np.dot(P, row)
         error -= np.dot(row, change)
         variance = variances[k] + np.dot(row, spread)
@@ -113,7 +114,56 @@ def update(P, rows, errors, variances, change):
             a, b, line = gain[i], rest[i], P[i]
             for j in range(size):
                 line[j] -= a * spread[j] + b * gain[j]
-    for i in range(size):
+    return nis, used
+
+
+@compiled
+def symmetrised(P):
+    """Make P symmetric up to the last digit; its trace."""
+    trace = 0.0
+    for i in range(len(P)):
         for j in range(i):
             P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
-    return nis, used
+        trace += P[i, i]
+    return trace
+
+
+@compiled
+def append(P, jacobian):
+    """The covariance (s + k, s + k) with the errors of readings whose Jacobian (k, 2n) this is."""
+    size, (count, width) = len(P), jacobian.shape
+    cross = np.dot(jacobian, P[:width])
+    own = np.dot(cross[:, :width].copy(), jacobian.T)
+    grown = np.empty((size + count, size + count))
+    for i in range(size):
+        for j in range(size):
+            grown[i, j] = P[i, j]
+    for k in range(count):
+        for j in range(size):
+            grown[size + k, j] = grown[j, size + k] = cross[k, j]
+        for j in range(count):
+            grown[size + k, size + j] = own[k, j]
+    return grown
+
+
+@compiled
+def kept_rows(P, keep):
+    """The covariance of the errors to keep (s,)."""
+    chosen = np.flatnonzero(keep)
+    left = np.empty((len(chosen), len(chosen)))
+    for i in range(len(chosen)):
+        for j in range(len(chosen)):
+            left[i, j] = P[chosen[i], chosen[j]]
+    return left
+
+
+@compiled
+def usable(readings, largest):
+    """The number of readings (k,) that are at most so large; the others become NaN."""
+    count = 0
+    for k in range(len(readings)):
+        if abs(readings[k]) <= largest:
+            count += 1
+        else:
+            readings[k] = np.nan
+    return count

@@ -10,10 +10,10 @@ import numpy as np
 
 from softdyn.checks import array, instances, vector
 from softdyn.description.rig import Sensor
-from softdyn.dynamics.model import SoftModel, State, check_model
+from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import SAME, LateReading, SensorChannel, sensor_channels
 from softdyn.estimation.balance import Disturbance
-from softdyn.estimation.covariance import predict, update
+from softdyn.estimation.covariance import append, kept_rows, predict, symmetrised, update, usable
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
@@ -95,6 +95,7 @@ class Ekf:
         self._channels = sensor_channels(model, tuple(chosen))
         self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start
+        self._plain = model.nq == model.nv
         self._start = array("start[0]", q, (model.nq,)), array("start[1]", v, (model.nv,))
         sizes = [one.size(model) for one in self.disturbances]
         ends = np.cumsum([0, *sizes])
@@ -212,7 +213,7 @@ class Ekf:
 
     def _estimate(self) -> StateEstimate:
         n = self.model.nv
-        deviations = np.sqrt(np.diag(self._P)[2 * n : 2 * n + len(self._d)])
+        deviations = np.sqrt(self._P.diagonal()[2 * n : 2 * n + len(self._d)])
         return StateEstimate(
             self._q.copy(), self._v.copy(), self._P[: 2 * n, : 2 * n].copy(),
             {name: self._d[part].copy() for name, part in self._slices.items()},
@@ -264,76 +265,66 @@ class Ekf:
 
     def _append(self, channel: SensorChannel, own: float) -> None:
         """Append the predicted readings at their own time to the errors."""
-        n, size = self.model.nv, len(self._P)
-        late = self._expect(channel, own, self.model.state(self._q, self._v))
-        found = late.predicted
-        cross = found.jacobian @ self._P[: 2 * n]
-        P = np.empty((size + len(found), size + len(found)))
-        P[:size, :size], P[size:, :size], P[:size, size:] = self._P, cross, cross.T
-        P[size:, size:] = cross[:, : 2 * n] @ found.jacobian.T
-        self._P = P
+        late = self._expect(channel, own)
+        self._P = append(self._P, late.predicted.jacobian)
         self._late.append(late)
 
-    def _expect(self, channel: SensorChannel, time: float, state: State) -> LateReading:
+    def _expect(self, channel: SensorChannel, time: float) -> LateReading:
         """The readings that the estimate predicts now."""
         n = self.model.nv
-        predicted = channel.sensors.measure(state, self._inputs)
-        shift, variance = np.zeros(len(predicted)), channel.variance
-        if not channel.linear:
-            shift, variance = second_order(
-                channel.sensors, (self.model, self._q, self._v, self._inputs), predicted,
-                self._P[: 2 * n, : 2 * n], channel.variance,
-            )  # fmt: skip
-        return LateReading(channel, time, predicted, np.zeros(len(shift)), shift, variance)
+        predicted = channel.read(self._q, self._v, self._inputs)
+        if channel.linear:
+            return LateReading(channel, time, predicted, channel.bias.copy(), channel.variance)
+        shift, variance = second_order(
+            channel.read, (self.model, self._q, self._v, self._inputs), predicted,
+            self._P[: 2 * n, : 2 * n], channel.variance,
+        )  # fmt: skip
+        return LateReading(channel, time, predicted, channel.bias + shift, variance)
 
     # -- correction ----------------------------------------------------------------------------
 
     def _correct(self, t: float, readings: np.ndarray) -> bool:
         """Fuse the readings that are there at t; False if the result is not finite."""
-        rows, errors, variances, at = [], [], [], []
+        parts: list[tuple[np.ndarray, ...]] = []
         done: list[LateReading] = []
-        state = None
         for channel in self._channels:
             if not channel.arrives(t):
                 continue
+            own, match = channel.own_time(t), None
+            for one in self._late:
+                if one.channel is channel and one.time < own + MATCH:
+                    done.append(one)
+                    if match is None and abs(one.time - own) <= MATCH:
+                        match = one
             given = readings[channel.rows]
-            good = np.abs(given) <= LARGEST  # NaN is not
-            own = channel.own_time(t)
-            late = [one for one in self._late if one.channel is channel and one.time < own + MATCH]
-            match = next((one for one in late if abs(one.time - own) <= MATCH), None)
-            done += late
-            self._count("skipped", int((~good).sum()))
-            if not good.any():
+            good = usable(given, LARGEST)
+            if good < len(given):
+                self._count("skipped", len(given) - good)
+                if good == 0:
+                    continue
+            if match is not None:
+                rows = self._row_of(match)
+            elif abs(own - t) > MATCH:
+                self._count("unmatched", good)
                 continue
-            if match is None and abs(own - t) > MATCH:
-                self._count("unmatched", int(good.sum()))
-                continue
-            if match is None:
-                state = self.model.state(self._q, self._v) if state is None else state
-                match = self._expect(channel, t, state)
-                h = np.zeros((len(good), len(self._P)))
-                h[:, : 2 * self.model.nv] = match.predicted.jacobian
             else:
-                h = self._row_of(match)
-            values = np.where(good, given, match.predicted.values)
-            error = match.predicted.errors_of(values) - channel.bias - match.shift - match.change
-            rows.append(h)
-            at.append(channel.rows)
-            errors.append(np.where(good, error, np.nan))
-            variances.append(match.variance)
-        if rows:
-            change, left, which = np.zeros(len(self._P)), np.concatenate(errors), np.concatenate(at)
-            self._residuals[0, which] = left
-            self._nis, self._used = update(
-                self._P, np.vstack(rows), left, np.concatenate(variances), change
-            )
-            self._residuals[1, which] = left
+                match = self._expect(channel, t)
+                rows = match.predicted.jacobian
+            error = channel.errors(match.predicted, given) - match.change
+            parts.append((channel.rows, rows, error, match.variance))
+        if parts:
+            change = np.zeros(len(self._P))
+            for at, rows, error, variance in parts:
+                self._residuals[0, at] = error
+                nis, used = update(self._P, rows, error, variance, change)
+                self._residuals[1, at] = error
+                self._nis, self._used = self._nis + nis, self._used + used
             self._count("used", self._used)
             if not math.isfinite(change @ change):
                 return False
             self._move(change)
         self._forget(done)
-        return bool(math.isfinite(np.trace(self._P)))
+        return math.isfinite(symmetrised(self._P))
 
     def _row_of(self, late: LateReading) -> np.ndarray:
         """The Jacobian (k, s) of a late reading by the errors."""
@@ -342,13 +333,15 @@ class Ekf:
             if one is late:
                 break
             first += len(one.change)
-        return np.eye(len(late.change), len(self._P), first)
+        rows = np.eye(len(late.change), len(self._P), first)
+        rows.flags.writeable = False  # as Jacobians are: one signature of the kernel
+        return rows
 
     def _move(self, change: np.ndarray) -> None:
         """Correct the estimate, and move it onto the stops that it is beyond."""
         model, n = self.model, self.model.nv
         change = onto_stops(model, model.coordinates(self._q), change, self._P)
-        self._q = model.integrate(self._q, change[:n])
+        self._q = self._q + change[:n] if self._plain else model.integrate(self._q, change[:n])
         self._v = self._v + change[n : 2 * n]
         first = 2 * n + len(self._d)
         self._d += change[2 * n : first]
@@ -360,8 +353,10 @@ class Ekf:
         """Remove late readings that have arrived, or never will."""
         if not done:
             return
-        keep = [np.ones(2 * self.model.nv + len(self._d), bool)]
-        keep += [np.full(len(one.change), one not in done) for one in self._late]
-        chosen = np.flatnonzero(np.concatenate(keep))
-        self._P = np.ascontiguousarray(self._P[np.ix_(chosen, chosen)])
+        keep = np.ones(len(self._P), np.bool_)
+        first = 2 * self.model.nv + len(self._d)
+        for one in self._late:
+            keep[first : first + len(one.change)] = one not in done
+            first += len(one.change)
+        self._P = kept_rows(self._P, keep)
         self._late = [one for one in self._late if one not in done]

@@ -22,7 +22,8 @@ import numpy as np
 
 from softdyn.compiled import compiled
 from softdyn.dynamics.model import SoftModel
-from softdyn.estimation.balance import Disturbance, ForceBalance
+from softdyn.dynamics.projection import Projection
+from softdyn.estimation.balance import Disturbance, ForceBalance, balance_terms
 
 NEAR = (
     1e-10  # rad, m: a Newton step of this size is the last one; the Jacobians are of the one before
@@ -96,26 +97,29 @@ class ImplicitStep:
         held : ndarray of int, (n,)
             The stops that held in the last step, a first guess.
         """
-        model = self._model
-        plain = model.nq == model.nv
-        speed, held = v.copy(), held.copy()
+        model, balance = self._model, self._balance
+        plain, projected = model.nq == model.nv, isinstance(model, Projection)
+        speed, held, acceleration = v.copy(), held.copy(), np.zeros(model.nv)
+        there = q + step * v if plain else model.integrate(q, step * v)
         for _ in range(MOST):
-            there = q + step * speed if plain else model.integrate(q, step * speed)
-            terms = self._balance(there, speed, (speed - v) / step, commands, d)
             at = there if plain else model.coordinates(there)
+            moved = speed, there, acceleration, q, v, at, self._limits, held, step
+            terms: tuple[np.ndarray, ...]
             try:
-                change = _newton_step(
-                    terms.residual, terms.by_q, terms.by_v, terms.by_a, at, self._limits, held, step
-                )  # fmt: skip
+                if projected:
+                    terms = balance(there, speed, acceleration, commands, d)
+                    size = _newton(*moved, *terms[:4])
+                else:
+                    terms = balance.arguments(there, speed, acceleration, commands, d)
+                    size = _balanced_newton(*moved, *terms)
             except np.linalg.LinAlgError:  # singular, or not finite
                 return None
-            speed += change
-            if step * np.abs(change).max() < NEAR:
-                by_state, by_force = _derivatives(
-                    terms.by_q, terms.by_v, terms.by_a, terms.by_d, held, step
-                )  # fmt: skip
-                end = q + step * speed if plain else model.integrate(q, step * speed)
-                return ImplicitStepResult(end, speed, by_state, by_force, held, terms.inputs)
+            if not plain:
+                there = model.integrate(q, step * speed)
+            if size < NEAR:
+                _, by_q, by_v, by_a, by_d, inputs = terms[:6]
+                by_state, by_force = _derivatives(by_q, by_v, by_a, by_d, held, step)
+                return ImplicitStepResult(there, speed, by_state, by_force, held, inputs)
         return None
 
 
@@ -137,8 +141,7 @@ def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarra
         Covariance of the errors.
     """
     n, change = model.nv, asked
-    there = at + change[:n]
-    if ((there <= model.upper) & (there >= model.lower)).all():
+    if _within(at, change, model.lower, model.upper):
         return change
     held = np.zeros(n, bool)
     for _ in range(n):
@@ -155,6 +158,41 @@ def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarra
         change = asked + P[:, k] @ np.linalg.solve(variances, target)
     change[:n] = np.clip(at + change[:n], model.lower, model.upper) - at  # what rounding left
     return change
+
+
+@compiled
+def _within(at, change, lower, upper):
+    outside = 0
+    for i in range(len(at)):
+        outside += not lower[i] <= at[i] + change[i] <= upper[i]
+    return outside == 0
+
+
+@compiled
+def _balanced_newton(
+    speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a, *rest
+):
+    """Evaluate the balance, and `_newton`."""
+    balance_terms(residual, by_q, by_v, by_a, *rest)
+    return _newton(
+        speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a
+    )
+
+
+@compiled
+def _newton(
+    speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a
+):  # fmt: skip
+    """One Newton step of v⁺ in place, and of q⁺ without continuous joints; its size (rad, m)."""
+    change = _newton_step(residual, by_q, by_v, by_a, at, limits, held, step)
+    size, plain = 0.0, len(q) == len(v)
+    for i in range(len(v)):
+        size = max(size, step * abs(change[i]))
+        speed[i] += change[i]
+        acceleration[i] = (speed[i] - v[i]) / step
+        if plain:
+            there[i] = q[i] + step * speed[i]
+    return size
 
 
 @compiled

@@ -15,14 +15,15 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn.dynamics.model import SoftModel
-from softdyn.sensing import Measurement, Sensors
+from softdyn.estimation.readings import Reader
+from softdyn.sensing import Measurement
 
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 SHARE = 1e-2  # of the largest variance of q; axes with less are left out
 
 
 def second_order(
-    sensors: Sensors,
+    read: Reader,
     state: tuple[SoftModel, np.ndarray, np.ndarray, np.ndarray],
     predicted: Measurement,
     P: np.ndarray,
@@ -32,8 +33,8 @@ def second_order(
 
     Parameters
     ----------
-    sensors : Sensors
-        They evaluate the readings.
+    read : Reader
+        It evaluates the readings.
     state : (SoftModel, ndarray, ndarray, ndarray)
         The model, q (nq,), v (nv,) and u (nu,).
     predicted : Measurement
@@ -51,7 +52,7 @@ def second_order(
     bends = []
     for k in np.flatnonzero(values > SHARE * values[-1]):
         axis = np.sqrt(values[k]) * axes[:, k]
-        ends = (sensors.measure(model.state(model.integrate(q, s * axis), v), u) for s in (1, -1))
+        ends = (read(model.integrate(q, s * axis), v, u) for s in (1, -1))
         ahead, behind = (predicted.errors_of(end.values) for end in ends)
         bends.append(ahead + behind)
     shift = 0.5 * np.sum(bends, axis=0)

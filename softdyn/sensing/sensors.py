@@ -101,7 +101,7 @@ class Sensors:
         turned, wrapped = [], []
         self._parts: list[tuple[Callable[[Moment, Place, SensorRows], None], Place, slice]] = []
         for sensor in sensors:
-            place, first = _place(tree, sensor), len(names)
+            place, first = place_of(tree, sensor), len(names)
             names += [sensor.name + suffix for suffix in SUFFIXES[sensor.kind.size]]
             self._parts.append((READERS[sensor.kind], place, slice(first, len(names))))
             if sensor.kind is SensorKind.POSE:
@@ -280,7 +280,7 @@ READERS = {
 }
 
 
-def _place(tree: TreeModel, sensor: Sensor) -> Place:
+def place_of(tree: TreeModel, sensor: Sensor) -> Place:
     """The tendon, the degree of freedom or the body of a sensor.
 
     Raises

@@ -15,7 +15,8 @@ from softdyn.description.rig import Sensor
 from softdyn.description.rig import SensorKind as KIND
 from softdyn.estimation import Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
-from softdyn.estimation.covariance import update
+from softdyn.estimation.covariance import symmetrised, update
+from softdyn.sensing import Sensors
 from tests.support.micro import FLOATING, write
 from tests.support.sensed import sensors
 
@@ -160,7 +161,7 @@ def simulated(model, ekf, steps, rng, start, u):
     """Truth and estimates with the filter's own process noise in the plant."""
     chosen, n = ekf._step, model.nv
     q, v = model.integrate(model.q0, start[:n]), start[n:]
-    held = np.zeros(n, int)
+    held, truth = np.zeros(n, int), Sensors(model, sensors(model))
     state = model.state(q, v)
     for k in range(steps):
         if k:
@@ -169,7 +170,7 @@ def simulated(model, ekf, steps, rng, start, u):
             kick = found.by_force @ push
             q, v, held = model.integrate(found.q, PERIOD * kick), found.v + kick, found.held
             state = model.state(q, v)
-        ideal = np.concatenate([c.sensors.measure(state, u).values for c in ekf._channels])
+        ideal = truth.measure(state, u).values
         noise = np.concatenate([np.sqrt(c.variance) for c in ekf._channels])
         yield state, ekf.step(k * PERIOD, ideal + noise * rng.normal(size=len(ideal)), u)
 
@@ -345,6 +346,7 @@ def test_joseph_keeps_a_covariance():
     update(P, rows, np.zeros(300), np.full(300, 1e-8), change)
     information = np.linalg.inv(exact) + 1e8 * rows.T @ rows
     assert np.allclose(P, np.linalg.inv(information), rtol=1e-4, atol=1e-14)
+    assert symmetrised(P) == pytest.approx(np.trace(P))
     assert np.array_equal(P, P.T)
     assert np.linalg.eigvalsh(P)[0] > 0
 

@@ -9,11 +9,14 @@ import pytest
 
 import softdyn
 from softdyn.actuation import Winches
+from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.projection import Projection
 from softdyn.estimation import Disturbance
 from softdyn.estimation.balance import ForceBalance
 from softdyn.estimation.implicit_step import ImplicitStep
+from softdyn.estimation.readings import Reader
+from softdyn.sensing import Sensors
 from tests.support.arms import PROJECTIONS
 from tests.support.micro import write
 from tests.support.oracles import relative
@@ -96,6 +99,23 @@ def test_disturbances_are_forces(model):
     assert np.allclose(
         found.residual, ForceBalance(changed)(q, v, a, commands, np.zeros(0)).residual
     )
+
+
+def test_readings(model):
+    """The kernel's readings are those of `Sensors`, with their Jacobians."""
+    q, v, *_ = case(model)
+    u, robot = np.clip(0.3, model.u_min, model.u_max), model.robot
+    chosen = [Sensor(one.name, SensorKind.LENGTH, tendon=one.name) for one in robot.tendons]
+    chosen += [
+        Sensor(link, SensorKind.POSITION, link=link, xyz=(0.01, 0.02, 0.03))
+        for link in (robot.links[len(robot.links) // 2].name, robot.task)
+    ]
+    chosen += [Sensor(name, SensorKind.JOINT, joint=name) for name in model.joint_names[:2]]
+    found = Reader(model, tuple(chosen))(q, v, u)
+    expected = Sensors(model, tuple(chosen)).measure(model.state(q, v), u)
+    for one, other in zip(vars(found).values(), vars(expected).values(), strict=True):
+        if isinstance(one, np.ndarray):
+            assert np.allclose(one, other, atol=1e-14)
 
 
 def test_step(model):

@@ -1,0 +1,115 @@
+"""The readings of a channel and their Jacobians, without a `State` if its sensors need none.
+
+Lengths, positions and joints depend on q alone. One kernel computes them from Pinocchio's joint
+Jacobian. `softdyn.sensing.Sensors` reads all others, and the sensors of a robot with mimic joints.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from softdyn.compiled import compiled
+from softdyn.description.rig import Sensor, SensorKind
+from softdyn.dynamics.engine import memory, moved_bodies
+from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.projection import underlying_tree
+from softdyn.dynamics.tendons import moment_arms
+from softdyn.sensing import Measurement, Sensors
+from softdyn.sensing.sensors import place_of
+
+SIMPLE = (SensorKind.LENGTH, SensorKind.JOINT, SensorKind.POSITION)  # the kernel's numbers
+
+
+class Reader:
+    """Sensors of a robot on a fixed base, with scratch memory of their own.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot's model.
+    sensors : tuple of Sensor
+        Its sensors.
+
+    Attributes
+    ----------
+    components : Components
+        Names and kinds of the readings.
+    """
+
+    def __init__(self, model: SoftModel, sensors: tuple[Sensor, ...]) -> None:
+        self._model, self._sensors = model, Sensors(model, sensors)
+        self.components = self._sensors.components
+        tree, S = underlying_tree(model)
+        self._simple = S is None and all(sensor.kind in SIMPLE for sensor in sensors)
+        if not self._simple:
+            return
+        self._tree, self._data = tree, tree.pin_model.createData()
+        self._memory, self._in_view = memory(self._data)
+        places = [place_of(tree, sensor) for sensor in sensors]
+        numbers = [
+            (SIMPLE.index(one.kind), at.number) for one, at in zip(sensors, places, strict=True)
+        ]
+        tendons = tree.tendons
+        self._by_u = np.zeros((len(self.components.names), model.nu))
+        self._constants: tuple[Any, ...] = (
+            np.array(numbers), np.array([at.frame.translation for at in places]),
+            moved_bodies(tree.pin_model), np.empty_like(tendons.coefficients),
+            np.empty_like(tendons.offset), tendons.coefficients, tendons.offset, *tendons.segments,
+        )  # fmt: skip
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Measurement:
+        """The readings at q (nq,), v (nv,) and u (nu,)."""
+        if not self._simple:
+            return self._sensors.measure(self._model.state(q, v), u)
+        pin.computeJointJacobians(self._tree.pin_model, self._data, q)
+        held = self._memory
+        if not self._in_view:
+            held.copy_from(self._data)
+        size = len(self._by_u)
+        values, jacobian = np.empty(size), np.zeros((size, 2 * len(v)))
+        _read(
+            values, jacobian, held.S, held.rotations, held.translations, self._tree.chart.of(q),
+            *self._constants,
+        )  # fmt: skip
+        return Measurement(values, jacobian, self._by_u, self.components)
+
+
+@compiled
+def _read(
+    values, jacobian, S, rotations, translations, coordinates, sensors, points, moves, arms,
+    lengths, coefficients, offset, bodies, ends, pairs, signs,
+):  # fmt: skip
+    """Fill in the values (k,) and their zero Jacobian (k, 2n); `arms` and `lengths` are scratch."""
+    n, row = len(S), 0
+    if sensors[:, 0].min() == 0:
+        for t in range(len(lengths)):
+            lengths[t] = offset[t]
+            for i in range(n):
+                arms[t, i] = coefficients[t, i]
+                lengths[t] += coefficients[t, i] * coordinates[i]
+        moment_arms(arms, lengths, S, rotations, translations, bodies, ends, pairs, signs)
+    for s in range(len(sensors)):
+        kind, place = sensors[s, 0], sensors[s, 1]
+        if kind == 0:
+            values[row] = lengths[place]
+            for i in range(n):
+                jacobian[row, i] = arms[place, i]
+            row += 1
+        elif kind == 1:
+            values[row], jacobian[row, place] = coordinates[place], 1.0
+            row += 1
+        else:
+            y = values[row : row + 3]
+            for x in range(3):
+                y[x] = translations[place, x]
+                for i in range(3):
+                    y[x] += rotations[place, x, i] * points[s, i]
+            for i in range(n):
+                if moves[i, place]:
+                    jacobian[row, i] = S[i, 0] + S[i, 4] * y[2] - S[i, 5] * y[1]
+                    jacobian[row + 1, i] = S[i, 1] + S[i, 5] * y[0] - S[i, 3] * y[2]
+                    jacobian[row + 2, i] = S[i, 2] + S[i, 3] * y[1] - S[i, 4] * y[0]
+            row += 3
