@@ -17,9 +17,11 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from softdyn.commands.__main__ import COMMANDS
+from softdyn.validation import Log
 from tests.proof import __main__ as proof
 from tests.support import ROOT
 from tests.support.command import command
@@ -125,6 +127,7 @@ WITH_TESTS = {
     "README.md",
     "your_robot.md",
     "silicone_arm.md",
+    "bench.md",
     "your_controller.md",
     "first_minutes.md",
 }
@@ -166,6 +169,21 @@ def test_your_own_robot(follow: Follow, tmp_path: Path) -> None:
         assert "<html" in (tmp_path / file).read_text(encoding="utf-8")[:2000].lower()
     u = [float(x) for x in said(output, "SoftIdClfQp").strip(" []\n").split()]
     assert all(0 <= x <= 30 for x in u)
+
+
+def test_from_simulation_to_the_bench(follow: Follow, tmp_path: Path) -> None:
+    """The observed loop holds the tip within 1 % of the length, as rms over the last second."""
+    output = follow(ROOT / "docs/bench.md")
+    assert "reached: |e| fell from" in said(output, "softdyn run")
+    log = Log.load(tmp_path / "bench.npz")
+    last = log.error[log.t > log.t[-1] - 1.0]
+    assert np.sqrt(np.mean(np.sum(last**2, axis=1))) <= 0.01 * 0.22
+    assert 0.8e6 < (tmp_path / "bench.html").stat().st_size < 1.3e6
+    rows = (tmp_path / "results/bench_sweep/sweep.md").read_text(encoding="utf-8")
+    errors = {row.split("|")[1].strip(): float(row.split("|")[2]) for row in rows.splitlines()
+              if re.search(r"\| \d+\.\d+ \|", row)}  # fmt: skip
+    assert len(errors) == 6
+    assert max(cm for name, cm in errors.items() if name != "50 g more") <= 0.25
 
 
 def test_a_silicone_arm(follow: Follow, tmp_path: Path) -> None:
