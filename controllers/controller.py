@@ -14,6 +14,7 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
 from softdyn.description.robot import Robot
+from softdyn.tasks.task import Task
 
 SILENT = np.errstate(all="ignore")  # a decorator: overflow gives no warning
 
@@ -113,9 +114,12 @@ class GuardedController(ABC):
     guard : InputGuard
         It knows the robot, counts, and makes the commands. Controllers that take turns may share
         it.
+    tasks : tuple of softdyn.tasks.Task
+        Its tasks; empty for the tip alone.
     """
 
     guard: InputGuard
+    tasks: tuple[Task, ...] = ()
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:
         """The input at this state; see `Command`."""

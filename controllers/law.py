@@ -63,7 +63,8 @@ class TaskLaw(GuardedController):
         self.gains, self.guard = gains, InputGuard(model.u_min, model.u_max, model.robot)
         self.solvers = rule.solvers
         self._rule, self.error = rule, error
-        if isinstance(error, StackedError):  # its tasks have no targets yet
+        if isinstance(error, StackedError):
+            self.tasks = error.tasks  # they have no targets yet
             rule.command(model.state(model.q0, np.zeros(model.nv)), error, self.guard)
             self.reset(0.0)
         else:

@@ -194,7 +194,7 @@ class Mpc(GuardedController):
         self._aim: Aim = TipAim()
         self.reset(period)
         warm_up(self, model, period)  # with the tip, because tasks have no targets yet
-        self._aim = aim
+        self._aim, self.tasks = aim, aim.tasks
         self.reset(period)
 
     def _weigh_rows(self, rows: np.ndarray | None) -> None:

@@ -63,7 +63,11 @@ def find_controller(name: str) -> Callable[..., Any]:
 
 
 def make_controller(
-    name: str, model: SoftModel, parameters: Any = None, cls: Callable[..., Any] | None = None
+    name: str,
+    model: SoftModel,
+    parameters: Any = None,
+    cls: Callable[..., Any] | None = None,
+    **more: Any,
 ) -> Any:
     """A controller for one run, by its name.
 
@@ -78,6 +82,8 @@ def make_controller(
         ``best`` or ``mpc`` may also have ``lag``, ``delay`` and ``friction``.
     cls : Callable, optional
         The class of the name, if it is known already.
+    more : Any
+        Further arguments of the class by their names, such as its `tasks`.
 
     Raises
     ------
@@ -88,15 +94,15 @@ def make_controller(
     make = find_controller(name) if cls is None else cls
     with one_line_errors(name, "a controller"):
         if parameters is None:
-            return make(model)
+            return make(model, **more)
         paper = name in CONTROLLERS
         if not isinstance(parameters, Mapping) or not (paper or name in BEYOND):
-            return make(model, parameters)
+            return make(model, parameters, **more)
         own = CONTROLLERS[name].options if paper else LINK
         rest = {key: value for key, value in parameters.items() if key not in own}
         options = {key: value for key, value in parameters.items() if key in own}
         gains = from_table(model, name, rest, own) if paper else rest or None
-        return make(model, gains, **options)
+        return make(model, gains, **options, **more)
 
 
 @contextmanager

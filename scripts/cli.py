@@ -217,13 +217,13 @@ def own_gains(arguments: Arguments) -> dict[str, Any] | None:
     return read_toml(arguments.gains) if arguments.gains else None
 
 
-def make_controller(name: str, model: SoftModel, table: dict[str, Any], cls: Any, file: str) -> Any:
+def make_controller(name: str, model: SoftModel, table: Any, cls: Any, file: str, **k: Any) -> Any:
     """A controller with the parameters of a file; an error about them names the file."""
     from softdyn import InputError
     from softdyn.controllers import registry
 
     try:
-        return registry.make_controller(name, model, table, cls)
+        return registry.make_controller(name, model, table, cls, **k)
     except InputError as error:
         if registry.is_own(error.name):  # it says which line of the user's code
             raise

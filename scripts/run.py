@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -32,6 +32,10 @@ reference). The result needs an attribute u.
 --theta and --omega are multiples of pi on the paper's ellipse. For a robot that is not bundled the
 ellipse is scaled to its length, the sum of joint offsets from base to tip, as for the finger (L/3
 by L/8, its far end at distance L below and before the origin). --target needs no length.
+
+--targets FILE is CSV: columns t, NAME.x .y .z for points, NAME.rx .ry .rz for rotation vectors,
+NAME.dx .dy .dz for directions (see softdyn.tasks.recorded_paths), with the names of the robot's
+<task> elements. The run is as long as the paths. A controller of your own gets tasks=[...].
 
 --gains FILE is TOML with the fields of softdyn.controllers.Gains, e.g. "Kp = 500" and "eps = 0.05".
 Bundled robots have the paper's gains by default; other robots need a file.
@@ -67,6 +71,9 @@ goal.add_argument("--theta", type=cli.finite, metavar="T", help="set point at T 
 goal.add_argument("--omega", type=cli.positive, metavar="W", help="track at W pi rad/s, two cycles")
 goal.add_argument(
     "--target", type=float, nargs=3, metavar=("X", "Y", "Z"), help="set point in m, 10 s"
+)
+goal.add_argument(
+    "--targets", metavar="FILE", help="paths of the tasks in the robot's file, a CSV file"
 )
 parser.add_argument("--duration", type=cli.positive, metavar="S", help="length of the run in s")
 parser.add_argument(
@@ -116,15 +123,21 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.validation.loop.closed_loop import ClosedLoop
 
     model = cli.load_robot(arguments)
+    more, target = dict[str, Any](), arguments.target
+    if arguments.targets is not None:
+        from softdyn.tasks import References, recorded_paths, tasks_of
+
+        paths = recorded_paths(arguments.targets)
+        reference, more["tasks"] = References(paths), tasks_of(model)
+        target = reference(0.0).y
     experiment = paper.experiment(
-        model,
-        theta=arguments.theta,
-        omega=arguments.omega,
-        target=arguments.target,
-        period=arguments.period,
+        model, theta=arguments.theta, omega=arguments.omega, target=target, period=arguments.period
     )
+    if arguments.targets is not None:
+        end = max(float(path.times[-1]) for path in paths.values())
+        experiment = replace(experiment, reference=reference, duration=end)
     plant = make_plant(model, arguments)
-    controller = make_controller(model, arguments.controller, arguments.gains)
+    controller = make_controller(model, arguments.controller, arguments.gains, **more)
     if arguments.certify:
         from softdyn.controllers import Certified
 
@@ -159,7 +172,8 @@ def command(arguments: cli.Arguments) -> int:
         replay(log, model, around(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
-    if log.complete and not report["reached"] and not arguments.no_verdict:
+    alone = log.tasks is None
+    if alone and log.complete and not report["reached"] and not arguments.no_verdict:
         line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
@@ -242,14 +256,14 @@ def make_rig(said: str | None) -> Any:
     return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 
-def make_controller(model: SoftModel, name: str, file: str | None) -> Any:
+def make_controller(model: SoftModel, name: str, file: str | None, **more: Any) -> Any:
     """A controller by its command-line name, with the parameters of a file if there is one."""
     from softdyn.controllers import registry
 
     if file is None:
-        return registry.make_controller(name, model)
+        return registry.make_controller(name, model, **more)
     return cli.make_controller(
-        name, model, cli.read_toml(file), registry.find_controller(name), file
+        name, model, cli.read_toml(file), registry.find_controller(name), file, **more
     )
 
 

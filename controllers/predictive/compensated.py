@@ -74,6 +74,7 @@ class Compensated(GuardedController):
         self._pulls = FrictionPulls(model, friction)
         self.inner, self._model, self._stops = controller, model, JointStops(model)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
+        self.tasks = getattr(controller, "tasks", ())
         self._admit = guard_of(controller, model).admit
         self.name = f"compensated {getattr(controller, 'name', type(controller).__name__)}"
         self.reset(STEP)

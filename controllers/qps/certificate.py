@@ -55,6 +55,7 @@ class Certified:
         if not all(isinstance(each, Gains) for each in gains):
             raise InputError("law", "one with softdyn.controllers.Gains", repr(law))
         self.law, self.gains, self.guard, self.name = law, law.gains, law.guard, law.name
+        self.tasks = getattr(law, "tasks", ())
         self._clf = {each.eps: make_clf(each.eps) for each in gains}
 
     def reset(self, period: float) -> None:

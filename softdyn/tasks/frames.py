@@ -59,6 +59,7 @@ class PointTask(FrameTask):
     point: Any = (0.0, 0.0, 0.0)
 
     size = 3
+    units = ("m",)
 
     def __post_init__(self) -> None:
         point = tuple(array("point", self.point, (3,)).tolist())
@@ -93,6 +94,7 @@ class OrientationTask(FrameTask):
     """A link's axes along given ones: e = log₃(R R_rᵀ) (rad). Its name is LINK.orientation."""
 
     size = 3
+    units = ("rad",)
     suffix = ".orientation"
 
     def evaluate(self, state: State, target: Any) -> TaskError:
@@ -120,6 +122,7 @@ class PoseTask(FrameTask):
     point: Any = (0.0, 0.0, 0.0)
 
     size = 6
+    units = ("m", "m", "m", "rad")
     suffix = ".pose"
 
     def __post_init__(self) -> None:
@@ -156,6 +159,7 @@ class AxisTask(FrameTask):
     axis: Any
 
     size = 3
+    units = ("rad",)
     suffix = ".axis"
 
     def __post_init__(self) -> None:

@@ -30,6 +30,7 @@ class ShapeTask(Task):
     arcs: Any
 
     kind = "shape"
+    units = ("m",)
 
     def __post_init__(self) -> None:
         given = instances("arcs", self.arcs, object, "an arc length")

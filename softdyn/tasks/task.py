@@ -16,6 +16,8 @@ from softdyn.exceptions import InputError
 from softdyn.references import Reference
 from softdyn.tasks.targets import StackedReference, Target
 
+PARTS = {"m": "position", "rad": "angle"}  # names of the parts of an error with two units
+
 
 class TaskError(NamedTuple):
     """Error of a task at a State; ë = jacobian q̈ + drift.
@@ -76,6 +78,7 @@ class Task(ABC):
 
     kind = "task"  # the name of one without
     size: ClassVar[int | None] = None
+    units: ClassVar[tuple[str, ...]] = ("",)  # of the rows; the last is that of all others
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -143,6 +146,15 @@ class Task(ABC):
             raise InputError("reference", f"a target of task {self.name!r}", got)
         return found
 
+    def columns(self, rows: int) -> dict[str, tuple[str, np.ndarray]]:
+        """The parts of its error of `rows` rows with units of their own: name → unit, rows."""
+        axes = range(rows) if self.axes is None else self.axes
+        units = np.array([self.units[min(axis, len(self.units) - 1)] for axis in axes])
+        found = {unit: np.flatnonzero(units == unit) for unit in dict.fromkeys(units.tolist())}
+        if len(found) == 1:
+            return {self.name: next(iter(found.items()))}
+        return {f"{self.name}.{PARTS[unit]}": (unit, part) for unit, part in found.items()}
+
     @property
     def takes_plain(self) -> bool:
         """Whether a plain `Reference` is its target: only for a point."""
@@ -153,6 +165,8 @@ def errors_along(
     model: SoftModel, tasks: Sequence[Task], log: Any, reference: Callable[[float], Any]
 ) -> dict[str, np.ndarray]:
     """The error ‖e‖ (N,) of each task at every sample of a run (m, rad; unweighted), by name.
+
+    A pose has two, NAME.position and NAME.angle.
 
     Parameters
     ----------
@@ -170,11 +184,13 @@ def errors_along(
     InputError
         Whatever a task raises.
     """
-    found: dict[str, list[float]] = {task.name: [] for task in tasks}
+    found: dict[str, list[float]] = {}
     for t, q, v in zip(log.t, log.q, log.v, strict=True):
         state, goal = model.state(q, v), reference(float(t))
         for task in tasks:
-            found[task.name].append(float(np.linalg.norm(task(state, goal).error)))
+            error = task(state, goal).error
+            for name, (_, rows) in task.columns(len(error)).items():
+                found.setdefault(name, []).append(float(np.linalg.norm(error[rows])))
     return {name: np.array(values) for name, values in found.items()}
 
 

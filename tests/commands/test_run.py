@@ -300,7 +300,7 @@ def test_the_period_and_contacts_reach_the_run(call):
             "expected a controller, got KeyError in line 27: 'nothing'",
         ),
         (["finger", "arm.urdf:Push", "--theta", "0"], "controller: expected"),
-        (["finger", "own.py:Push"], "one of the arguments --theta --omega --target is required"),
+        (["finger", "own.py:Push"], "arguments --theta --omega --target --targets is required"),
         (["finger", "own.py:Push", "--theta", "0", "--omega", "1"], "not allowed with"),
         (["finger", "own.py:Push", "--theta", "x"], "expected a finite number, got 'x'"),
         (["finger", "own.py:Push", "--omega", "0"], "expected a number > 0, got '0'"),
@@ -506,3 +506,19 @@ def test_ctrl_c_is_no_fault_of_a_user_s_code(call, folder):
     (folder / "hostile.py").write_text(text)
     code, _, err = call("finger", "hostile.py:Interrupts", "--theta", "0.5")
     assert (code, err.splitlines()[-1:]) == (130, ["error: interrupted"])  # it may compile first
+
+
+def test_targets_of_the_files_tasks(tmp_path):
+    text = (ROOT / "urdf/finger.urdf").read_text("utf-8")
+    way = '<task frame="tip"/><task frame="tip" name="way" kind="axis" direction="1 0 0"/>'
+    (tmp_path / "two.urdf").write_text(text.replace('<task frame="tip"/>', way), "utf-8")
+    paths = ["t,tip.x,tip.y,tip.z,way.dx,way.dy,way.dz", "0,0.13,0,-0.13,0,0,-1"]
+    (tmp_path / "paths.csv").write_text("\n".join([*paths, "0.1,0.12,0,-0.13,0,0,-1"]), "utf-8")
+    given = [str(tmp_path / "two.urdf"), "mpc", "--targets", str(tmp_path / "paths.csv")]
+    code, out, _ = command("run", *given, "--no-verdict")
+    assert code == 0
+    assert re.search(r"^way +error from 90\.000 to .* degrees$", out, re.M)
+    (tmp_path / "paths.csv").write_text("t,way.dx,way.dy,way.dz\n0,1,0,0\n1,1,0,0", "utf-8")
+    code, _, error = command("run", *given)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "a target with a position" in error

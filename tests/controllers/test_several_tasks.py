@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -216,3 +217,20 @@ def test_errors_by_task_along_a_run() -> None:
     np.testing.assert_allclose(errors["tip"], np.linalg.norm(log.error, axis=1), atol=1e-12)
     assert errors["tip.axis"][0] == pytest.approx(np.pi / 2)
     assert errors["tip"][-1] < 0.5 * errors["tip"][0]
+    np.testing.assert_array_equal(log.tasks, np.column_stack([*errors.values()]))
+    last = log.report()["tasks"]["tip.axis"]
+    assert last["unit"] == "degrees"
+    assert last["last"] == pytest.approx(np.degrees(errors["tip.axis"][-1]))
+
+
+def test_a_pose_has_an_error_in_m_and_one_in_rad() -> None:
+    model = robot("finger")
+    at = LinkKinematics.of(model)(model.state(model.q0, np.zeros(model.nv)), "tip")
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = at.rotation, at.position + np.array([0.003, 0, -0.004])
+    hand = PoseTask("tip", name="hand")
+    run, goal = SimpleNamespace(t=[0.0], q=[model.q0], v=[np.zeros(model.nv)]), Target(pose)
+    found = errors_along(model, [hand], run, lambda t: StackedReference({"hand": goal}))
+    assert found["hand.position"] == pytest.approx(0.005)
+    assert found["hand.angle"] == pytest.approx(0.0, abs=1e-12)
+    assert list(PoseTask("tip", axes=(0, 4)).columns(2)) == ["tip.pose.position", "tip.pose.angle"]

@@ -345,6 +345,7 @@ class ClosedLoop:
         recorded: dict[str, Any] = {**self._record.arrays(steps)}
         if self._rig is not None:
             recorded |= self._rig.columns()
+        recorded |= self._record.task_errors(steps, controller, self.reference)
         return Log(
             **recorded,
             u_unit=input_unit(model.robot),

@@ -16,7 +16,7 @@ from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged
 from softdyn.validation.loop.experiment import ROLLOUT
-from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, SHAPES, check
+from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, NAMES, SHAPES, check
 from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, mean_square
@@ -63,10 +63,8 @@ class Log:
         The robot's length (m), None when unknown.
     joint_names : tuple[str, ...]
         The order of v.
-    contacts : bool
-        Whether links could touch.
-    complete : bool
-        Whether the run reached its end.
+    contacts, complete : bool
+        Whether links could touch, and whether the run reached its end.
     failed, reason : bool, str or None
         Whether the run counts as failed (see `ClosedLoop`), and the reason.
     not_solved, fallbacks : int
@@ -93,8 +91,10 @@ class Log:
         With a rig: the readings of its sensors.
     sensor_names : tuple[str, ...]
         The columns of `measured`, e.g. ``camera.x``.
-    command_units, sensor_units : tuple[str, ...]
-        The units of the columns of `command` and `measured`.
+    tasks, task_names : np.ndarray, (N + 1, columns), or None; tuple[str, ...]
+        Of a controller with `tasks`: their errors.
+    command_units, sensor_units, task_units : tuple[str, ...]
+        The units of the columns of `command`, `measured` and `tasks`.
     """
 
     t: np.ndarray
@@ -142,6 +142,9 @@ class Log:
     sensor_names: tuple[str, ...] = ()
     command_units: tuple[str, ...] = ()
     sensor_units: tuple[str, ...] = ()
+    tasks: np.ndarray | None = None
+    task_names: tuple[str, ...] = ()
+    task_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -278,7 +281,7 @@ class Log:
             "max_bound_violation": self.max_bound_violation,
             "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
             **found.to_dict(),
-        }
+        } | ({"tasks": self._task_figures()} if self.task_names else {})
 
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
@@ -300,7 +303,7 @@ class Log:
         )
         lines = [
             f"{self.robot}{f' in {self.plant}' if self.plant else ''}, {self.controller}, "
-            f"{self._goal()}: {self.t[-1]:g} s of "
+            f"{judged.goal_text(self.theta, self.omega, self.y_ref)}: {self.t[-1]:g} s of "
             f"{self.duration:g} s, period {1e3 * self.period:g} ms",
             f"final error    {self.final_error_cm:.3f} cm{sp}",
             f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
@@ -312,6 +315,7 @@ class Log:
             f"solver         {self.not_solved} not solved, {self.fallbacks} fallbacks, "
             f"bounds exceeded by {self.max_bound_violation:.2g}"
         )
+        lines += judged.task_lines(self._task_figures())
         found = self.verdict(tolerance)
         if found.activity is not None:
             lines.append(
@@ -326,6 +330,9 @@ class Log:
                 f"period of {1e3 * self.period:g} ms"
             )
         return "\n".join([*lines, self._verdict(found)])
+
+    def _task_figures(self) -> dict[str, Any]:
+        return judged.task_figures(self.task_names, self.task_units, self.tasks)
 
     def _verdict(self, found: Verdict) -> str:
         """The last line of a summary."""
@@ -342,13 +349,6 @@ class Log:
             if found.settling_time is not None:
                 what += f", within it since {found.settling_time:.3g} s"
         return ("reached: " if found.reached else "not reached: ") + what
-
-    def _goal(self) -> str:
-        if self.theta is not None:
-            return f"set point at {self.theta:g} pi"
-        if self.omega is not None:
-            return f"tracking at {self.omega:g} pi rad/s"
-        return "set point at " + " ".join(f"{x:g}" for x in self.y_ref[0]) + " m"
 
     def save(self, path: str | Path) -> None:
         """Write the log as a compressed NPZ file; the file appears complete or not at all.
@@ -393,7 +393,7 @@ class Log:
             about = ADDED | about
         check(where, content, about, {f.name for f in fields(Log)} - {*SHAPES, *EXTRA})
         about.pop("format")
-        for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):
+        for name in ("joint_names", *NAMES):
             about[name] = tuple(about[name])
         about["source"] = LoggedRobot(**about["source"])
         return cls(**content, **about)

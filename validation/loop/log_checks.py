@@ -40,9 +40,12 @@ RIGGED = {
     "v_seen": ("steps", "nv"),
     "measured": ("samples", "sensors"),
 }
-EXTRA = CERTIFIED | RIGGED
+# only from a controller of several tasks
+TASKED = {"tasks": ("samples", "columns")}
+EXTRA = CERTIFIED | RIGGED | TASKED
 # keys that older logs lack
-ADDED: dict[str, Any] = {"plant": None, "sensor_names": [], "command_units": [], "sensor_units": []}
+NAMES = ("sensor_names", "command_units", "sensor_units", "task_names", "task_units")
+ADDED: dict[str, Any] = {"plant": None} | {name: [] for name in NAMES}
 
 
 def _format(about: Any) -> Any:
@@ -72,25 +75,23 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    more = set(arrays) - {*SHAPES}
-    if (
-        not {*SHAPES} <= set(arrays)
-        or more - {*CERTIFIED} not in (set(), {*RIGGED})
-        or (more - {*RIGGED} not in (set(), {*CERTIFIED}))
-    ):
+    groups = (SHAPES, CERTIFIED, RIGGED, TASKED)
+    whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
+    if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
     for name, fits in ENTRIES.items():
         if not fits(about[name]):
             raise InputError(where, f"{name} as a log has it", repr(about[name]))
     if about["failed"] != (about["reason"] is not None):
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
-    _check_shapes(where, arrays, len(about["joint_names"]), len(about["sensor_names"]))
+    sizes = {"nv": "joint_names", "sensors": "sensor_names", "columns": "task_names"}
+    _check_shapes(where, arrays, {axis: len(about[name]) for axis, name in sizes.items()})
     _check_units(where, arrays, about)
     _check_values(where, arrays, about)
 
 
-def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int, sensors: int) -> None:
-    size = {"space": 3, "nv": nv, "sensors": sensors, "samples": arrays["t"].size}
+def _check_shapes(where: str, arrays: dict[str, np.ndarray], size: dict[str, int]) -> None:
+    size |= {"space": 3, "samples": arrays["t"].size}
     size |= {"steps": size["samples"] - 1, "nu": arrays["u_min"].size}
     for name, axes in (SHAPES | EXTRA).items():
         if name not in arrays:
@@ -107,6 +108,7 @@ def _check_shapes(where: str, arrays: dict[str, np.ndarray], nv: int, sensors: i
 def _check_units(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
     """Refuse units that are not one for each column; older logs have none."""
     sizes = {"command_units": arrays["u_min"].size, "sensor_units": len(about["sensor_names"])}
+    sizes |= {"task_units": len(about["task_names"])}
     for name, size in sizes.items():
         if len(about[name]) not in (0, size):
             raise InputError(where, f"{size} of {name}", f"{len(about[name])}")
@@ -198,6 +200,8 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "sensor_names": _is_names,
     "command_units": _is_units,
     "sensor_units": _is_units,
+    "task_names": _is_names,
+    "task_units": _is_units,
     "contacts": _is_flag,
     "complete": _is_flag,
     "failed": _is_flag,

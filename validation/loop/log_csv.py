@@ -24,7 +24,7 @@ def csv_text(log: Log) -> str:
     """Every sample of a run as a row: time, inputs, coordinates, velocities, tip and target.
 
     A run with a rig has further columns: the commands, the inputs that act as forces, the sensors'
-    readings, and the q and v that the controller saw.
+    readings, and the q and v that the controller saw. Errors of tasks follow if there are any.
 
     The last row is the final state. No input begins there, so the row repeats the last input, the
     last command and the last state that the controller saw.
@@ -56,6 +56,7 @@ def csv_text(log: Log) -> str:
         ("command", commands, log.command), ("acting", inputs, log.acting),
         ("measured", readings, log.measured),
         ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
+        ("task", list(zip(log.task_names, log.task_units, strict=True)), log.tasks),
     ]  # fmt: skip
     there = [(kind, named, values) for kind, named, values in groups if values is not None]
     columns = [("t", "s")] + [

@@ -6,6 +6,7 @@ import math
 from enum import Enum
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,6 +15,8 @@ import softdyn
 from softdyn import InputError, SoftModel
 from softdyn.checks import number
 from softdyn.controllers.controller import InputGuard
+from softdyn.controllers.qps.stacked_error import rows_of
+from softdyn.tasks.task import Task, errors_along
 from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, RIGGED, SHAPES
 
 LONGEST = 200  # characters of a status
@@ -57,7 +60,7 @@ class Recorder:
         self.q, self.v, self.u = made["q"], made["v"], made["u"]
         self.y, self.y_ref, self.error = made["y"], made["y_ref"], made["error"]
         self.V, self.delta, self.step_us = made["V"], made["delta"], made["step_us"]
-        self._guard = guard
+        self._guard, self._model = guard, model
         self._statuses: list[str] = []
         self._extra: dict[str, np.ndarray] = {}  # only if the answer has it
 
@@ -103,6 +106,21 @@ class Recorder:
             if name not in self._extra:
                 self._extra[name] = np.full(len(self.V), np.nan)
             self._extra[name][k] = _scalar(getattr(answer, name, None))
+
+    def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
+        """Errors of a controller's `tasks` at the finite samples, with their names and units."""
+        tasks = getattr(controller, "tasks", ())
+        if not (isinstance(tasks, tuple) and tasks and all(isinstance(one, Task) for one in tasks)):
+            return {}
+        t, q, v = (values[: steps + 1] for values in (self.t, self.q, self.v))
+        known = np.isfinite(np.hstack((q, v))).all(axis=1)
+        run = SimpleNamespace(t=t[known], q=q[known], v=v[known])
+        found = errors_along(self._model, tasks, run, reference)
+        parts = [task.columns(rows_of(task, self._model)) for task in tasks]
+        units = {name: unit for part in parts for name, (unit, _) in part.items()}
+        errors = np.full((len(t), len(units)), np.nan)
+        errors[known] = np.column_stack([found[name] for name in units])
+        return {"tasks": errors, "task_names": (*units,), "task_units": (*units.values(),)}
 
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a log of a run that did `steps` control steps."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ RESOLUTION = 1e-6  # m; a final error below it is zero, whatever the initial one
 TOLERANCE = 0.01  # of the robot's length
 STEADY = 0.1  # last part of a run, in which transients have decayed
 AT_BOUND = 1e-9  # of an input's range
+SHOWN = {"m": ("cm", CM), "rad": ("degrees", 180 / math.pi)}  # units of a task's figures
 
 
 def not_finite(t: float) -> str:
@@ -121,6 +124,39 @@ class Verdict:
             "input_effort": self.effort,
             "missed_deadlines": self.missed,
         }
+
+
+def goal_text(theta: float | None, omega: float | None, y_ref: np.ndarray) -> str:
+    """A run's target in words."""
+    if theta is not None:
+        return f"set point at {theta:g} pi"
+    if omega is not None:
+        return f"tracking at {omega:g} pi rad/s"
+    return "set point at " + " ".join(f"{x:g}" for x in y_ref[0]) + " m"
+
+
+def task_figures(
+    names: Sequence[str], units: Sequence[str], errors: np.ndarray | None
+) -> dict[str, dict[str, Any]]:
+    """First, last and rms error of each task (cm, degrees) of errors (N + 1, tasks), by name."""
+    found: dict[str, dict[str, Any]] = {}
+    if errors is None:
+        return found
+    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
+        shown, factor = SHOWN.get(unit, (unit, 1.0))
+        values = factor * errors[:, k]
+        rms = math.sqrt(float(np.mean(values**2)))
+        found[name] = {"unit": shown, "first": float(values[0]), "last": float(values[-1]),
+                       "rms": rms}  # fmt: skip
+    return found
+
+
+def task_lines(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """A line of a summary for each task."""
+    return [
+        f"{name:14} error from {one['first']:.3f} to {one['last']:.3f} {one['unit']}".rstrip()
+        for name, one in figures.items()
+    ]
 
 
 def tolerance_of(length: float | None, error: np.ndarray, asked: float | None = None) -> float:

@@ -13,9 +13,10 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
-from softdyn.controllers import Impedance
+from softdyn.controllers import Impedance, Mpc
 from softdyn.description.robot import input_unit
 from softdyn.identification.data import read_csv
+from softdyn.tasks import AxisTask, PointTask
 from softdyn.validation import Log, Rig, paper, simulate
 from softdyn.validation.loop.log_csv import csv_text
 from tests.support import micro, winched
@@ -277,3 +278,19 @@ def test_a_rigged_run_as_csv_has_its_commands_and_readings(tmp_path):
     replace(log, command_units=("m",)).save(tmp_path / "bad.npz")
     with pytest.raises(InputError, match="2 of command_units"):
         Log.load(tmp_path / "bad.npz")
+
+
+def test_a_run_of_tasks_comes_back_and_its_csv_has_their_errors(tmp_path):
+    model = softdyn.load("finger")
+    tasks = [PointTask("tip"), AxisTask("tip", [1, 0, 0])]
+    log = simulate(model, Mpc(model, tasks=tasks), SetPoint([0.1, 0, -0.1]), duration=0.02)
+    log.save(tmp_path / "run.npz")
+    again = Log.load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(again.tasks, log.tasks)
+    assert (again.task_names, again.task_units) == (("tip", "tip.axis"), ("m", "rad"))
+    assert csv_text(log).splitlines()[0].endswith(",task.tip (m),task.tip.axis (rad)")
+    replace(log, task_units=("m",)).save(tmp_path / "other.npz")
+    with pytest.raises(InputError, match="task_units"):
+        Log.load(tmp_path / "other.npz")
+    log.to_csv(tmp_path / "run.csv")
+    assert "tip.x" in read_csv(tmp_path / "run.csv", model).names
