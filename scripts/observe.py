@@ -25,7 +25,8 @@ The filter gets the readings of a robot that rests, from a start that is wrong b
 joint. The table has the error of each joint that is expected after --seconds, without readings and
 with them; the picture has the arm coloured by it. --data runs the filter over a CSV file with the
 columns t, command.INPUT or u.INPUT, and measured.SENSOR, such as the CSV of a run with --rig. The
-residuals of its sensors show biases, wrong noise and what the model lacks.
+residuals of its sensors show biases, wrong noise and what the model lacks. --touch tests each link
+for a constant force; all links together raise a false alarm at the stated rate.
 
 exit codes: 0 done, the wrong start was forgotten; 1 it was not; 2 bad input.
 """
@@ -43,6 +44,11 @@ goal.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="rest near a point in m"
 )
 goal.add_argument("--data", metavar="FILE", help="recorded data, a CSV file")
+parser.add_argument(
+    "--touch", type=cli.finite, nargs="?", const=0.0, metavar="S",
+    help="test the data for a touch of some link, from S s to their end",
+)  # fmt: skip
+parser.option("--false-alarms", cli.positive, "RATE", "rate of false alarms of --touch", 0.01)
 parser.option("--period", cli.positive, "S", "time between steps in s", 0.002)
 parser.option("--seconds", cli.positive, "S", "time to observe in s", 1.0)
 parser.output("--plot", "FILE", "draw the arm coloured by its expected error: .png or .pdf")
@@ -51,7 +57,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Observe and report."""
-    from softdyn.estimation import Ekf, observe, observe_data
+    from softdyn.estimation import observe
     from softdyn.validation.report import plot_style
 
     if arguments.plot is not None:
@@ -62,9 +68,9 @@ def command(arguments: cli.Arguments) -> int:
     sensors = sensors_of(model, arguments.sensors)
     disturbances = [word for word in arguments.disturbances.split(",") if word]
     if arguments.data is not None:
-        data = observe_data(model, Ekf(model, sensors, disturbances), arguments.data)
-        cli.write_report(data.to_dict(), arguments.json, str(data))
-        return cli.PASSED
+        return observe_file(model, sensors, disturbances, arguments)
+    if arguments.touch is not None:
+        parser.error("argument --touch: only with --data")
     rest = rest_of(model, arguments)
     found = observe(rest, sensors, disturbances, period=arguments.period, seconds=arguments.seconds)
     if arguments.plot is not None:
@@ -73,6 +79,28 @@ def command(arguments: cli.Arguments) -> int:
         draw(model, rest.q, found, arguments.plot)
     cli.write_report(found.to_dict(), arguments.json, str(found))
     return cli.PASSED if found.forgotten is not None else cli.FAILED
+
+
+def observe_file(
+    model: SoftModel,
+    sensors: tuple[Sensor, ...],
+    disturbances: list[str],
+    arguments: cli.Arguments,
+) -> int:
+    """Run the filter, and the test for a touch, over recorded data."""
+    from softdyn.estimation import Ekf, find_touch, observe_data, read_rows
+
+    observer = Ekf(model, sensors, disturbances)
+    data = observe_data(model, observer, arguments.data)
+    report, text = data.to_dict(), str(data)
+    if arguments.touch is not None:
+        rows = read_rows(model, observer.reading_names, arguments.data)
+        found = find_touch(
+            model, *rows, sensors, begin=arguments.touch, false_alarms=arguments.false_alarms
+        )
+        report, text = report | {"touch": found.to_dict()}, f"{text}\n\n{found}"
+    cli.write_report(report, arguments.json, text)
+    return cli.PASSED
 
 
 def rest_of(model: SoftModel, arguments: cli.Arguments) -> Equilibrium:

@@ -152,6 +152,22 @@ class Ekf:
         """Counts of the filter's data."""
         return EkfCounts(**self._counted)
 
+    def covariance_of(self, name: str) -> np.ndarray:
+        """Covariance of the components of a disturbance that is estimated."""
+        rows = self._rows_of(name)
+        return self._P[rows, rows].copy()
+
+    def suppose(self, name: str, deviation: float) -> None:
+        """Begin a disturbance anew at 0, with this deviation, independent of all else."""
+        rows = self._rows_of(name)
+        self._P[rows], self._P[:, rows] = 0.0, 0.0
+        self._P[rows, rows] = np.diag(np.full(rows.stop - rows.start, deviation**2))
+        self._d[self._slices[name]] = 0.0
+
+    def _rows_of(self, name: str) -> slice:
+        first, part = 2 * self.model.nv, self._slices[name]
+        return slice(first + part.start, first + part.stop)
+
     def step(self, t: float, measurements: np.ndarray, u: np.ndarray) -> StateEstimate:
         """The estimate at time t, from the readings that are there at t.
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -94,12 +95,26 @@ class ObservedData:
         return "\n".join([head, *lines])
 
 
-def observe_data(model: SoftModel, observer: Ekf, path: str | Path) -> ObservedData:
-    """Run a filter over a CSV file.
+class RecordedRows(NamedTuple):
+    """The rows of recorded data.
 
-    Its columns are ``t`` (s), for every input ``command.INPUT``, or ``u.INPUT`` where the file has
-    no commands, held from a row to the next, and for every reading ``measured.NAME``. Cells of
-    readings may be empty. A log's CSV is such a file; other columns are left out.
+    Attributes
+    ----------
+    t : ndarray, (N,)
+        Times (s).
+    readings : ndarray, (N, k)
+        The sensors' readings, NaN for one that is not there.
+    sent : ndarray, (N, nu)
+        The commands of the row before, as `Ekf.step` takes them.
+    """
+
+    t: np.ndarray
+    readings: np.ndarray
+    sent: np.ndarray
+
+
+def observe_data(model: SoftModel, observer: Ekf, path: str | Path) -> ObservedData:
+    """Run a filter over a CSV file, see `read_rows`.
 
     Parameters
     ----------
@@ -113,6 +128,45 @@ def observe_data(model: SoftModel, observer: Ekf, path: str | Path) -> ObservedD
     Raises
     ------
     InputError
+        As `read_rows` does.
+    """
+    rows = read_rows(model, observer.reading_names, path)
+    observer.reset()
+    estimates = tuple(observer.step(*row) for row in zip(*rows, strict=True))
+    first = int(SETTLED * len(rows.t))
+    raw, normalised = (
+        np.array([getattr(one, name) for one in estimates[first:]])
+        for name in ("residuals", "normalised")
+    )
+    return ObservedData(
+        rows.t, estimates,
+        tuple(
+            _residuals(name, raw[:, k], normalised[:, k])
+            for k, name in enumerate(observer.reading_names)
+        ),
+        observer.counts,
+    )  # fmt: skip
+
+
+def read_rows(model: SoftModel, reading_names: Iterable[str], path: str | Path) -> RecordedRows:
+    """Read a CSV file of a rig.
+
+    Its columns are ``t`` (s), for every input ``command.INPUT``, or ``u.INPUT`` where the file has
+    no commands, held from a row to the next, and for every reading ``measured.NAME``. Cells of
+    readings may be empty. A log's CSV is such a file; other columns are left out.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    reading_names : sequence of str
+        The readings, `Ekf.reading_names`.
+    path : str or Path
+        The file.
+
+    Raises
+    ------
+    InputError
         A file that cannot be read, a column that is not there or is there twice, a cell that is no
         number, no row.
     """
@@ -120,30 +174,16 @@ def observe_data(model: SoftModel, observer: Ekf, path: str | Path) -> ObservedD
     inputs = [actuator.name for actuator in model.robot.actuators]
     kind = "command" if any(name.startswith("command.") for name in header) else "u"
     names = ["t", *(f"{kind}.{name}" for name in inputs)]
-    names += [f"measured.{name}" for name in observer.reading_names]
+    names += [f"measured.{name}" for name in reading_names]
     once(path, header, names)
     if len(rows) < 2:
         raise InputError(str(path), "at least two rows", str(len(rows)))
     chosen = [header.index(name) for name in names]
     cells = [[row[k] for k in chosen] for row in rows]
     table = numbers(path, names, cells, ("measured.",))
-    t, u, readings = table[:, 0], table[:, 1 : 1 + len(inputs)], table[:, 1 + len(inputs) :]
-    observer.reset()
-    sent = [np.zeros(len(inputs)), *u[:-1]]
-    estimates = tuple(observer.step(*row) for row in zip(t, readings, sent, strict=True))
-    first = int(SETTLED * len(t))
-    raw, normalised = (
-        np.array([getattr(one, name) for one in estimates[first:]])
-        for name in ("residuals", "normalised")
-    )
-    return ObservedData(
-        t, estimates,
-        tuple(
-            _residuals(name, raw[:, k], normalised[:, k])
-            for k, name in enumerate(observer.reading_names)
-        ),
-        observer.counts,
-    )  # fmt: skip
+    u = table[:, 1 : 1 + len(inputs)]
+    sent = np.vstack((np.zeros(len(inputs)), u[:-1]))
+    return RecordedRows(table[:, 0], table[:, 1 + len(inputs) :], sent)
 
 
 def _residuals(name: str, raw: np.ndarray, normalised: np.ndarray) -> SensorResiduals:
