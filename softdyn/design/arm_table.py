@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from lxml import etree
+
 from softdyn.description.rig import CommandKind, Sensor, SensorKind
+from softdyn.description.stated_task import StatedTask, read_tasks
+from softdyn.description.strict_xml import Element
 from softdyn.design.cables import ArmSensor, Cable, CableMotor
-from softdyn.design.layout import FREEDOMS
+from softdyn.design.layout import FREEDOMS, lay_out
 from softdyn.design.quadrature import RULES
 from softdyn.design.rods import (
     Arm,
@@ -21,7 +27,7 @@ from softdyn.design.rods import (
     starts,
 )  # fmt: skip
 from softdyn.design.units import TomlTable
-from softdyn.exceptions import InputError, errors_in
+from softdyn.exceptions import InputError, UrdfError, errors_in
 
 ROUTINGS = {"channel": False, "discs": True}
 """Whether a cable runs straight from disc to disc."""
@@ -61,7 +67,7 @@ def read_arm(table: TomlTable) -> Arm:
         _sensor(item, k, groups, sections) for k, item in enumerate(table.tables("sensor"), 1)
     )
     with errors_in(table.where):
-        return Arm(
+        arm = Arm(
             sections=sections,
             cables=tuple(cables),
             damping=_damping(table.table("damping")),
@@ -74,6 +80,7 @@ def read_arm(table: TomlTable) -> Arm:
             motors=motors,
             sensors=sensors,
         )
+        return replace(arm, tasks=_tasks(table, arm))
 
 
 def read_name(table: TomlTable) -> str:
@@ -213,6 +220,25 @@ def _cables(table: TomlTable, k: int, sections: list[str]) -> list[Cable]:
         ]
     table.finish()
     return found
+
+
+def _tasks(table: TomlTable, arm: Arm) -> tuple[StatedTask, ...]:
+    """The tasks of an arm, read by the rules of ``<task>`` in a URDF; at the tip by default."""
+    block = etree.Element("arm")
+    for item in table.tables("task"):
+        words = {
+            key: " ".join(map(str, value)) if isinstance(value, list) else str(value)
+            for key, value in item.values.items()
+        }
+        try:
+            etree.SubElement(block, "task", {"frame": "tip"} | words)
+        except ValueError:
+            raise InputError(item.where, "words that a URDF can hold", repr(words)) from None
+    links = ["tip", *(f"segment_{k}" for k in range(len(lay_out(arm).stations)))]
+    try:
+        return read_tasks(Element(Path(table.where), block, ""), links, f"tip, or {links[1]} …")
+    except UrdfError as error:
+        raise InputError(error.element, error.expected, error.got) from None
 
 
 # --- the rig ------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from softdyn.description.robot import (
     Tendon,
     Vector,
 )
+from softdyn.description.stated_task import StatedTask, only_the_tip
 from softdyn.description.urdf_writer import origin, tag
 
 X_TO_Z: Vector = (0.0, math.pi / 2, 0.0)
@@ -101,13 +102,18 @@ class Chain:
         self._actuators.append(Actuator(name, tendon.name, given.gear, *given.bounds, **words))
 
     def finish(
-        self, xyz: Sequence[float], angles: Sequence[float] = ZERO, sensors: Sequence[Sensor] = ()
+        self,
+        xyz: Sequence[float],
+        angles: Sequence[float] = ZERO,
+        sensors: Sequence[Sensor] = (),
+        tasks: tuple[StatedTask, ...] = (),
     ) -> Robot:
         """Return the robot; its tip is at a pose in the last link."""
         self.add("tip", xyz=xyz, angles=angles)
         return Robot(
             self.name, tuple(self._links), tuple(self._joints), tuple(self._tendons),
-            tuple(self._actuators), "tip", self._materials, sensors=tuple(sensors),
+            tuple(self._actuators), tasks[0].frame if tasks else "tip", self._materials,
+            sensors=tuple(sensors), tasks=() if only_the_tip(tasks) else tasks,
             comment=self.comment,
         )  # fmt: skip
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import array, did_you_mean, flag, instance, instances, length, number, whole
+from softdyn.description.stated_task import StatedTask
 from softdyn.design.cables import (
     ArmSensor,
     Cable,
@@ -258,6 +259,8 @@ class Arm:
     motors : tuple of CableMotor
         No cable has two.
     sensors : tuple of ArmSensor
+    tasks : tuple of StatedTask
+        Of the links "tip" and "segment_k"; the position of the tip if there are none.
     """
 
     sections: tuple[Section, ...]
@@ -271,6 +274,7 @@ class Arm:
     name: str = "arm"
     motors: tuple[CableMotor, ...] = ()
     sensors: tuple[ArmSensor, ...] = ()
+    tasks: tuple[StatedTask, ...] = ()
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {
@@ -299,6 +303,7 @@ class Arm:
         """Refuse unknown cables, two motors of a cable, and sensors beyond the arm."""
         instances("motors", self.motors, CableMotor, "a CableMotor")
         instances("sensors", self.sensors, ArmSensor, "an ArmSensor")
+        instances("tasks", self.tasks, StatedTask, "a StatedTask")
         known = {cable.name for cable in self.cables}
         groups = [part.cables for part in self.motors] + [part.cables for part in self.sensors]
         for name in (name for group in groups for name in group):

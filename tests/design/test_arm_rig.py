@@ -13,6 +13,7 @@ import pytest
 from softdyn import InputError, Robot, design
 from softdyn.description.rig import Actuator, CommandKind, Sensor, SensorKind
 from softdyn.description.robot import poses
+from softdyn.description.stated_task import StatedTask, TaskKind
 from softdyn.description.urdf import parse_text
 from softdyn.description.urdf_writer import write
 from tests.support import ROOT
@@ -225,3 +226,52 @@ def test_the_example_of_the_page_is_read() -> None:
     found = robot(arm + rig)
     assert {actuator.command for actuator in found.actuators} == {CommandKind.LENGTH}
     assert [sensor.name for sensor in found.sensors][3:] == ["imu_1", "imu_2", "joint_3"]
+
+
+TASKS = """\
+[[task]]
+[[task]]
+name = "way"
+kind = "axis"
+direction = [1, 0, 0]
+weight = 0.1
+level = 1
+[[task]]
+frame = "segment_2"
+axes = ["x", "z"]
+Kp = 30
+"""
+
+
+def test_tasks_are_those_of_the_file() -> None:
+    made = robot(ARM + TASKS)
+    assert made.tasks == (
+        StatedTask("tip", "tip"),
+        StatedTask("tip", "way", TaskKind.AXIS, (), (1.0, 0.0, 0.0), 0.1, None, 1),
+        StatedTask("segment_2", "segment_2", axes=("x", "z"), Kp=30.0),
+    )
+    assert robot(ARM + "[[task]]\n").tasks == ()
+    assert robot(ARM + '[[task]]\nframe = "segment_1"\n').task == "segment_1"
+
+
+@pytest.mark.parametrize(
+    ("task", "message"),
+    [
+        ('frame = "segment_9"', "arm.toml: <task>: expected tip, or segment_0 …, got"),
+        ('frane = "tip"', "no attribute but frame, name"),
+        ('kind = "pos"', "kind position, orientation, pose or axis"),
+        ('kind = "axis"', 'direction="…" of kind="axis" only'),
+        ('kind = "axis"\ndirection = [1, 0]', "three numbers as direction"),
+        ('axes = ["rx"]', "axes of x, y, z, each once"),
+        ("weight = 0", "weight > 0, got 0"),
+        ("weight = true", "a finite number as weight"),
+        ("level = 0.5", "a whole level from 0 to 99"),
+        ("Kp = -1", "Kp > 0"),
+        ('name = "a\\u0000"', "words that a URDF can hold"),
+        ("[[task]]", "a unique task name, got a second 'tip'"),
+    ],
+)
+def test_a_misused_task_is_one_line(task: str, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        design.read(tomllib.loads(f"{ARM}[[task]]\n{task}\n"), "arm.toml")
+    assert "\n" not in str(caught.value)
