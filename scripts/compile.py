@@ -48,7 +48,7 @@ def _warm(robot: str, name: str) -> None:
 
     model = softdyn.load(robot)
     if name != OBSERVER:
-        make_controller(name, model)
+        make_controller(name, model, {"friction": 0.1} if name == "mpc" else None)
         return
     observer = Ekf(model, sensors_of(model, "lengths=0.001,tip=0.001@100+0.015"))
     for k in range(5):  # a late reading arrives, and the wrong ones move joints to their stops
