@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from softdyn import SoftModel
     from softdyn.description.rig import Sensor
+    from softdyn.estimation import Observability
     from softdyn.statics import Equilibrium
 
 EPILOG = """\
@@ -22,11 +25,14 @@ of a robot of example-robot-data.
 joints, tip (position) and pose (of the tip).
 
 The filter gets the readings of a robot that rests, from a start that is wrong by 0.2 rad in every
-joint. The table has the error of each joint that is expected after --seconds, without readings and
-with them; the picture has the arm coloured by it. --data runs the filter over a CSV file with the
-columns t, command.INPUT or u.INPUT, and measured.SENSOR, such as the CSV of a run with --rig. The
-residuals of its sensors show biases, wrong noise and what the model lacks. --touch tests each link
-for a constant force; all links together raise a false alarm at the stated rate.
+joint. The answer holds near this rest. --log FILE answers along a run that softdyn run --log saved,
+with noise in the readings. The table has the error of each joint that is expected at the end,
+without readings and with them; the picture has the arm coloured by it.
+
+--data runs the filter over a CSV file with the columns t, command.INPUT or u.INPUT, and
+measured.SENSOR, such as the CSV of a run with --rig. The residuals of its sensors show biases,
+wrong noise and what the model lacks. --touch tests each link for a constant force; all links
+together raise a false alarm at the stated rate.
 
 exit codes: 0 done, the wrong start was forgotten; 1 it was not; 2 bad input.
 """
@@ -43,6 +49,7 @@ goal.add_argument("--theta", type=cli.finite, metavar="T", help="rest near the s
 goal.add_argument(
     "--target", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"), help="rest near a point in m"
 )
+goal.add_argument("--log", metavar="FILE", help="along a run, a log of softdyn run")
 goal.add_argument("--data", metavar="FILE", help="recorded data, a CSV file")
 parser.add_argument(
     "--touch", type=cli.finite, nargs="?", const=0.0, metavar="S",
@@ -71,14 +78,38 @@ def command(arguments: cli.Arguments) -> int:
         return observe_file(model, sensors, disturbances, arguments)
     if arguments.touch is not None:
         parser.error("argument --touch: only with --data")
-    rest = rest_of(model, arguments)
-    found = observe(rest, sensors, disturbances, period=arguments.period, seconds=arguments.seconds)
+    if arguments.log is not None:
+        found, q = along_run(model, sensors, disturbances, arguments.log)
+    else:
+        rest, times = rest_of(model, arguments), (arguments.period, arguments.seconds)
+        found = observe(rest, sensors, disturbances, period=times[0], seconds=times[1])
+        q = rest.q
     if arguments.plot is not None:
         from softdyn.validation.report.uncertainty_figure import draw
 
-        draw(model, rest.q, found, arguments.plot)
+        draw(model, q, found, arguments.plot)
     cli.write_report(found.to_dict(), arguments.json, str(found))
     return cli.PASSED if found.forgotten is not None else cli.FAILED
+
+
+def along_run(
+    model: SoftModel, sensors: tuple[Sensor, ...], disturbances: list[str], path: str
+) -> tuple[Observability, np.ndarray]:
+    """The answer along a saved run, and the run's last q."""
+    import numpy as np
+
+    from softdyn import InputError
+    from softdyn.estimation import observe_run
+    from softdyn.validation import Log
+
+    log = Log.load(path)
+    if log.q.shape[1] != model.nq or log.u.shape[1] != model.nu:
+        raise InputError(path, f"a run of {model.name}", f"one of {log.robot}")
+    states = [model.state(q, v) for q, v in zip(log.q, log.v, strict=True)]
+    commands = log.u if log.command is None else log.command
+    sent = [commands[0], *commands]
+    zero = np.clip(0.0, model.u_min, model.u_max)
+    return observe_run(model, log.t, states, zero, sent, sensors, disturbances, seed=0), log.q[-1]
 
 
 def observe_file(

@@ -23,7 +23,7 @@ from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.ekf import Ekf
 from softdyn.estimation.estimate import Observer
 from softdyn.estimation.estimate import StateEstimate as Estimate
-from softdyn.estimation.observability import Observability, observe
+from softdyn.estimation.observability import Observability, observe, observe_run
 from softdyn.estimation.parameters import EkfCounts, EkfParameters
 from softdyn.estimation.recorded import ObservedData, observe_data, read_rows
 from softdyn.estimation.touch import TouchTest, find_touch
@@ -31,5 +31,5 @@ from softdyn.estimation.touch import TouchTest, find_touch
 __all__ = [
     "Disturbance", "Ekf", "EkfCounts", "EkfParameters", "Estimate", "Observability",
     "ObservedData", "Observer", "TouchTest", "chi_squared_bounds", "find_touch", "nees", "observe",
-    "observe_data", "read_rows",
+    "observe_data", "observe_run", "read_rows",
 ]  # fmt: skip

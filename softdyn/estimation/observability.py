@@ -1,14 +1,16 @@
-"""How well and how fast sensors show a robot's state at an equilibrium.
+"""How well and how fast sensors show a robot's state, at an equilibrium and along a run.
 
 The filter itself answers, with its stops, rates and latencies: it gets the readings of a robot that
 rests, without noise, from a start that is wrong in every joint. Its Riccati recursion gives the
 expected errors. A second filter without readings gives the errors that the model alone leaves. With
-their covariances P and P₀ of q, a direction x is seen if xᵀ P x < xᵀ P₀ x / 4.
+their covariances P and P₀ of q, a direction x is seen if xᵀ P x < xᵀ P₀ x / 4. Along a run the
+readings have noise: a filter that knows little follows it into wrong shapes while the robot moves,
+and no equilibrium shows this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +20,8 @@ from scipy.linalg import eigh
 from softdyn.actuation import Winches
 from softdyn.checks import number
 from softdyn.description.rig import CommandKind, Sensor
-from softdyn.dynamics.model import SoftModel
+from softdyn.dynamics.model import SoftModel, State
+from softdyn.estimation.arrivals import sensor_channels
 from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.ekf import FROM_FILE, Ekf
 from softdyn.estimation.parameters import EkfParameters
@@ -33,14 +36,14 @@ STEP = 1e-5  # rad, m, of the displacement of links
 
 @dataclass(frozen=True, eq=False)
 class Observability:
-    """The expected errors of a robot's state at an equilibrium, and how fast they fall.
+    """The expected errors of a robot's state, and how fast they fall.
 
     Attributes
     ----------
     joint_names : tuple of str
         The order of the joints.
     blind, deviations : ndarray, (nv,)
-        Expected error of each joint (rad, m) without readings, and with them.
+        Expected error of each joint (rad, m) at the end, without readings and with them.
     seen, free : int
         Directions of q that the sensors show, of those that no stop holds.
     tip : float
@@ -96,7 +99,7 @@ class Observability:
             *lines,
             f"the sensors see {self.seen} of {self.free} free directions; expected error of the "
             f"tip {1e3 * self.tip:.3g} mm",
-            f"a start that is wrong by {WRONG:g} rad in every joint is forgotten {when}",
+            f"here a start that is wrong by {WRONG:g} rad in every joint is forgotten {when}",
         ])  # fmt: skip
 
 
@@ -125,28 +128,76 @@ def observe(
     InputError
         As `softdyn.estimation.Ekf` does; a time that is not positive.
     """
-    model, q, u = rest.model, rest.q, rest.u
+    model, u = rest.model, rest.u
     steps = max(round(number("seconds", seconds, above=0.0) / number("period", period, above=0)), 1)
-    chosen: tuple[Any, ...] = model.robot.sensors if sensors == FROM_FILE else tuple(sensors)
-    disturbances = tuple(disturbances)
-    none = np.zeros(model.nv)
-    truth = model.state(q, none)
-    filters = [
-        Ekf(model, chosen, disturbances, parameters=parameters, start=(at, none))
-        for at in (_wrong(model, q), q)
-    ]
-    readings = Sensors(model, chosen).measure(truth, u).values
+    truth = model.state(rest.q, np.zeros(model.nv))
     speeds = [actuator.command is CommandKind.VELOCITY for actuator in model.robot.actuators]
     commands = np.where(speeds, 0.0, Winches(model).commands(truth, u))
-    for one in filters:
-        one.reset(u=u)
-    tips, shapes = np.empty(steps + 1), np.empty(steps + 1)
-    for k in range(steps + 1):
-        found = filters[0].step(k * period, readings, commands)
-        blind = filters[1].step(k * period, np.full(len(readings), np.nan), commands)
-        tips[k] = np.linalg.norm(model.state(found.q, found.v).y - truth.y)
-        shapes[k] = np.abs(model.coordinates(found.q) - model.coordinates(q)).max()
-    n = model.nv
+    return observe_run(
+        model, period * np.arange(steps + 1), [truth] * (steps + 1), u, [commands] * (steps + 1),
+        sensors, disturbances, parameters=parameters,
+    )  # fmt: skip
+
+
+def observe_run(
+    model: SoftModel,
+    t: np.ndarray,
+    states: Sequence[State],
+    u: np.ndarray,
+    commands: Sequence[np.ndarray],
+    sensors: str | Iterable[Sensor] = FROM_FILE,
+    disturbances: Iterable[Disturbance | str] = (),
+    *,
+    parameters: EkfParameters | None = None,
+    seed: int | None = None,
+) -> Observability:
+    """How well and how fast sensors show the state along a run.
+
+    Parameters
+    ----------
+    model : SoftModel
+        The robot.
+    t : ndarray, (N,)
+        Times of the steps (s).
+    states : sequence of State, (N,)
+        The robot's states then.
+    u : ndarray, (nu,)
+        Inputs before the run.
+    commands : sequence of ndarray, (N,)
+        Commands (nu,) that each step was reached with; the first is not used.
+    sensors, disturbances, parameters
+        As of `softdyn.estimation.Ekf`.
+    seed : int, optional
+        Of the sensors' noise; none by default.
+
+    Raises
+    ------
+    InputError
+        As `softdyn.estimation.Ekf` does.
+    """
+    chosen: tuple[Any, ...] = model.robot.sensors if sensors == FROM_FILE else tuple(sensors)
+    start, disturbances, none = states[0].q, tuple(disturbances), np.zeros(model.nv)
+    seeing, blinded = (
+        Ekf(model, chosen, disturbances, parameters=parameters, start=(at, none))
+        for at in (_wrong(model, start), start)
+    )
+    reader, rng = Sensors(model, chosen), np.random.default_rng(seed)
+    ideal = np.array([reader.measure(state, u).values for state in states])
+    readings, steps = np.empty_like(ideal), len(t)
+    for channel in sensor_channels(model, chosen):
+        own, which = np.unique([channel.own_time(now) for now in t], return_inverse=True)
+        for column, variance in zip(channel.rows, channel.variance, strict=True):
+            noise = rng.normal(size=len(own)) * (0.0 if seed is None else np.sqrt(variance))
+            readings[:, column] = (np.interp(own, t, ideal[:, column]) + noise)[which]
+    seeing.reset(u=u)
+    blinded.reset(u=u)
+    tips, shapes = np.empty(steps), np.empty(steps)
+    for k, state in enumerate(states):
+        found = seeing.step(t[k], readings[k], commands[k])
+        blind = blinded.step(t[k], np.full(len(ideal[k]), np.nan), commands[k])
+        tips[k] = np.linalg.norm(model.state(found.q, found.v).y - state.y)
+        shapes[k] = np.abs(model.coordinates(found.q) - model.coordinates(state.q)).max()
+    n, truth = model.nv, states[-1]
     P, P0 = found.covariance[:n, :n], blind.covariance[:n, :n]
     deviation = float(np.sqrt(np.trace(truth.J @ P @ truth.J.T)))
     outside = np.flatnonzero(tips > WITHIN * deviation)
@@ -156,8 +207,8 @@ def observe(
     return Observability(
         joint_names=model.joint_names, blind=np.sqrt(np.diag(P0)), deviations=np.sqrt(np.diag(P)),
         seen=int((ratios < SEEN).sum()), free=int(free.sum()), tip=deviation,
-        links=_link_errors(model, q, P), t=period * np.arange(steps + 1), tip_error=tips,
-        shape_error=shapes, forgotten=None if last > steps else float(last * period),
+        links=_link_errors(model, truth.q, P), t=t - t[0], tip_error=tips, shape_error=shapes,
+        forgotten=None if last >= steps else float(t[last] - t[0]),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import pytest
 import softdyn
 from softdyn import SetPoint, statics
 from softdyn.description.urdf_writer import write
-from softdyn.estimation import Ekf, observe
+from softdyn.estimation import Ekf, observe, observe_run
 from softdyn.validation import Rig, simulate
 from tests.support.command import command
 from tests.support.sensed import sensed, sensors
@@ -42,6 +42,33 @@ def test_table_and_picture(tmp_path):
     assert (tmp_path / "seen.png").stat().st_size > 5000
     report = json.loads((tmp_path / "seen.json").read_text())
     assert [row["joint"] for row in report["joints"]] == list(softdyn.load("finger").joint_names)
+
+
+def test_along_a_run(tmp_path):
+    """From a wrong start the error falls to the expected one while the arm moves."""
+    model, path = softdyn.load("finger"), tmp_path / "run.npz"
+    law = lambda state, _: np.array([0.4, -0.2]) * np.cos(4 * state.q[0] + 2)  # noqa: E731
+    log = simulate(model, law, SetPoint(np.array([0.2, 0.0, 0.0])), duration=1.0, period=0.005)
+    log.save(path)
+    states = [model.state(q, v) for q, v in zip(log.q, log.v, strict=True)]
+    commands, moved = [log.u[0], *log.u], np.linalg.norm(np.ptp(log.y, axis=0))
+    errors = []
+    for seed in range(4):
+        found = observe_run(
+            model, log.t, states, np.zeros(2), commands, sensors(model, rate=60.0, latency=0.03),
+            seed=seed,
+        )  # fmt: skip
+        assert found.forgotten is not None
+        errors.append(found.tip_error[-1] / found.tip)
+    assert moved > 0.05
+    assert len(set(errors)) == 4
+    assert np.sqrt(np.mean(np.square(errors))) < 2
+    done = command("observe", "finger", "--sensors", RIG, "--log", path, "--json", "-")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["wrong_start_forgotten_s"] < 1
+    done = command("observe", "helix", "--sensors", RIG, "--log", path)
+    assert done.code == 2
+    assert "a run of helix" in done.err
 
 
 def test_recorded_data(tmp_path):
