@@ -75,6 +75,9 @@ parser.add_argument(
 )
 parser.add_argument("--folds", type=cli.count, metavar="N", help="test on N parts of static rows")
 parser.output("--discrepancy", "FILE", "of static rows: fit missing joint forces too; write JSON")
+parser.add_argument(
+    "--hints", action="store_true", help="what the model may lack: try extensions on unseen data"
+)
 parser.add_argument("--relabel", action="store_true", help="markers' names change in the data")
 parser.add_argument("--step", type=cli.positive, metavar="S", help="longest step (s) of the model")
 parser.add_argument("--twin", type=cli.positive, metavar="S", help="seconds of the twin's data")
@@ -116,6 +119,8 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     from softdyn import InputError, identification
+    from softdyn.identification.model_errors.discrepancy import FOLDS, left_out
+    from softdyn.identification.model_errors.hints import hints, where, where_text
     from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -167,14 +172,23 @@ def command(arguments: cli.Arguments) -> int:
     lines = list(identification.doubts(found))
     unseen = None
     if arguments.folds:
-        from softdyn.identification.model_errors.discrepancy import left_out
-
         unseen = distance(found.names, left_out(found.fit, arguments.folds))
         lines.append(f"rms on rows left out, in {arguments.folds} parts: {unseen:.3g}")
     if arguments.discrepancy:
         lines.append(missing_forces(arguments.discrepancy, found))
+    places = where(found)
+    if arguments.hints:
+        lines += [where_text(places)]
+        folds = arguments.folds or max(2, min(FOLDS, len(found.data.t) // 3))
+        tried = list(hints(
+            found, lambda more: identification.identify(model, data, (*unknowns, *more), **options),
+            folds, made,
+        ))  # fmt: skip
+        lines += map(str, tried)
+        again["hints"] = [vars(one) for one in tried]
     report = {"robot": model.name, "data": arguments.data, **found.report(), "doubts": lines,
-              "rms_left_out": unseen}  # fmt: skip
+              "rms_left_out": unseen, "residuals": places,
+              "hints": again.get("hints", [])}  # fmt: skip
     text = "\n".join([str(found), *lines])
     if arguments.second_opinion:
         opinion = second.second_opinion(model, data, unknowns, found, arguments.hold_out)
@@ -239,61 +253,25 @@ def of_twin(arguments: cli.Arguments, model: SoftModel, unknowns: Sequence[Param
     """Identify drawn parameters, seed by seed, or find the inputs that identify them best."""
     import math
 
-    from softdyn import InputError, identification
-    from softdyn.validation.identification import excitations, trials
-    from softdyn.validation.identification import second_opinion as second
+    from softdyn import InputError
+    from softdyn.validation.identification import trials, twin_report
 
-    outputs = [f"q.{name}" for name in model.joint_names]
-    if arguments.measure == "tip":
-        outputs = [f"tip.{axis}" for axis in "xyz"]
-    if arguments.measure == "markers":
-        outputs = [name for name in identification.output_names(model) if name.startswith("point.")]
-        if not outputs:
-            raise InputError("--measure markers", "--points FILE with points", "none")
     excitation = trials.Excitation(
-        arguments.twin,
-        knots=tuple(arguments.knots),
-        amplitude=tuple(arguments.amplitude),
-        bias=tuple(arguments.bias),
-        at_rest=arguments.at_rest,
-        timestep=arguments.timestep,
-    )
+        arguments.twin, knots=tuple(arguments.knots), amplitude=tuple(arguments.amplitude),
+        bias=tuple(arguments.bias), at_rest=arguments.at_rest, timestep=arguments.timestep,
+    )  # fmt: skip
+    outputs = twin_report.outputs_of(model, arguments.measure)
     what, jobs = (model, unknowns, outputs, excitation, arguments.noise), arguments.jobs or -1
-    report: dict[str, Any] = {"robot": model.name, "labels": [one.label for one in unknowns]}
     if arguments.excitations:
         if arguments.second_opinion:
             raise InputError("--second-opinion", "a fit", "--excitations, which fits nothing")
-        found = excitations.compared(*what, jobs=jobs)
-        report["excitations"] = [
-            {"amplitude": one.excitation.amplitude, "knots": one.excitation.knots,
-             "relative": one.relative.tolist(), "refused": one.refused,
-             "reach": one.excitation.amplitude}  # the former key
-            for one in found
-        ]  # fmt: skip
-        cli.write_report(report, arguments.json, excitations.comparison(unknowns, found))
-        return cli.PASSED if found[0].identifiable.all() else cli.FAILED
-    options: dict[str, Any] = {
-        "seeds": arguments.seeds,
-        "step": arguments.step or math.inf,
-        "jobs": jobs,
-    }
-    opinions: list[second.Opinion] = []
-    if arguments.second_opinion:
-        pairs = trials.each_trial(second.of_trial, *what, **options)
-        several, opinions = [one for one, _ in pairs], [one for _, one in pairs]
+        report, text, known = twin_report.of_excitations(*what, jobs=jobs)
     else:
-        several = trials.each_trial(trials.trial, *what, **options)
-    rows = [
-        {"seed": one.seed, "relative": one.relative.tolist(), "scores": one.scores.tolist(),
-         "width": one.width.tolist(), **one.found.report()}
-        for one in several
-    ]  # fmt: skip
-    for k, opinion in enumerate(opinions):
-        rows[k]["second_opinion"] = opinion.report()
-    report |= {"summary": trials.summary(several), "trials": rows}
-    text = "\n\n".join([trials.trial_table(several).text(), *map(str, opinions)])
-    cli.write_report(report, arguments.json, text)
-    known = all(one.identified for trial in several for one in trial.found.estimates)
+        report, text, known = twin_report.of_trials(
+            *what, opinion=arguments.second_opinion, seeds=arguments.seeds,
+            step=arguments.step or math.inf, jobs=jobs,
+        )  # fmt: skip
+    cli.write_report({"robot": model.name, **report}, arguments.json, text)
     return cli.PASSED if known else cli.FAILED
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from softdyn.identification import Identified
 from softdyn.identification.data import spread
+from softdyn.identification.model_errors.hints import PARTS, where
 from softdyn.identification.result import NOT_WHITE
 from softdyn.validation.report.plot_style import style
 from softdyn.validation.tables import Table
@@ -62,8 +63,24 @@ def page(name: str, found: Identified) -> str:
     return "".join([
         head(title, STYLE), f"<body>\n<h1>{escape(title)}</h1>\n",
         table.html(bad),
-        *(f"<p>{escape(note)}" for note in notes), *images, "</body>\n</html>\n",
+        *(f"<p>{escape(note)}" for note in notes), *images, _places(found), "</body>\n</html>\n",
     ])  # fmt: skip
+
+
+def _places(found: Identified) -> str:
+    """Tables of the residuals by output, time and input."""
+    rows = where(found)
+    outputs = [[row["of"], row["rms"]] for row in rows if row["by"] == "output"]
+    quarters: dict[str, list[Any]] = {}
+    for row in rows:
+        if row["by"] != "output":
+            quarters.setdefault(row["by"], [f"by {row['by']}"]).append(row["rms"])
+    titles = ["residuals, in deviations", *(f"quarter {k + 1}" for k in range(PARTS))]
+    several = (
+        (["output", "rms residual"], outputs, ("", ".3g")),
+        (titles, list(quarters.values()), ("", *[".2f"] * PARTS)),
+    )
+    return "\n".join(f"<p>{Table(*one).html([()] * len(one[1]))}" for one in several)
 
 
 def _outputs(found: Identified) -> Figure:

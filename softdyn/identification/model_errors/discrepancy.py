@@ -12,6 +12,7 @@ gain is measured on rows that neither the physics nor W nor λ has seen.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from typing import Any
@@ -45,6 +46,23 @@ JOINT_FORCE = Kind(
 """A constant force on each joint; only its effect on the outputs is used."""
 
 
+def products(u: np.ndarray, strains: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """φ (N, f): 1, inputs, their products, strains."""
+    m = u.shape[1]
+    v, e = u / sizes[:m], strains / sizes[m:]
+    products = [v[:, i] * v[:, j] for i, j in combinations_with_replacement(range(m), 2)]
+    return np.column_stack([np.ones(len(u)), v, *products, e])
+
+
+def cubes(u: np.ndarray, strains: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """φ (N, b): the cubes of the strains, as of springs that stiffen."""
+    result: np.ndarray = (strains / sizes[u.shape[1] :]) ** 3
+    return result
+
+
+Features = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class Discrepancy:
     """Joint forces as a function of inputs and strains.
@@ -59,16 +77,19 @@ class Discrepancy:
         Sizes of inputs and strains.
     ridge : float
         λ.
+    features : callable
+        (u, strains, sizes) → φ (N, f).
     """
 
     shapes: np.ndarray
     weights: np.ndarray
     sizes: np.ndarray
     ridge: float
+    features: Features
 
     def forces(self, u: np.ndarray, path: np.ndarray) -> np.ndarray:
         """Joint forces (N, n) at inputs (N, m) and equilibria (N, n) of the fitted model."""
-        result: np.ndarray = _features(u, path @ self.shapes, self.sizes) @ self.weights.T
+        result: np.ndarray = self.features(u, path @ self.shapes, self.sizes) @ self.weights.T
         return result @ self.shapes.T
 
     def report(self) -> dict[str, Any]:
@@ -122,7 +143,7 @@ def shapes_of(model: SoftModel) -> np.ndarray:
     return np.hstack(found)
 
 
-def fit_discrepancy(found: Fit) -> Discrepancy:
+def fit_discrepancy(found: Fit, features: Features = products) -> Discrepancy:
     """The discrepancy model of a fit of static rows.
 
     Raises
@@ -137,7 +158,7 @@ def fit_discrepancy(found: Fit) -> Discrepancy:
     shapes, data = shapes_of(model), problem.data
     path = _path(problem, theta)
     sizes = np.maximum(np.abs(np.hstack((data.u, path @ shapes))).max(0), 1e-9)
-    phi = _features(data.u, path @ shapes, sizes)
+    phi = features(data.u, path @ shapes, sizes)
     known = np.isfinite(data.outputs)
     left, A = _linear(found, problem, shapes, phi)
     scale = np.sqrt((A[known] ** 2).mean(0))
@@ -147,7 +168,7 @@ def fit_discrepancy(found: Fit) -> Discrepancy:
 
     def there(w: np.ndarray) -> tuple[Discrepancy, FitProblem]:
         weights = (w / scale).reshape(shapes.shape[1], -1)
-        made = Discrepancy(shapes, weights, sizes, float(ridge))
+        made = Discrepancy(shapes, weights, sizes, float(ridge), features)
         force = made.forces(data.u, path)
         return made, replace(problem, taken=replace(problem.taken, force=force))
 
@@ -207,7 +228,7 @@ def gain_of(found: Fit, model: Discrepancy) -> Gain:
     folds = min(FOLDS, len(data.t) // 3)
     after = data.outputs - predicted(found.problem, found.theta, model)
     before = found.problem.residuals(found.simulated)
-    plain, better = left_out(found, folds), left_out(found, folds, True)
+    plain, better = left_out(found, folds), left_out(found, folds, products)
     return Gain(
         (distance(names, before), distance(names, after)),
         (distance(names, plain), distance(names, better)),
@@ -215,7 +236,7 @@ def gain_of(found: Fit, model: Discrepancy) -> Gain:
     )
 
 
-def left_out(found: Fit, folds: int, discrepancy: bool = False) -> np.ndarray:
+def left_out(found: Fit, folds: int, features: Features | None = None) -> np.ndarray:
     """Residuals (N, outputs) of static rows that are left out of the fit, in parts.
 
     Each fit of the others starts from the values found.
@@ -225,8 +246,8 @@ def left_out(found: Fit, folds: int, discrepancy: bool = False) -> np.ndarray:
     found : Fit
     folds : int
         Number of parts; 3 rows or more are left in.
-    discrepancy : bool
-        Whether each fit has a discrepancy model.
+    features : callable, optional
+        Features of the discrepancy model that each fit then has.
 
     Raises
     ------
@@ -247,8 +268,8 @@ def left_out(found: Fit, folds: int, discrepancy: bool = False) -> np.ndarray:
         held = rows % folds == k
         own = fit(_on(problem, data.rows(rows[~held])))
         there = _on(own.problem, data)
-        if discrepancy:
-            out = predicted(there, own.theta, fit_discrepancy(own))
+        if features is not None:
+            out = predicted(there, own.theta, fit_discrepancy(own, features))
         else:
             out = there.outputs(own.theta, there.firsts())[0]
         residuals[held] = (data.outputs - out)[held]
@@ -264,14 +285,6 @@ def _path(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     model = with_values(problem.base, problem.unknowns, theta)
     inputs = problem.inputs(theta, (0, len(problem.data.t)))
     return rests(model, (), inputs, Around(problem.base))[0]
-
-
-def _features(u: np.ndarray, strains: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """φ (N, f): 1, inputs, their products, strains."""
-    m = u.shape[1]
-    v, e = u / sizes[:m], strains / sizes[m:]
-    products = [v[:, i] * v[:, j] for i, j in combinations_with_replacement(range(m), 2)]
-    return np.column_stack([np.ones(len(u)), v, *products, e])
 
 
 def _left_out(A: np.ndarray, left: np.ndarray, known: np.ndarray, ridge: float) -> float:

@@ -1,0 +1,143 @@
+"""Where the residuals are, and what the model may lack.
+
+A hint is an experiment: one extension of the model is fitted beside the unknowns to the same data,
+and the error on data that no fit has seen is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softdyn.dynamics.model import SoftModel
+from softdyn.exceptions import InputError, SoftdynError
+from softdyn.identification.design import DesignFile
+from softdyn.identification.model_errors.discrepancy import cubes, left_out
+from softdyn.identification.parameters import Parameter, parameters
+from softdyn.identification.problem import Fit
+from softdyn.identification.result import Identified, distance, rms
+from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, KINDS
+
+PARTS = 4  # of the time, or of the rows
+SLIGHT = 0.05  # of a joint's stiffness times 1 rad: a first guess of dry friction
+GUESS = 0.1  # a first guess of a cable's friction
+
+
+@dataclass(frozen=True)
+class Hint:
+    """An extension, and the rms residuals on unseen data without and with it; see `distance`."""
+
+    extension: str
+    before: float
+    after: float
+
+    def __str__(self) -> str:
+        way = "lowers" if self.after < self.before else "does not lower"
+        change = f"from {self.before:.3g} to {self.after:.3g}"
+        return f"adding {self.extension} {way} the held-out error: {change}"
+
+
+def where(found: Identified) -> list[dict[str, Any]]:
+    """Rms residuals by output (markers as one), by quarter of time, and by quarter of each input.
+
+    The input quarters have equal numbers of rows, from the least to the largest input.
+    """
+    rows, left, u = [], found.residuals, found.data.u
+    stems = [name.rpartition(".")[0] for name in found.names]
+    marks = {stem for stem in stems if stems.count(stem) > 1 and not stem.endswith("q")}
+    keys = [s if s in marks else name for s, name in zip(stems, found.names, strict=True)]
+    for key in dict.fromkeys(keys):
+        own = left[:, [k for k, one in enumerate(keys) if one == key]]
+        rows.append({"by": "output", "of": key, "rms": rms(own)})
+    scaled = left / found.noise
+    orders = {"time": ("", np.arange(len(left)))}
+    names = [one.name for one in found.model.robot.actuators]
+    orders |= {f"input {name}": (name, np.argsort(u[:, k], kind="stable"))
+               for k, name in enumerate(names)}  # fmt: skip
+    for label, (_, order) in orders.items():
+        for k, part in enumerate(np.array_split(order, PARTS)):
+            rows.append({"by": label, "of": f"quarter {k + 1}", "rms": rms(scaled[part])})
+    return rows
+
+
+def where_text(rows: Sequence[dict[str, Any]]) -> str:
+    """`where` as text."""
+    lines = []
+    for by in dict.fromkeys(row["by"] for row in rows):
+        own = [row for row in rows if row["by"] == by]
+        shown = [f"{row['of']} {row['rms']:.3g}" for row in own] if by == "output" else [
+            f"{row['rms']:.2g}" for row in own
+        ]  # fmt: skip
+        unit = "rms" if by == "output" else "in standard deviations, first to last quarter"
+        lines.append(f"residuals by {by}, {unit}: {', '.join(shown)}")
+    return "\n".join(lines)
+
+
+def extensions(
+    model: SoftModel, unknowns: Sequence[Parameter], static: bool, made: DesignFile | None
+) -> Iterator[tuple[str, tuple[Parameter, ...]]]:
+    """What may be lacking and is no unknown yet: friction, the path of cables."""
+    taken = {one.names[0] for one in unknowns}
+    driven = {one.tendon for one in model.robot.actuators}
+    rubs = np.array([float(one.name in driven) for one in model.robot.tendons])
+    if static and rubs.any() and not taken & {CABLE_FRICTION.name, "friction"}:
+        label = f"{CABLE_FRICTION.name}, all"
+        yield CABLE_FRICTION.name, (Parameter(CABLE_FRICTION, label, rubs, GUESS),)
+    if static and INPUT_LOSS.name not in taken and model.nu:
+        yield INPUT_LOSS.name, parameters(model, INPUT_LOSS.name, shared=True)
+    if not static and "friction" not in taken:
+        size = SLIGHT * float(model.stiffness.mean() or 1.0)
+        yield "friction", (Parameter(KINDS["friction"], "friction, all", np.ones(model.nv), size),)
+    if made is not None and "offset" not in taken:
+        try:
+            yield "offset", made.unknowns(("offset.cable",))
+        except InputError:  # the design has no cables
+            return
+    elif made is None and "gear" not in taken and model.nu:
+        yield "gear", parameters(model, "gear")
+
+
+def hints(
+    found: Identified,
+    again: Callable[[tuple[Parameter, ...]], Identified],
+    folds: int,
+    made: DesignFile | None = None,
+) -> Iterator[Hint]:
+    """The gain of each extension; one that cannot be fitted is left out.
+
+    Parameters
+    ----------
+    found : Identified
+    again : callable
+        More unknowns → the fit of data over time with them, with the same part held out.
+    folds : int
+        Parts of static rows that are left out in turn.
+    made : DesignFile, optional
+        The design that was fitted.
+    """
+    fit, names = found.fit, found.names
+    unknowns, base = fit.problem.unknowns, fit.problem.base
+    if found.static:
+        before = distance(names, left_out(fit, folds))
+        strained = distance(names, left_out(fit, folds, cubes))
+        yield Hint("a stiffness that depends on strain", before, strained)
+    else:
+        before = found.rms_held_out
+    for name, more in extensions(base, unknowns, found.static, made):
+        try:
+            if found.static:
+                after = distance(names, left_out(_extended(fit, more), folds))
+            else:
+                after = again(more).rms_held_out
+        except SoftdynError:
+            continue
+        yield Hint(name, before, after)
+
+
+def _extended(found: Fit, more: tuple[Parameter, ...]) -> Fit:
+    """The fit with more unknowns, at their first guesses."""
+    problem = replace(found.problem, unknowns=found.problem.unknowns + more)
+    return replace(found, problem=problem, theta=np.append(found.theta, [x.nominal for x in more]))

@@ -1,0 +1,81 @@
+"""Hints: of several extensions, the one that the data were made with has the largest gain."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from softdyn.commands import identify as command
+from softdyn.identification import DesignFile, Measurements, measured_outputs
+from softdyn.identification.rests import Inputs, rests
+from softdyn.identification.trajectory import Start, follow
+from softdyn.identification.unknowns.kinds import Around
+from tests.identification.test_static import ARM, POINTS, written
+from tests.support import cart
+
+NAMES = [f"point.{m}.{a}" for m in "abc" for a in "xyz"]
+
+
+def tried(capsys, *words):
+    """The hints by extension, and the report."""
+    assert command.main([*words, "--hints", "--json", "-"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    return {one["extension"]: one for one in report["hints"]}, report
+
+
+@pytest.mark.parametrize("lacking", ["cable_friction", "offset"])
+def test_static_rows(tmp_path, capsys, lacking):
+    (tmp_path / "points.toml").write_text(POINTS)
+    text = ARM.replace("max_tension", "friction = 0.15\nmax_tension")
+    text = text if lacking == "cable_friction" else ARM.replace("[9, 6.0]", "[7.5, 5.0]")
+    (tmp_path / "true.toml").write_text(text)
+    (tmp_path / "arm.toml").write_text(ARM)
+    true = DesignFile(tmp_path / "true.toml", tmp_path / "points.toml").model
+    rng, u = np.random.default_rng(5), np.r_[np.linspace(0.3, 5, 6), np.linspace(4, 0.3, 6)]
+    u = u[:, None] * [1, 0.4, 0]
+    path, _ = rests(true, (), Inputs(u, np.zeros(3)), Around(true))
+    out = measured_outputs(true, NAMES, path, np.zeros((*path.shape, 0)))[0]
+    out += 3e-4 * rng.normal(size=out.shape)
+    data = written(tmp_path / "d.csv", true, u, NAMES, out)
+    words = [
+        str(tmp_path / "arm.toml"),
+        data,
+        "--points",
+        str(tmp_path / "points.toml"),
+        "--static",
+    ]
+    hints, report = tried(
+        capsys, *words, "--free", "youngs_modulus", "--hold-out", "0", "--folds", "2"
+    )
+    assert hints.keys() == {
+        "a stiffness that depends on strain", "cable_friction", "input_loss", "offset",
+    }  # fmt: skip
+    before = {one["before"] for one in hints.values()}
+    assert len(before) == 1
+    assert hints[lacking]["after"] == min(one["after"] for one in hints.values())
+    assert hints[lacking]["after"] < 0.6 * before.pop()
+    by = [row["by"] for row in report["residuals"]]
+    assert by.count("output") == 3
+    assert by.count("time") == by.count("input pull_1") == 4
+
+
+def test_dry_friction_of_a_motion(tmp_path, capsys):
+    text = cart.CART.format(stiffness=8, damping=0.3, lower=-4, upper=4)
+
+    true = cart.load(tmp_path, text.replace("<dynamics ", '<dynamics friction="0.4" '))
+    (tmp_path / "file.urdf").write_text(text)
+    t = 0.01 * np.arange(200)
+    u = np.interp(t, 0.2 * np.arange(11), np.random.default_rng(3).uniform(-4, 4, 11))[:, None]
+    none = np.zeros((1, 0))
+    path, _ = follow(true, (), t, u, Start(np.array([0.2]), np.zeros(1), none, none))
+    path += 1e-3 * np.random.default_rng(4).normal(size=path.shape)
+    rows = Measurements(t, u, ("q.x",), path)
+    np.savetxt(tmp_path / "d.csv", np.column_stack((rows.t, u, path)), delimiter=",",
+               header="t,u.u,q.x", comments="")  # fmt: skip
+    hints, report = tried(capsys, str(tmp_path / "file.urdf"), str(tmp_path / "d.csv"))
+    assert hints.keys() == {"friction", "gear"}
+    friction = hints["friction"]
+    assert friction["after"] < 0.7 * friction["before"]
+    assert friction["before"] == report["rms_held_out"]
