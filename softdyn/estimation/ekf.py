@@ -13,6 +13,7 @@ from softdyn.description.rig import Sensor
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import SAME, LateReading, SensorChannel, sensor_channels
 from softdyn.estimation.balance import Disturbance
+from softdyn.estimation.consistency import chi_squared_bounds
 from softdyn.estimation.covariance import append, kept_rows, predict, symmetrised, update, usable
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
@@ -25,6 +26,7 @@ from softdyn.sensing import Sensors
 FROM_FILE = "file"
 LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
 MATCH = 2e-6  # s, between the own times of a reading and of its prediction
+SURE = 1 - 1e-6  # the level at which first readings refute the start
 HALVINGS = 4  # of a step without a solution
 LARGEST = 1e6  # no reading is larger (rad, m, N, …)
 
@@ -130,7 +132,7 @@ class Ekf:
         self._v = vector("v", self._start[1] if v is None else v, model.nv)
         self._d = np.zeros(len(self._disturbed))
         self._late: list[LateReading] = []
-        self._cover()
+        self._cover(1.0)
         self._held = np.zeros(model.nv, np.int64)
         self._time = math.nan
         u = np.clip(0.0, model.u_min, model.u_max) if u is None else vector("u", u, model.nu)
@@ -142,9 +144,9 @@ class Ekf:
         self._nis, self._used = 0.0, 0
         self._residuals = np.full((2, self.components), np.nan)
 
-    def _cover(self) -> None:
-        """Set the covariance of the start; late readings are forgotten."""
-        self._P = np.diag(np.concatenate((self._first, self._disturbed)))
+    def _cover(self, scale: float) -> None:
+        """Set the covariance of the start, scaled for the state; late readings are forgotten."""
+        self._P = np.diag(np.concatenate((scale * self._first, self._disturbed)))
         self._late.clear()
 
     @property
@@ -205,7 +207,7 @@ class Ekf:
                 self._count("held")
             if t - self._time > LONGEST_GAP:
                 self._count("gaps")
-                self._cover()
+                self._cover(self.parameters.widening)
                 self._time = t
         begin = t if first else self._time
         waiting = sorted(
@@ -214,12 +216,14 @@ class Ekf:
         )
         # a camera's picture of this instant is expected once the other readings of it are known
         soon = [pair for pair in waiting if pair[0] < t - SAME * (t - begin)] if t > begin else []
-        if self._predict(begin, t, soon) and self._correct(t, readings):
+        correct = self._begin if first else self._correct
+        if self._predict(begin, t, soon) and correct(t, readings):
             for own, channel in waiting[len(soon) :]:
                 self._append(channel, own)
         else:
             self._count("restarts")
             self.reset(counts=False)
+            self._cover(self.parameters.widening)
             self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
         self._time = t
         return self._estimate()
@@ -296,6 +300,21 @@ class Ekf:
             self._P[: 2 * n, : 2 * n], channel.variance,
         )  # fmt: skip
         return LateReading(channel, time, predicted, channel.bias + shift, variance)
+
+    def _begin(self, t: float, readings: np.ndarray) -> bool:
+        """The first correction; a start that its readings refute is taken as unknown."""
+        start = self._q.copy(), self._v.copy(), self._d.copy(), self._counted.copy()
+        if not self._correct(t, readings):
+            return False
+        if self._used == 0 or self._nis < chi_squared_bounds(self._used, level=SURE)[1]:
+            return True
+        self._q, self._v, self._d, self._counted = start
+        self._nis, self._used = 0.0, 0
+        self._count("refuted")
+        self._cover(self.parameters.widening)
+        for channel in self._channels:
+            channel.last = -1
+        return self._correct(t, readings)
 
     # -- correction ----------------------------------------------------------------------------
 

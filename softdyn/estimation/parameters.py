@@ -25,6 +25,8 @@ class EkfParameters:
     spread : float
         Standard deviation of each joint's first position, as a share of its range (of 1 rad or 1 m
         without limits, and at most of these).
+    lost : float
+        As `spread`, if the first readings refute the start, after a gap, and for a lost estimate.
     process : float
         Standard deviation of the unmodelled joint forces, each constant over 10 ms, as a share of
         the force of the joint's spring over its range. Without a spring it is the force that moves
@@ -43,7 +45,8 @@ class EkfParameters:
         No step of the prediction is longer (s).
     """
 
-    spread: float = 0.1
+    spread: float = 0.01
+    lost: float = 0.1
     process: float = 0.4
     memory: float = 3.0
     tip_force: float = 1.0
@@ -55,6 +58,11 @@ class EkfParameters:
     def __post_init__(self) -> None:
         for field in fields(self):
             number(field.name, getattr(self, field.name), above=0.0)
+
+    @property
+    def widening(self) -> float:
+        """The factor from the variances of a known start to those of an unknown one."""
+        return max(self.lost / self.spread, 1.0) ** 2
 
     def variances(
         self, model: SoftModel, disturbances: tuple[Disturbance, ...]
@@ -100,6 +108,8 @@ class EkfCounts:
         Pauses longer than 0.5 s. The covariance begins anew at the estimate.
     held : int
         Steps without finite commands. The last ones are taken to act on.
+    refuted : int
+        Starts that the first readings refuted. They are then taken as unknown.
     restarts : int
         Estimates that were lost, because a prediction had no solution or was not finite. The
         filter begins anew at its start.
@@ -111,6 +121,7 @@ class EkfCounts:
     refused: int = 0
     gaps: int = 0
     held: int = 0
+    refuted: int = 0
     restarts: int = 0
 
 

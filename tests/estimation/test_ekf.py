@@ -268,6 +268,26 @@ def test_duplicate_and_refused_steps_change_nothing():
         before.q[0] = 1.0
 
 
+def test_a_start_that_the_first_readings_refute_is_unknown():
+    """The covariance is then that of `lost`; a start within its deviations is kept."""
+    model = softdyn.load("finger")
+    found = {}
+    for wrong in (0.0, 0.2):
+        q = np.full(4, wrong)
+        z = np.concatenate((model.tendon_lengths(q)[:2], model.state(q, [0] * 4).y))
+        ekf, wide = (
+            Ekf(model, sensors(model), parameters=given)
+            for given in (EkfParameters(), EkfParameters(spread=0.1))
+        )
+        one, other = (each.step(0.0, z, np.zeros(2)) for each in (ekf, wide))
+        assert ekf.counts.refuted == (wrong > 0)
+        assert ekf.counts.used == 5
+        found[wrong] = np.allclose(one.q, other.q, atol=1e-9) and np.allclose(
+            one.covariance, other.covariance
+        )
+    assert found == {0.0: False, 0.2: True}
+
+
 def test_a_lost_filter_begins_anew():
     model = softdyn.load("finger")
     ekf = Ekf(model, sensors(model))

@@ -9,6 +9,7 @@ from scipy.stats import binom, kstest
 import softdyn
 from softdyn import InputError
 from softdyn.estimation import Ekf, EkfParameters, find_touch
+from softdyn.sensing import Sensors
 from tests.support.sensed import sensors
 
 PERIOD = 0.005
@@ -21,6 +22,7 @@ def recorded(model, rng, steps, link="link1", force=(0.0, 0.0, 0.0), begin=0.0):
     start = rng.normal(size=2 * n) * np.sqrt(ekf._first)
     q, v, held = model.integrate(model.q0, start[:n]), start[n:], np.zeros(n, int)
     robot, rows, none = model.robot, [], np.zeros(0)
+    truth = Sensors(model, sensors(model))
     origin = {one.name: one.origin.translation for one in robot.links}
     for k in range(steps):
         if k:
@@ -30,9 +32,7 @@ def recorded(model, rng, steps, link="link1", force=(0.0, 0.0, 0.0), begin=0.0):
             found = ekf._step(q, v, u, none, PERIOD, held)
             kick = found.by_force @ push
             q, v, held = model.integrate(found.q, PERIOD * kick), found.v + kick, found.held
-        ideal = np.concatenate([
-            c.sensors.measure(model.state(q, v), u).values for c in ekf._channels
-        ])  # fmt: skip
+        ideal = truth.measure(model.state(q, v), u).values
         noise = np.concatenate([np.sqrt(c.variance) for c in ekf._channels])
         rows.append(ideal + noise * rng.normal(size=len(ideal)))
     return PERIOD * np.arange(steps), np.array(rows), np.tile(u, (steps, 1))
