@@ -151,6 +151,7 @@ class Impedance(TaskLaw):
     """
 
     name = "ic"
+    project = False  # onto range(B)
 
     def __init__(
         self,
@@ -161,41 +162,18 @@ class Impedance(TaskLaw):
     ) -> None:
         gains = resolve(model, self.name, gains)
         error = one_level(task_error(model, gains, tasks))
-        super().__init__(model, gains, ImpedanceLaw(project=False), error)
+        super().__init__(model, gains, ImpedanceLaw(project=self.project), error)
 
 
-class UnderactuatedImpedance(TaskLaw):
+class UnderactuatedImpedance(Impedance):
     """Paper, "Underactuated Impedance Control", after Mistry & Righetti 2012, eq. (UIC).
 
-    τ = (I - N [(I - I_p) N]⁺) Jᵀ f + D q̇ + K + g with I_p = B B⁺ (n × n; the paper prints B⁺B).
-
-    Parameters
-    ----------
-    model : SoftModel
-        The robot.
-    gains : Gains, optional
-        By default the paper's, for a bundled robot; required for any other.
-    tasks : sequence of softdyn.tasks.Task, optional
-        What to control; by default the position of the tip.
-
-    Raises
-    ------
-    InputError
-        If there are no gains for this robot, or the robot has no inputs.
+    τ = (I - N [(I - I_p) N]⁺) Jᵀ f + D q̇ + K + g with I_p = B B⁺ (n × n; the paper prints B⁺B). Its
+    arguments are those of `Impedance`.
     """
 
     name = "uic"
-
-    def __init__(
-        self,
-        model: SoftModel,
-        gains: Gains | None = None,
-        *,
-        tasks: Sequence[Task] | None = None,
-    ) -> None:
-        gains = resolve(model, self.name, gains)
-        error = one_level(task_error(model, gains, tasks))
-        super().__init__(model, gains, ImpedanceLaw(project=True), error)
+    project = True
 
 
 @compiled

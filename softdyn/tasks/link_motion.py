@@ -107,7 +107,9 @@ class LinkKinematics:
         place = self._places.get((link, point)) or self._find(link, point)
         last = self._last
         if getattr(last, "state", None) is not state:
-            last.bodies, last.state = self._bodies(state), state
+            # the arrays of the State before are used again; the world's rows in them stay zero
+            last.bodies = self._bodies(state, getattr(last, "bodies", None))
+            last.state = state
         bodies: _Bodies = last.bodies
         rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
         rates = np.empty((2, 6))
@@ -118,14 +120,15 @@ class LinkKinematics:
             six = six @ self._S
         return LinkMotion(rotation, position, six, rates[0], rates[1])
 
-    def _bodies(self, state: State) -> _Bodies:
+    def _bodies(self, state: State, bodies: _Bodies | None) -> _Bodies:
         tree, v = self._tree, state.v if self._S is None else self._S @ state.v
         found = tree.kinematics(_tree_configuration(state))
-        count, n = len(found[2]), len(v)
-        bodies = _Bodies(
-            np.empty((n, 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
-            np.zeros((count, 6)), np.zeros((count, 6)),
-        )  # fmt: skip
+        if bodies is None:
+            count, n = len(found[2]), len(v)
+            bodies = _Bodies(
+                np.empty((n, 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
+                np.zeros((count, 6)), np.zeros((count, 6)),
+            )  # fmt: skip
         _kinematics(*found, self._columns, v, *bodies)
         return bodies
 
