@@ -31,8 +31,9 @@ without readings and with them; the picture has the arm coloured by it.
 
 --data runs the filter over a CSV file with the columns t, command.INPUT or u.INPUT, and
 measured.SENSOR, such as the CSV of a run with --rig. The residuals of its sensors show biases,
-wrong noise and what the model lacks. --touch tests each link for a constant force; all links
-together raise a false alarm at the stated rate.
+wrong noise and what the model lacks; `softdyn identify ROBOT FILE --free sensor_bias
+sensor_latency` fits biases and latencies to the same file. --touch tests each link for a constant
+force; all links together raise a false alarm at the stated rate.
 
 exit codes: 0 done, the wrong start was forgotten; 1 it was not; 2 bad input.
 """

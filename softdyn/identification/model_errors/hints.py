@@ -15,12 +15,14 @@ import numpy as np
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
 from softdyn.identification.design import DesignFile
+from softdyn.identification.markers.camera import CAMERA
 from softdyn.identification.model_errors.discrepancy import cubes, left_out
 from softdyn.identification.parameters import Parameter, parameters
 from softdyn.identification.problem import Fit
 from softdyn.identification.result import Identified, distance, rms
 from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, KINDS
 
+ONE_EACH = ("q", "length", "measured")  # outputs of one number; the others are points and poses
 PARTS = 4  # of the time, or of the rows
 SLIGHT = 0.05  # of a joint's stiffness times 1 rad: a first guess of dry friction
 GUESS = 0.1  # a first guess of a cable's friction
@@ -45,21 +47,22 @@ def where(found: Identified) -> list[dict[str, Any]]:
 
     The input quarters have equal numbers of rows, from the least to the largest input.
     """
-    rows, left, u = [], found.residuals, found.data.u
-    stems = [name.rpartition(".")[0] for name in found.names]
-    marks = {stem for stem in stems if stems.count(stem) > 1 and not stem.endswith("q")}
-    keys = [s if s in marks else name for s, name in zip(stems, found.names, strict=True)]
+    left, u, rows = found.residuals, found.data.u, []
+    keys = []
+    for name in found.names:
+        stem, _, axis = name.rpartition(".")
+        turn = " rotation" if axis in CAMERA[3:] else ""
+        keys.append(stem + turn if axis in CAMERA and stem not in ONE_EACH else name)
     for key in dict.fromkeys(keys):
         own = left[:, [k for k, one in enumerate(keys) if one == key]]
         rows.append({"by": "output", "of": key, "rms": rms(own)})
     scaled = left / found.noise
-    orders = {"time": ("", np.arange(len(left)))}
-    names = [one.name for one in found.model.robot.actuators]
-    orders |= {f"input {name}": (name, np.argsort(u[:, k], kind="stable"))
-               for k, name in enumerate(names)}  # fmt: skip
-    for label, (_, order) in orders.items():
+    orders = {"time": np.arange(len(left))}
+    for k, one in enumerate(found.model.robot.actuators):
+        orders[f"input {one.name}"] = np.argsort(u[:, k], kind="stable")
+    for by, order in orders.items():
         for k, part in enumerate(np.array_split(order, PARTS)):
-            rows.append({"by": label, "of": f"quarter {k + 1}", "rms": rms(scaled[part])})
+            rows.append({"by": by, "of": f"quarter {k + 1}", "rms": rms(scaled[part])})
     return rows
 
 
