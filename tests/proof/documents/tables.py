@@ -35,6 +35,7 @@ from softdyn.validation.studies.engine.distribution import (
 )  # fmt: skip
 from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
+from tests.proof import poses
 from tests.proof.documents.settings import changes_table, gains_table
 
 MARKED = re.compile(
@@ -368,6 +369,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "changes": changes_table,
     "gains": gains_table,
     "identification": _identification,
+    "poses": lambda: poses.table(_rows("poses")),
     "best": lambda: _beyond("best"),
     "mpc": lambda: _beyond("mpc"),
     "robustness": _robustness,
