@@ -16,6 +16,9 @@ them a cable slides at guide i by s_i = -∂L_i/∂q q̇. A dead band of the wid
 from switching the friction:
 
     d_i = s_i / √(s_i² + w_i²),    w_i = `REST` Σ_j |∂L_i/∂q_j|.
+
+Controllers that estimate no disturbance gain most. Twice the true μ makes them chatter about rests
+(`docs/your_rig.md`).
 """
 
 from __future__ import annotations

@@ -376,6 +376,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "set-points": _set_points,
     "unseen": lambda: _points("unseen"),
     "rigs": lambda: _points("rigs"),
+    "friction": lambda: _points("friction"),
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,
