@@ -56,7 +56,7 @@ class Compensated(GuardedController):
     Raises
     ------
     InputError
-        A controller that cannot be called, or a time that is negative.
+        A controller that cannot be called, one of tasks behind a delay, a time that is negative.
     """
 
     def __init__(
@@ -75,6 +75,8 @@ class Compensated(GuardedController):
         self.inner, self._model, self._stops = controller, model, JointStops(model)
         self.guard = InputGuard(model.u_min, model.u_max, model.robot)
         self.tasks = getattr(controller, "tasks", ())
+        if self.tasks and self.actuation.delay > 0:  # it moves one reference only
+            raise InputError("controller", "best or mpc, for tasks behind a delay", controller)
         self._admit = guard_of(controller, model).admit
         self.name = f"compensated {getattr(controller, 'name', type(controller).__name__)}"
         self.reset(STEP)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softdyn import Ellipse, InputError, Reference, SetPoint, SoftModel, statics
-from softdyn.controllers import Mpc, best
+from softdyn.controllers import Compensated, Mpc, SoftIdClfQp, best
 from softdyn.controllers.predictive.aim import aim_of
 from softdyn.tasks import (
     AxisTask,
@@ -121,5 +121,9 @@ def test_what_it_refuses_is_one_line() -> None:
             make(model, tasks=levels)
         with pytest.raises(InputError, match="each with its own name"):
             make(model, tasks=[])
+    pair = SoftIdClfQp(model, tasks=SPLIT)
+    assert Compensated(pair, model, lag=0.01).tasks == pair.tasks
+    with pytest.raises(InputError, match="best or mpc, for tasks behind a delay"):
+        Compensated(pair, model, delay=0.01)
     with pytest.raises(InputError, match="a target of task 'x'"):
         Mpc(model, tasks=SPLIT)(model.state(model.q0, np.zeros(4)), References({"y": ELLIPSE})(0.0))
