@@ -135,7 +135,7 @@ class ForceBalance:
             Disturbances.
         """
         S = self._S
-        if isinstance(self._model, Projection) and S is not None:
+        if S is not None and isinstance(self._model, Projection):
             q, v, a, d = self._model.expand(q), S @ v, S @ a, self._expanded(d)
         arguments = self.arguments(q, v, a, commands, d)
         balance_terms(*arguments)

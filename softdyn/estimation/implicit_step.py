@@ -72,6 +72,9 @@ class ImplicitStep:
     def __init__(self, model: SoftModel, disturbances: tuple[Disturbance, ...] = ()) -> None:
         self._model, self._balance = model, ForceBalance(model, disturbances)
         self._limits = np.column_stack((model.lower, model.upper))
+        # a Protocol's isinstance takes microseconds
+        self._plain, self._projected = model.nq == model.nv, isinstance(model, Projection)
+        self._sizes = model.nv, 2 * model.nv + sum(one.size(model) for one in disturbances)
 
     def __call__(
         self,
@@ -98,7 +101,7 @@ class ImplicitStep:
             The stops that held in the last step, a first guess.
         """
         model, balance = self._model, self._balance
-        plain, projected = model.nq == model.nv, isinstance(model, Projection)
+        plain = self._plain
         speed, held, acceleration = v.copy(), held.copy(), np.zeros(model.nv)
         there = q + step * v if plain else model.integrate(q, step * v)
         for _ in range(MOST):
@@ -106,7 +109,7 @@ class ImplicitStep:
             moved = speed, there, acceleration, q, v, at, self._limits, held, step
             terms: tuple[np.ndarray, ...]
             try:
-                if projected:
+                if self._projected:
                     terms = balance(there, speed, acceleration, commands, d)
                     size = _newton(*moved, *terms[:4])
                 else:
@@ -118,7 +121,8 @@ class ImplicitStep:
                 there = model.integrate(q, step * speed)
             if size < NEAR:
                 _, by_q, by_v, by_a, by_d, inputs = terms[:6]
-                by_state, by_force = _derivatives(by_q, by_v, by_a, by_d, held, step)
+                by_state, by_force = np.empty(self._sizes), np.empty(by_q.shape)
+                _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, held, step)
                 return ImplicitStepResult(there, speed, by_state, by_force, held, inputs)
         return None
 
@@ -235,8 +239,8 @@ def _held_rows(A, held):
 
 
 @compiled
-def _derivatives(by_q, by_v, by_a, by_d, held, step):
-    """∂v⁺ by the state (n, 2n + nd), and by a joint force (n, n)."""
+def _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, held, step):
+    """Fill in ∂v⁺ by the state (n, 2n + nd), and by a joint force (n, n)."""
     n, nd = len(by_q), by_d.shape[1]
     inverse = np.linalg.inv(_held_rows(_matrix(by_q, by_v, by_a, step), held))
     right = np.zeros((n, 2 * n + nd))
@@ -249,12 +253,10 @@ def _derivatives(by_q, by_v, by_a, by_d, held, step):
             right[i, n + j] = by_a[i, j] / step
         for j in range(nd):
             right[i, 2 * n + j] = -by_d[i, j]
-    by_state = np.dot(inverse, right)
+    by_state[:] = np.dot(inverse, right)
     for j in range(n):
-        if held[j] != 0:
-            for i in range(n):
-                inverse[i, j] = 0.0
-    return by_state, inverse
+        for i in range(n):
+            by_force[i, j] = 0.0 if held[j] != 0 else inverse[i, j]
 
 
 @compiled

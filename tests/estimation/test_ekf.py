@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -298,6 +299,32 @@ def test_a_lost_filter_begins_anew():
     assert ekf.counts.restarts == 1
     assert np.allclose(estimate.q, model.q0)
     assert ekf.step(0.01, z, np.zeros(2)).used == 5
+
+
+def test_memory_of_a_step():
+    """A step leaves nothing behind but its estimate, and needs little more while it runs."""
+    model = softdyn.load("helix")
+    ekf = Ekf(model, sensors(model, rate=60.0, latency=0.03), ("tip_force",))
+    q, v, u = model.q0, np.zeros(model.nv), np.zeros(model.nu)
+    z = np.concatenate((model.tendon_lengths(q)[:9], model.state(q, v).y))
+    before = []
+    for k in range(60):
+        ekf.step(k * PERIOD, z, u)
+        if k % 20 == 19:
+            before.append(len(ekf._P))
+    assert before[1] == before[2]  # late readings that wait
+    tracemalloc.start()
+    try:
+        for k in range(60, 80):
+            estimate = ekf.step(k * PERIOD, z, u)
+        held = tracemalloc.get_traced_memory()[0]
+        for k in range(80, 120):
+            tracemalloc.reset_peak()
+            estimate = ekf.step(k * PERIOD, z, u)
+            assert tracemalloc.get_traced_memory()[1] < held + 4 * estimate.covariance.nbytes
+        assert tracemalloc.get_traced_memory()[0] < held + 2000
+    finally:
+        tracemalloc.stop()
 
 
 def test_refused_arguments(tmp_path):
