@@ -45,6 +45,7 @@ from softdyn.statics.equilibrium import StaticsError
 CUTS = 4  # largest number of times that data without joint angles are cut at a simulated stop
 ROUNDS = 12  # largest number of rounds that estimate noise and unknowns in turn
 PIECE = 100  # samples of the first pieces that are fitted
+LATE = 4  # least length of a piece over the largest latency; before that a piece has no readings
 ROUGH = 1e-3  # pieces are joined if a step would reduce the cost by a smaller share
 
 
@@ -220,7 +221,9 @@ def _joined(
     measured motion. Its fit gives a better guess for a longer piece (multiple shooting: Bock,
     Recent advances in parameter identification techniques for O.D.E., 1983).
     """
-    noise, known, length = _first_noise(problem), dict[int, np.ndarray](), PIECE
+    noise, known = _first_noise(problem), dict[int, np.ndarray]()
+    late = max((sensor.latency for sensor in problem.base.robot.sensors), default=0.0)
+    length = max(PIECE, int(LATE * late / np.median(np.diff(problem.data.t))))
     while True:
         parts = replace(problem, runs=_pieces(problem.runs, length))
         firsts = [
@@ -375,8 +378,8 @@ def _held_out(
         rest = problem_of(
             changed, data.part(split, len(data.t)), (), problem.step, problem.seen(theta)
         )
-    except InputError:  # no joint moves there, or all samples are at stops
+        zero, firsts, _ = _joined(rest, np.zeros(0))
+        _, _, simulated = _solve(rest, zero, firsts, noise)
+    except InputError:  # no joint moves there, all samples are at stops, or readings are older
         return none
-    zero, firsts, _ = _joined(rest, np.zeros(0))
-    _, _, simulated = _solve(rest, zero, firsts, noise)
     return rest.residuals(simulated)

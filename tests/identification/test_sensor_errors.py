@@ -80,6 +80,20 @@ def test_bias_and_latency_from_the_log_of_a_rig(tmp_path, capsys, motor):
     assert wire.bias[0] == pytest.approx(-0.02, abs=1e-3)
 
 
+def test_a_late_sensor_beside_encoders(tmp_path, capsys):
+    """Its latency is longer than half of the first pieces of the data, and of the held-out part."""
+    file = sensed(tmp_path, **TRUE | {"camera": 0.15})
+    log = str(tmp_path / "run.csv")
+    assert rollout_command.main([file, "--inputs", pushes(tmp_path, 0.8), "--period", "0.005",
+                                 *RIG, log]) == 0  # fmt: skip
+    capsys.readouterr()
+    words = ["--outputs", "q", "measured.camera", "--free", "sensor_bias", "--json", "-"]
+    assert command.main([file, log, *words]) == 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["not_told"] == ["sensor_bias wire"]
+    assert report["parameters"][0]["value"] == pytest.approx(0.004, abs=1e-3)
+
+
 def test_a_sensor_without_a_column_is_named(tmp_path, capsys):
     file = sensed(tmp_path, **TRUE)
     log = str(tmp_path / "run.csv")
