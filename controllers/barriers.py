@@ -1,16 +1,18 @@
 """Exponential control barrier functions: joint limits, half-spaces and spheres as rows of the QP.
 
-A barrier is a function b(q) of relative degree two that must stay non-negative. Its condition has a
-double pole at -α (Nguyen and Sreenath 2016). As in the dynamics (`softdyn.controllers.qps.horizon`)
-it is evaluated by backward Euler at the end of a step τ:
+A barrier is a function b(q) of relative degree two that must stay non-negative. Its condition has
+poles at -α and -β (Nguyen and Sreenath 2016); β = α unless the barrier has a `recovery`. As in the
+dynamics (`softdyn.controllers.qps.horizon`) it is evaluated by backward Euler at the end of a step
+τ:
 
-    b̈ + 2 α (ḃ + τ b̈) + α² (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
+    b̈ + (α + β) (ḃ + τ b̈) + α β (b + τ ḃ + τ² b̈) ≥ 0,     b̈ = G q̈ + r,   G = ∂b/∂q,
 
 where r is the part of b̈ without q̈. q̈ is *not* the QP's own, which is fictitious along unactuated
 directions. It is that of the whole dynamics, q̈ = M⁻¹(B u - h), so every barrier gives one
-inequality in u. Divided by (1 + α τ)² it is b̈ ≥ -c, where -c is the least allowed acceleration.
+inequality in u. A joint that a stop holds has q̈ = 0, because the dynamics have no stops. Divided by
+(1 + α τ)(1 + β τ) it is b̈ ≥ -c, where -c is the least allowed acceleration.
 
-Let s = ḃ + α b, ḃ⁺ = ḃ + τ b̈ and b⁺ = b + τ ḃ⁺. The row is then (1 + α τ) s⁺ ≥ s, and b⁺ is
+Let s = ḃ + α b, ḃ⁺ = ḃ + τ b̈ and b⁺ = b + τ ḃ⁺. The row is then (1 + β τ) s⁺ ≥ s, and b⁺ is
 (b + τ s⁺) / (1 + α τ). If b ≥ 0 and s ≥ 0, both still hold after an exact step of τ. From other
 states there is no guarantee. They are counted, and a run that starts at one gives a warning.
 
@@ -39,6 +41,7 @@ from softdyn.safety.obstacles import HalfSpace as HalfSpace
 NEGLIGIBLE = 1e-6  # of these units
 ROOM = 1e-2  # of these units; every row is relaxed by it, because a QP needs an interior
 ROUNDS = 6  # largest number of rounds that add rows
+TOUCH = 0.1  # of these units: a joint so near its stop touches it
 TIE = 1e-6  # weight that chooses among inputs that break the rows alike
 
 
@@ -78,15 +81,20 @@ class JointLimits:
         self._gradient = np.vstack((eye[below], -eye[above]))
         self._offset = np.concatenate((-(model.lower + inset)[below], (model.upper - inset)[above]))
         self._drift = np.zeros(len(self._offset))
-        sliding = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
-        unit = [MILLIMETRE if name in sliding else CENTIRADIAN for name in model.joint_names]
-        self._unit = np.concatenate((np.array(unit)[below], np.array(unit)[above]))
+        unit = _joint_units(model)
+        self._unit = np.concatenate((unit[below], unit[above]))
 
     def __call__(self, state: State) -> Values:
         """q - lower and upper - q, joint by joint."""
         coordinates = state.model.coordinates(state.q)
         b = self._gradient @ coordinates + self._offset
         return Values(b, self._gradient, self._drift, self._unit)
+
+
+def _joint_units(model: SoftModel) -> np.ndarray:
+    """The unit (n,) of each joint: a slide's is a length."""
+    sliding = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
+    return np.array([MILLIMETRE if n in sliding else CENTIRADIAN for n in model.joint_names])
 
 
 def __getattr__(name: str) -> Any:
@@ -150,23 +158,38 @@ class BarrierRows:
         """Reset all counts; with a control period (s) every barrier has a row for it too."""
         self.violation, self.relaxed, self.relaxation = -np.inf, 0, 0.0
         self.outside, self.least, self._begun = 0, 0, False
-        self._period = period
+        self._period, self._step = period, period or self._tau or 1e-3
         self._hold = Horizon(self._model, period) if period else None
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows at a state, with M and h of the dynamics over the horizon."""
-        seen = [(barrier.rate, barrier(state)) for barrier in self._barriers]
+        seen = [
+            (one.rate, getattr(one, "recovery", one.rate), one(state)) for one in self._barriers
+        ]
         self._count(state, seen)
+        model, period = self._model, self._period
+        for k, barrier in enumerate(self._barriers):
+            if (kept := getattr(barrier, "kept", None)) is not None:
+                alpha, beta, found = seen[k]  # the counts above are of the barrier itself
+                seen[k] = alpha, beta, found._replace(b=found.b - kept(model, period))
         steps = [(self._tau, M, h)] if self._tau or self._hold is None else []
         if self._hold is not None:
             steps.append((self._period, *self._hold(state)))
-        parts = [_rows(state, seen, *step) for step in steps]
+        free = ~self._stops(state)
+        parts = [_rows(state, seen, *step, free) for step in steps]
         return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
 
-    def _count(self, state: State, seen: Sequence[tuple[float, Values]]) -> None:
+    def _stops(self, state: State) -> np.ndarray:
+        """Whether a stop holds each joint (n,): the joint is there, and does not leave it."""
+        model, near = self._model, TOUCH * _joint_units(self._model)
+        q, v = model.coordinates(state.q), state.v
+        low = (q <= model.lower + near) & (v <= near / self._step)
+        return low | ((q >= model.upper - near) & (v >= -near / self._step))
+
+    def _count(self, state: State, seen: Sequence[tuple[float, float, Values]]) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
         outside = ""
-        for barrier, (alpha, (b, G, _, unit)) in zip(self._barriers, seen, strict=True):
+        for barrier, (alpha, _, (b, G, _, unit)) in zip(self._barriers, seen, strict=True):
             self.violation = max(self.violation, float((-b / unit).max(initial=-np.inf)))
             s = G @ state.v + alpha * b
             approach = np.minimum(b, s / alpha) / unit
@@ -267,15 +290,29 @@ class BarrierRows:
 
 
 def _rows(
-    state: State, seen: Sequence[tuple[float, Values]], tau: float, M: np.ndarray, h: np.ndarray
+    state: State,
+    seen: Sequence[tuple[float, float, Values]],
+    tau: float,
+    M: np.ndarray,
+    h: np.ndarray,
+    free: np.ndarray,
 ) -> Rows:
-    """A row for every barrier, with its rate α, over a step τ with M and h of the dynamics."""
-    inverse = np.linalg.solve(M, np.column_stack((state.B, h)))
+    """A row for every barrier, with its rate α, over a step τ with M and h of the dynamics.
+
+    Joints that are not `free` do not accelerate.
+    """
+    inverse = np.column_stack((state.B, h))
+    if free.all():
+        inverse = np.linalg.solve(M, inverse)
+    else:
+        inverse[free] = np.linalg.solve(M[np.ix_(free, free)], inverse[free])
+        inverse[~free] = 0.0
     parts = []
-    for alpha, (b, G, drift, unit) in seen:
-        share = 1 / (1 + alpha * tau) ** 2
-        affordable = share * (alpha * (2 + alpha * tau) * (G @ state.v) + alpha**2 * b)
+    for alpha, beta, (b, G, drift, unit) in seen:
+        share = 1 / ((1 + alpha * tau) * (1 + beta * tau))
+        both = alpha * beta
+        affordable = share * ((alpha + beta + both * tau) * (G @ state.v) + both * b)
         response = G @ inverse
         upper = affordable + drift - response[:, -1]
-        parts.append((-response[:, :-1], upper, share * alpha**2 * unit))
+        parts.append((-response[:, :-1], upper, share * both * unit))
     return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))

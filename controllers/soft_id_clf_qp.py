@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -78,6 +79,18 @@ class SoftIdClfQp(TaskLaw):
             barriers=self.barrier_rows,
         )
         super().__init__(model, gains, qp, error)
+
+    @classmethod
+    def among(
+        cls,
+        barriers: Sequence[ControlBarrier],
+        model: SoftModel,
+        gains: Gains | None = None,
+        **options: Any,
+    ) -> SoftIdClfQp:
+        """The controller with barriers, by default over a horizon of ε of its gains."""
+        usual = {"horizon": resolve(model, cls.name, gains).eps}
+        return cls(model, gains, barriers=barriers, **usual | options)
 
     def reset(self, period: float) -> None:
         """Begin a run; barriers then have rows over its control period (s) too."""

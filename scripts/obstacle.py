@@ -60,10 +60,8 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html is not None:
         from softdyn.validation.report.replay import comparison
 
-        x, y, z = map(float, met.ball.centre)
         logs, labels = [*met.logs.values()], [*met.logs]
-        page = comparison(logs, [model] * len(logs), labels, balls=[(x, y, z, met.ball.radius)])
-        page.save(arguments.html)
+        comparison(logs, [model] * len(logs), labels).save(arguments.html)
     cli.write_report(met.report, arguments.json, str(met))
     return cli.PASSED if met.report["passed"] else cli.FAILED
 

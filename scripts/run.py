@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
     from softdyn import SoftModel
     from softdyn.description.visuals import Visual
+    from softdyn.safety import Surroundings
     from softdyn.validation import Log
     from softdyn.validation.live.watching import ViewerCost
     from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -48,6 +50,11 @@ and mpc know lag and delay if they stand in the robot's file or in --gains.
 --observer gives the controller an estimate from the rig's sensors (softdyn.estimation.Ekf) instead
 of the state. Disturbances may be named, e.g. "--observer tip_force,stiffness". A class of your own
 is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u).
+
+--obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
+are the fields of softdyn.safety.HalfSpace, KeepOutSphere, KeepOutBox and LinkPairs. They are in the
+plant, the page and the log, and the least reserve of each is printed. soft-id-clf-qp has them as
+barriers, over a horizon of eps unless --gains say otherwise.
 
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
@@ -97,6 +104,7 @@ parser.add_argument(
     "--observer", nargs="?", const="", metavar="WHICH",
     help="estimate the state from the rig's sensors",
 )  # fmt: skip
+parser.add_argument("--obstacles", metavar="FILE", help="obstacles around the robot, a TOML file")
 parser.add_argument(
     "--tolerance",
     type=cli.positive,
@@ -137,7 +145,8 @@ def command(arguments: cli.Arguments) -> int:
         end = max(float(path.times[-1]) for path in paths.values())
         experiment = replace(experiment, reference=reference, duration=end)
     plant = make_plant(model, arguments)
-    controller = make_controller(model, arguments.controller, arguments.gains, **more)
+    around = make_surroundings(arguments.obstacles)
+    controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
     if arguments.certify:
         from softdyn.controllers import Certified
 
@@ -158,6 +167,7 @@ def command(arguments: cli.Arguments) -> int:
             plant=plant,
             rig=rig,
             observer=observer,
+            surroundings=around,
             name=arguments.controller,
         )
         if arguments.view:
@@ -169,7 +179,7 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.html is not None:
         from softdyn.validation.report.replay import replay
 
-        replay(log, model, around(plant)).save(arguments.html)
+        replay(log, model, scenery_of(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
     alone = log.tasks is None
@@ -217,7 +227,7 @@ def watch(
     from softdyn.validation.live import watching
     from softdyn.validation.report.replay import replay
 
-    shapes = around(plant)
+    shapes = scenery_of(plant)
     with watching.open_watch_page(loop, arguments.port, shapes) as channel:
         print(channel.url, file=sys.stderr, flush=True)
         if not arguments.no_open:
@@ -228,7 +238,7 @@ def watch(
     return log, shown
 
 
-def around(plant: Scene | None) -> Sequence[Visual]:
+def scenery_of(plant: Scene | None) -> Sequence[Visual]:
     """The shapes around the robot in a user's scene."""
     if plant is None:
         return ()
@@ -256,15 +266,29 @@ def make_rig(said: str | None) -> Any:
     return said if said in (None, FROM_FILE) else Rig.of(cli.read_toml(said))
 
 
-def make_controller(model: SoftModel, name: str, file: str | None, **more: Any) -> Any:
-    """A controller by its command-line name, with the parameters of a file if there is one."""
-    from softdyn.controllers import registry
+def make_surroundings(file: str | None) -> Surroundings | None:
+    """The obstacles of a TOML file."""
+    from softdyn.safety import Surroundings
 
+    return None if file is None else Surroundings.of(cli.read_toml(file), file)
+
+
+def make_controller(
+    model: SoftModel, name: str, file: str | None, around: Surroundings | None = None, **more: Any
+) -> Any:
+    """A controller by its command-line name, with the parameters of a file if there is one."""
+    from softdyn.controllers import SoftIdClfQp, registry
+
+    cls = registry.find_controller(name)
+    if around is not None:
+        if cls is SoftIdClfQp:
+            cls = partial(SoftIdClfQp.among, around.barriers)
+        else:
+            text = f"{name} has no barriers: it does not see the obstacles of --obstacles"
+            print(text, file=sys.stderr, flush=True)
     if file is None:
-        return registry.make_controller(name, model, **more)
-    return cli.make_controller(
-        name, model, cli.read_toml(file), registry.find_controller(name), file, **more
-    )
+        return registry.make_controller(name, model, cls=cls, **more)
+    return cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
 
 
 main = cli.program(parser, command, __name__)

@@ -6,3 +6,8 @@
 - `obstacles`: half-spaces, balls, boxes and pairs of links as barriers;
 - `surroundings`: obstacles of a TOML file.
 """
+
+from softdyn.safety.obstacles import HalfSpace, KeepOutBox, KeepOutSphere, LinkPairs
+from softdyn.safety.surroundings import Surroundings
+
+__all__ = ["HalfSpace", "KeepOutBox", "KeepOutSphere", "LinkPairs", "Surroundings"]

@@ -1,30 +1,32 @@
 """Distances of many pairs of convex bodies at a State, as a barrier b = distance - margin.
 
-Let n be the unit normal from B to A at the nearest points a and b. Then ∂d/∂q = n · (J_a - J_b),
-where J_a and J_b are Jacobians of the points of the bodies that are nearest at the moment. The part
-of d̈ without q̈ is n · (J̇_a - J̇_b) q̇ and the `nearest.turning`. For meshes it is a central
-difference of d along the motion with q̈ = 0.
+Let n be the unit normal from B to A at their distance d. The plane with this normal, fixed to B,
+separates them. After any motion the distance is at least min_i h_i, where h_i is the height over
+this plane of those points x_i of A that can be nearest: corners, or points of a cylinder's rims.
+At the moment min_i h_i = d. So every point has a row, with h_i as its barrier:
 
-A distance of convex bodies is smooth where the nearest points are unique. Its gradient jumps where
-they change their feature at once: flat faces or lines that become parallel, and, for overlapping
-bodies, where two faces are equally near.
+    ∂h/∂q = n · (J_A - J_B),    ḧ = ∂h/∂q q̈ + n · (J̇_A - J̇_B) q̇ + 2 (ω_B × n) · (J_A - J_B) q̇,
+
+both Jacobians at x_i. A row of d itself would not do: its gradient jumps where flat faces or lines
+become parallel, and its second derivative |v|²/d grows without bound where a corner passes another.
+d is smooth where its nearest points are unique. Between a point or ball and a ball, the second
+derivative |v|²/r is bounded, and the row has it.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from softdyn.dynamics.model import SoftModel, State
-from softdyn.safety.nearest import Placed, nearest, turning
+from softdyn.safety.nearest import Placed, nearest
 from softdyn.safety.solids import Solid
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
 
 MILLIMETRE, CENTIRADIAN = 1e-3, 1e-2  # m, rad; the units in which violations are compared
-DIFFERENCE = 1e-3  # s, of the order of a control period: a jump counts as its mean over it
 TIP = ""  # the link of a body that is the tip
 
 
@@ -49,8 +51,16 @@ class Values(NamedTuple):
     unit: np.ndarray
 
 
-class Clearance:
-    """Distances between bodies of links and a body of the world, or between bodies of links.
+class Motions(NamedTuple):
+    """Motions of bodies at a State, their centres (k, 3) and bounds of their speeds (k,)."""
+
+    each: list[LinkMotion]
+    centres: np.ndarray
+    speeds: np.ndarray
+
+
+class Bodies:
+    """Bodies of links of one model; they keep their motions at the last State of each thread.
 
     Parameters
     ----------
@@ -58,74 +68,29 @@ class Clearance:
         The robot.
     solids : sequence of Solid
         Bodies of links; those of the link `TIP` are at the tip.
-    pairs : ndarray, (p, 2), or Solid
-        Pairs of indices into `solids`, or the body of the world.
     """
 
-    def __init__(self, model: SoftModel, solids: Sequence[Solid], pairs: np.ndarray | Solid):
-        self._kinematics, self._solids = LinkKinematics.of(model), tuple(solids)
+    def __init__(self, model: SoftModel, solids: Sequence[Solid]) -> None:
+        self.solids, self._kinematics = tuple(solids), LinkKinematics.of(model)
         self._points = [tuple(solid.centre.tolist()) for solid in solids]
-        self._radii = np.array([solid.radius for solid in solids])
-        self._world, self._pairs = None, np.empty((len(solids), 0), int)
-        if isinstance(pairs, Solid):
-            self._world = pairs
-        else:
-            self._pairs = pairs
+        self.radii = np.array([solid.radius for solid in solids])
+        self._last = threading.local()
 
-    def __call__(self, state: State, reach: float, rate: float) -> Values:
-        """The distances at most `reach` (m), and those that a body approaches faster.
-
-        A body that would close its distance within 2 / `rate` (s) counts: its row
-        b̈ + 2 α ḃ + α² b ≥ 0 would already ask for b̈ > 0.
-        """
-        moved = [self._motion(state, k) for k in range(len(self._solids))]
-        centres = np.array([each.position for each in moved])
-        least = self._least(centres)
-        speed = np.array(
-            [_speed(each, solid) for each, solid in zip(moved, self._solids, strict=True)]
-        )
-        closing = speed if self._world is not None else speed[self._pairs].sum(axis=1)
-        near = np.flatnonzero(least <= np.maximum(reach, 2 / rate * closing)).tolist()
-        n = len(state.v)
-        b, G, drift = np.empty(len(near)), np.empty((len(near), n)), np.empty(len(near))
-        for row, k in enumerate(near):
-            b[row], G[row], drift[row] = self._row(k, [moved[i] for i in self._bodies(k)])
-        return Values(b, G, drift, np.full(len(near), MILLIMETRE))
-
-    def smallest(self, state: State) -> float:
-        """The smallest of all distances (m)."""
-        moved = [self._motion(state, k) for k in range(len(self._solids))]
-        least = self._least(np.array([each.position for each in moved]))
-        found = np.inf
-        for k in np.argsort(least):
-            if least[k] >= found:
-                break
-            pair = self._placed(k, [moved[i] for i in self._bodies(k)], 0.0)
-            found = min(found, nearest(*pair).distance)
+    def __call__(self, state: State) -> Motions:
+        """The motions at this State."""
+        last = self._last
+        if getattr(last, "state", None) is not state:
+            each = [self._motion(state, k) for k in range(len(self.solids))]
+            velocities = np.array([motion.velocity for motion in each])
+            linear, turn = velocities[:, :3], velocities[:, 3:]
+            speeds = np.sqrt((linear**2).sum(axis=1)) + self.radii * np.sqrt((turn**2).sum(axis=1))
+            centres = np.array([motion.position for motion in each])
+            last.motions, last.state = Motions(each, centres, speeds), state
+        found: Motions = last.motions
         return found
 
-    def _row(self, k: int, moved: Sequence[LinkMotion]) -> tuple[float, np.ndarray, float]:
-        """Distance, gradient (n,) and drift of a pair."""
-        one, two = self._placed(k, moved, 0.0)
-        found = nearest(one, two)
-        G, drift, rates = np.zeros(len(moved[0].jacobian.T)), 0.0, np.zeros((2, 6))
-        for i, (sign, at, motion) in enumerate(
-            zip((1, -1), (found.a, found.b), moved, strict=False)
-        ):
-            arm, turn = at - motion.position, motion.velocity[3:]
-            both = sign * np.concatenate((found.normal, np.cross(arm, found.normal)))
-            G += both @ motion.jacobian
-            drift += both @ motion.drift + sign * found.normal @ np.cross(turn, np.cross(turn, arm))
-            rates[i] = motion.velocity
-        if one[0].is_mesh or two[0].is_mesh:
-            ahead, behind = (
-                nearest(*self._placed(k, moved, t)).distance for t in (DIFFERENCE, -DIFFERENCE)
-            )
-            return found.distance, G, (ahead - 2 * found.distance + behind) / DIFFERENCE**2
-        return found.distance, G, drift + turning(found, one, two, rates)
-
     def _motion(self, state: State, k: int) -> LinkMotion:
-        link = self._solids[k].link
+        link = self.solids[k].link
         if link == TIP:
             zero = np.zeros((3, len(state.v)))
             velocity = np.concatenate((state.ydot, np.zeros(3)))
@@ -133,32 +98,103 @@ class Clearance:
             return LinkMotion(np.eye(3), state.y, np.vstack((state.J, zero)), velocity, drift)
         return self._kinematics(state, str(link), self._points[k])
 
-    def _bodies(self, k: int) -> tuple[int, ...]:
-        """Indices of the links' bodies of a pair; one if the other is the world's."""
-        return (k,) if self._world is not None else tuple(self._pairs[k])
 
-    def _placed(self, k: int, moved: Sequence[LinkMotion], t: float) -> list[Placed]:
-        """The bodies of a pair after a time t with q̈ = 0, to the second order in t."""
-        found: list[Placed] = []
-        for motion, i in zip(moved, self._bodies(k), strict=True):
-            solid, rotation, centre = self._solids[i], motion.rotation, motion.position
-            if t:
-                change = t * motion.velocity + t * t / 2 * motion.drift
-                rotation, centre = pin.exp3(change[3:]) @ rotation, centre + change[:3]
-            found.append((solid, rotation @ solid.rotation, centre))
+class Clearance:
+    """Distances between bodies of links and a body of the world, or between bodies of links.
+
+    Parameters
+    ----------
+    bodies : Bodies
+        Bodies of links.
+    pairs : ndarray, (p, 2), or Solid
+        Pairs of indices of bodies, or the body of the world.
+    """
+
+    def __init__(self, bodies: Bodies, pairs: np.ndarray | Solid) -> None:
+        self._bodies = bodies
+        self._world = pairs if isinstance(pairs, Solid) else None
+        alone = np.arange(len(bodies.solids))[:, None]
+        self._pairs = alone if isinstance(pairs, Solid) else pairs
+
+    def __call__(self, state: State, reach: float, rate: float) -> Values:
+        """The distances at most `reach` (m), and those that would close within 2 / `rate` (s).
+
+        For the latter the row b̈ + 2 α ḃ + α² b ≥ 0 already asks for b̈ > 0.
+        """
+        motions = self._bodies(state)
+        closing = motions.speeds[self._pairs].sum(axis=1)
+        least = self._least(motions.centres)
+        near = np.flatnonzero(least <= np.maximum(reach, 2 / rate * closing)).tolist()
+        parts = [self._rows(k, motions.each, state.v) for k in near]
+        if not parts:
+            return Values(np.empty(0), np.empty((0, len(state.v))), np.empty(0), np.empty(0))
+        b, G, drift = (np.concatenate(same) for same in zip(*parts, strict=True))
+        kept = (b <= reach) | (2 / rate * (G @ state.v) < -b)
+        return Values(b[kept], G[kept], drift[kept], np.full(np.count_nonzero(kept), MILLIMETRE))
+
+    def smallest(self, state: State) -> float:
+        """The smallest of all distances (m)."""
+        motions, found = self._bodies(state), np.inf
+        least = self._least(motions.centres)
+        for k in np.argsort(least).tolist():
+            if least[k] >= found:
+                break
+            found = min(found, nearest(*self._placed(k, motions.each)).distance)
+        return found
+
+    def _rows(
+        self, k: int, motions: Sequence[LinkMotion], v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Heights, gradients and drifts of a pair's points."""
+        pair = self._placed(k, motions)
+        d, n = nearest(*pair)
+        solid, rotation, centre = pair[0]
+        points = solid.extremes(rotation.T @ n) @ rotation.T + centre
+        height = points @ n
+        G, drift = _along(n, points, motions[self._pairs[k, 0]])
+        if self._world is None:
+            other = motions[self._pairs[k, 1]]
+            own, their = _along(n, points, other)
+            G, drift = G - own, drift - their
+            turned = _cross(other.velocity[3:], n)
+            for sign, moved in ((2.0, motions[self._pairs[k, 0]]), (-2.0, other)):
+                drift = drift + sign * (_along(turned, points, moved)[0] @ v)
+        elif len(points) == 1 and not pair[1][0].half.any():
+            across = motions[self._pairs[k, 0]].velocity[:3]
+            across = across - (n @ across) * n
+            drift = drift + across @ across / (d + solid.swept + pair[1][0].swept)
+        return d + height - height.min(), G, drift
+
+    def _placed(self, k: int, motions: Sequence[LinkMotion]) -> list[Placed]:
+        """The bodies of a pair in the world."""
+        solids = self._bodies.solids
+        found: list[Placed] = [
+            (solids[i], motions[i].rotation @ solids[i].rotation, motions[i].position)
+            for i in self._pairs[k].tolist()
+        ]
         world = self._world
         return found if world is None else [*found, (world, world.rotation, world.centre)]
 
     def _least(self, centres: np.ndarray) -> np.ndarray:
         """Lower bounds of all distances (p,), by the balls around the bodies."""
+        radii = self._bodies.radii
         if self._world is not None:
-            return self._world.bounds(centres) - self._radii
+            return self._world.bounds(centres) - radii
         one, two = self._pairs.T
-        apart = np.linalg.norm(centres[one] - centres[two], axis=1)
-        return apart - self._radii[one] - self._radii[two]
+        span = centres[one] - centres[two]
+        return np.sqrt((span**2).sum(axis=1)) - radii[one] - radii[two]
 
 
-def _speed(moved: LinkMotion, solid: Solid) -> float:
-    """An upper bound of the speed of a body's points (m/s)."""
-    linear, turn = moved.velocity[:3], moved.velocity[3:]
-    return float(np.linalg.norm(linear) + solid.radius * np.linalg.norm(turn))
+def _along(n: np.ndarray, points: np.ndarray, moved: LinkMotion) -> tuple[np.ndarray, np.ndarray]:
+    """n · J (k, dof) and n · J̇ q̇ (k,) at points (k, 3) of a body, from its centre's motion."""
+    arms, turn = points - moved.position, moved.velocity[3:]
+    both = np.column_stack((np.broadcast_to(n, arms.shape), _cross(arms, n)))
+    return both @ moved.jacobian, both @ moved.drift + (arms @ turn) * (turn @ n) - (
+        turn @ turn
+    ) * (arms @ n)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b for the last axes; NumPy's own takes ten times as long."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    return np.stack((y * b[2] - z * b[1], z * b[0] - x * b[2], x * b[1] - y * b[0]), axis=-1)

@@ -4,11 +4,13 @@ Coal computes it in closed form for half-spaces, balls and capsules, and by GJK 
 (Montaut et al. 2022). GJK is exact for polytopes; at a cylinder its points are accurate to the
 square root of its tolerance, and a small tolerance makes it fail. Those points are refined here by
 Newton's method on the fixed point a = P_A(P_B(a)) of alternating projections, whose Jacobians are
-known in closed form.
+known in closed form. Where bodies overlap a little, EPA's depth is exact, but not its normal. Then
+the normal is that between smaller cores.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import coal
@@ -18,6 +20,7 @@ from softdyn.compiled import compiled
 from softdyn.safety.solids import Solid
 
 SURE = 1e-6  # Coal's own tolerance, with which GJK converges at cylinders
+SHRUNK = 0.2  # share by which overlapping cores are made smaller, so that they have a normal
 TOUCHING = 1e-7  # m between cores; nearer ones have no line between their nearest points
 ROUNDS = 40
 
@@ -36,13 +39,11 @@ EXACT, ROBUST = _request(1e-10), _request(SURE)
 class Nearest(NamedTuple):
     """Two bodies' distance (m), negative if they overlap.
 
-    `a` and `b` (3,) are the nearest points of the cores, `normal` (3,) is the unit vector from b to
-    a, the gradient of the distance in a.
+    `normal` (3,) is the unit vector from the second body to the first: the gradient of the distance
+    in the first body's position.
     """
 
     distance: float
-    a: np.ndarray
-    b: np.ndarray
     normal: np.ndarray
 
 
@@ -58,31 +59,18 @@ def nearest(one: Placed, two: Placed) -> Nearest:
         A.form, coal.Transform3s(RA, pA), B.form, coal.Transform3s(RB, pB), request, result
     )
     normal = -result.normal
-    a = result.getNearestPoint1() + A.swept * normal
-    b = result.getNearestPoint2() - B.swept * normal
-    if curved and d + A.swept + B.swept > TOUCHING and not (A.is_mesh or B.is_mesh):
-        a, b = _refine(a, RA, pA, A.half, A.round, RB, pB, B.half, B.round)
-        span = a - b
-        far = float(np.linalg.norm(span))
+    if curved and not (A.is_mesh or B.is_mesh):
+        shrink = 0.0 if d + A.swept + B.swept > TOUCHING else SHRUNK
+        halves = A.half * (1 - shrink), B.half * (1 - shrink)
+        start = result.getNearestPoint1() + A.swept * normal
+        x, y = _refine(start, RA, pA, halves[0], A.round, RB, pB, halves[1], B.round)
+        span = x - y
+        far = math.sqrt(span @ span)
         if far > TOUCHING:
-            normal, d = span / far, far - A.swept - B.swept
-    return Nearest(d, a, b, normal)
-
-
-def turning(found: Nearest, one: Placed, two: Placed, rates: np.ndarray) -> float:
-    """The part of d̈ at q̈ = 0 by which the bodies turn and slide on each other (m/s²).
-
-    `rates` (2, 6) are the linear velocities of the bodies' centres and their angular velocities.
-    With the velocity fields V and the projections' Jacobians P, the nearest points move as
-    ȧ = V_A(a) + P_A (ḃ - V_A(b)) and ḃ = V_B(b) + P_B (ȧ - V_B(a)). It is zero for cores that
-    overlap, whose nearest points have no such law.
-    """
-    (A, RA, pA), (B, RB, pB) = one, two
-    if found.distance + A.swept + B.swept <= TOUCHING:
-        return 0.0
-    at = found.a, found.b, found.normal
-    bodies = RA, pA, A.half, A.round, RB, pB, B.half, B.round
-    return float(_turning(*at, *bodies, rates))
+            normal = span / far
+            if not shrink:
+                d = far - A.swept - B.swept
+    return Nearest(d, normal)
 
 
 @compiled
@@ -155,58 +143,6 @@ def _refine(a, RA, pA, halfA, roundA, RB, pB, halfB, roundB):
         if moved < 1e-24:
             break
     return a, b
-
-
-@compiled
-def _field(rate, centre, x, out):
-    """Write the velocity of a body's point x, of the velocity `rate` (6,) at its centre."""
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[i] = rate[i] + rate[3 + j] * (x[k] - centre[k]) - rate[3 + k] * (x[j] - centre[j])
-
-
-@compiled
-def _turning(a, b, n, RA, pA, halfA, roundA, RB, pB, halfB, roundB, rates):
-    """Solve (1 - P_A P_B) (ȧ - V_A(a)) = P_A (V_B(b) - V_A(b) + P_B (V_A(a) - V_B(a)))."""
-    JA, JB, N, S = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    Aa, Ab, Ba, Bb = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    right, slide, other, inner = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    _project(b, RA, pA, halfA, roundA, slide, JA)
-    _project(a, RB, pB, halfB, roundB, slide, JB)
-    for point, on_a, on_b in ((a, Aa, Ba), (b, Ab, Bb)):
-        _field(rates[0], pA, point, on_a)
-        _field(rates[1], pB, point, on_b)
-    for i in range(3):
-        inner[i] = Bb[i] - Ab[i]
-        for j in range(3):
-            inner[i] += JB[i, j] * (Aa[j] - Ba[j])
-            N[i, j] = 1.0 if i == j else 0.0
-            for k in range(3):
-                N[i, j] -= JA[i, k] * JB[k, j]
-    for i in range(3):
-        other[i] = JA[i, 0] * inner[0] + JA[i, 1] * inner[1] + JA[i, 2] * inner[2]
-    for i in range(3):
-        right[i] = N[0, i] * other[0] + N[1, i] * other[1] + N[2, i] * other[2]
-        for j in range(3):
-            S[i, j] = 1e-14 if i == j else 0.0
-            for k in range(3):
-                S[i, j] += N[k, i] * N[k, j]
-    _solve(S, right, slide)  # of a on A
-    for i in range(3):
-        other[i] = 0.0  # of b on B
-        for j in range(3):
-            other[i] += JB[i, j] * (Aa[j] + slide[j] - Ba[j])
-    far, along, found = 0.0, 0.0, 0.0
-    for i in range(3):
-        far += n[i] * (a[i] - b[i])
-        inner[i] = Aa[i] + slide[i] - Bb[i] - other[i]  # ȧ - ḃ
-        along += n[i] * inner[i]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        found += (inner[i] - along * n[i]) * (Aa[i] - Bb[i]) / far
-        found += n[i] * (rates[0, 3 + j] * slide[k] - rates[0, 3 + k] * slide[j])
-        found -= n[i] * (rates[1, 3 + j] * other[k] - rates[1, 3 + k] * other[j])
-    return found
 
 
 @compiled

@@ -18,15 +18,16 @@ from softdyn.description.inertia import rotation_rpy
 from softdyn.description.robot import Robot, moving_link_of
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.exceptions import InputError
-from softdyn.safety.clearance import TIP, Clearance, Values
+from softdyn.safety.clearance import TIP, Bodies, Clearance, Values
 from softdyn.safety.solids import Solid, ball, box, half_space, link_solids
 
 RATE = 10.0  # α (1/s)
+RECOVERY = 5.0  # β / α
 EVERY = "all"
 REACH = 0.1  # of the robot's length: rows of nearer bodies are in the QP
 LINKS = f'"{EVERY}" or a list of names of links'
 
-_known: WeakKeyDictionary[Barrier, tuple[SoftModel, Clearance]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[Barrier, tuple[SoftModel, Clearance, float]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,11 @@ class Barrier:
 
     rate = RATE
 
+    @property
+    def recovery(self) -> float:
+        """β (1/s), the rate at which ḃ + α b recovers: 5 α for links, whose ḃ may jump."""
+        return RECOVERY * self.rate
+
     def __call__(self, state: State) -> Values:
         """Its distances at this state.
 
@@ -61,13 +67,22 @@ class Barrier:
         InputError
             For a link that the robot does not have, or a link without a shape.
         """
-        reach = self._reach(state.model) if self.reach is None else self.reach
-        found = self._on(state.model)(state, reach + self.margin, self.rate)
+        clearance, reach = self._on(state.model)
+        found = clearance(state, reach + self.margin, self.rate)
         return found._replace(b=found.b - self.margin)
 
     def reserve(self, state: State) -> float:
         """The smallest distance less the margin (m): the least of all values."""
-        return self._on(state.model).smallest(state) - self.margin
+        return self._on(state.model)[0].smallest(state) - self.margin
+
+    def kept(self, model: SoftModel, period: float) -> float:
+        """The distance α T ρ (m) that rows keep because they act once in a period T (s).
+
+        ρ is the reach. A body in it may approach at α ρ. If a period's change of velocity is not
+        foreseen at all, it moves by α T ρ before the next row acts. A point has no such distance.
+        """
+        reach = self._on(model)[1]
+        return self.rate * period * reach if np.isfinite(reach) else 0.0
 
     def _check(self) -> None:
         object.__setattr__(self, "rate", number("rate", self.rate, above=0.0))
@@ -79,11 +94,13 @@ class Barrier:
     def _reach(self, model: SoftModel) -> float:
         return REACH * model.robot.length
 
-    def _on(self, model: SoftModel) -> Clearance:
+    def _on(self, model: SoftModel) -> tuple[Clearance, float]:
+        """The distances on a robot, and the reach (m)."""
         known = _known.get(self)
         if known is None or known[0] is not model:
-            known = _known[self] = model, self._clearance(model)
-        return known[1]
+            reach = self._reach(model) if self.reach is None else self.reach
+            known = _known[self] = model, self._clearance(model), reach
+        return known[1:]
 
     def _clearance(self, model: SoftModel) -> Clearance:
         raise NotImplementedError
@@ -130,15 +147,19 @@ class Obstacle(Barrier):
                 raise InputError("links", "none beside link", repr(self.links))
             object.__setattr__(self, "links", _names(self.links))
 
+    @property
+    def recovery(self) -> float:
+        """β (1/s), equal to α for a point."""
+        return self.rate if self.links is None else super().recovery
+
     def _reach(self, model: SoftModel) -> float:
         return np.inf if self.links is None else super()._reach(model)
 
     def _clearance(self, model: SoftModel) -> Clearance:
         if self.links is not None:
-            solids = link_solids(model.robot, _links(model.robot, self.links))
-        else:
-            solids = (ball(np.array(self.point), 0.0, TIP if self.link is None else self.link),)
-        return Clearance(model, solids, self.solid)
+            return Clearance(_bodies(model, self.links), self.solid)
+        point = ball(np.array(self.point), 0.0, TIP if self.link is None else self.link)
+        return Clearance(Bodies(model, [point]), self.solid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,15 +291,15 @@ class LinkPairs(Barrier):
     def _clearance(self, model: SoftModel) -> Clearance:
         robot = model.robot
         if self.pairs == EVERY:
-            solids = link_solids(robot, None)
-            pairs = [(i, j) for i, j in combinations(range(len(solids)), 2)
-                     if _apart(robot, str(solids[i].link), str(solids[j].link))]  # fmt: skip
+            bodies = _bodies(model, EVERY)
+            pairs = [(i, j) for (i, a), (j, b) in combinations(enumerate(bodies.solids), 2)
+                     if _apart(robot, str(a.link), str(b.link))]  # fmt: skip
         else:
-            names = _links(robot, tuple(dict.fromkeys(name for p in self.pairs for name in p)))
-            solids = link_solids(robot, names)
-            pairs = [(i, j) for one, two in self.pairs for i, a in enumerate(solids)
-                     for j, b in enumerate(solids) if (a.link, b.link) == (one, two)]  # fmt: skip
-        found = Clearance(model, solids, np.array(pairs, int).reshape(-1, 2))
+            bodies = _bodies(model, tuple(dict.fromkeys(name for p in self.pairs for name in p)))
+            every = [solid.link for solid in bodies.solids]
+            pairs = [(i, j) for pair in self.pairs for i, one in enumerate(every)
+                     for j, two in enumerate(every) if (one, two) == pair]  # fmt: skip
+        found = Clearance(bodies, np.array(pairs, int).reshape(-1, 2))
         start = found.smallest(model.state(model.q0, np.zeros(model.nv)))
         if start <= 0:
             got = f"two that overlap by {-1e3 * start:.3g} mm"
@@ -294,15 +315,18 @@ def _names(links: Any) -> Any:
     return tuple(instance("links", name, str, LINKS) for name in links)
 
 
-def _links(robot: Robot, links: Any) -> tuple[str, ...] | None:
-    """The links' names, checked; None for all that move."""
-    if links == EVERY:
-        return None
-    names = [link.name for link in robot.links]
-    for link in links:
-        if link not in names:
-            raise InputError("links", f"links of {robot.name!r}", did_you_mean(link, names))
-    return tuple(links)
+def _bodies(model: SoftModel, links: Any) -> Bodies:
+    """The bodies of these links; barriers of the same links share them."""
+    known: dict[Any, Bodies] = vars(model).setdefault("_bodies_of_links", {})
+    if links not in known:
+        names = [link.name for link in model.robot.links]
+        for link in () if links == EVERY else links:
+            if link not in names:
+                expected = f"links of {model.robot.name!r}"
+                raise InputError("links", expected, did_you_mean(link, names))
+        wanted = None if links == EVERY else links
+        known[links] = Bodies(model, link_solids(model.robot, wanted))
+    return known[links]
 
 
 def _apart(robot: Robot, one: str, two: str) -> bool:

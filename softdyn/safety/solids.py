@@ -6,8 +6,11 @@ its convex hull, because only convex bodies have distances with one gradient alm
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import Any
 
 import coal
@@ -18,6 +21,8 @@ from softdyn.description.meshes import Mesh
 from softdyn.description.robot import Robot, moving_link_of
 from softdyn.description.visuals import BoxShape, CylinderShape, Visual, visuals
 from softdyn.exceptions import InputError
+
+MOST = 8  # corners of a mesh that can be nearest within a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +46,8 @@ class Solid:
         Radius of a ball about `centre` that contains the body (m).
     link : str or None
         The link that carries it, None for the world.
+    corners : ndarray, (k, 3), optional
+        The vertices of a mesh in its own frame.
     """
 
     form: Any
@@ -51,18 +58,41 @@ class Solid:
     swept: float = 0.0
     radius: float = np.inf
     link: str | None = None
+    corners: np.ndarray | None = None
 
-    @property
+    @cached_property
     def is_mesh(self) -> bool:
         """Whether it has no core of simple form."""
         return bool(np.isnan(self.half[0]))
+
+    def extremes(self, normal: np.ndarray) -> np.ndarray:
+        """Points (k, 3) of the core, in its own frame: all that lie deepest against `normal` (3,).
+
+        They are the corners of a box or mesh. Of a cylinder they are points of both rims: the
+        deepest, the one opposite, and those between.
+        """
+        if self.corners is not None:
+            return self.corners[np.argsort(self.corners @ normal)[:MOST]]
+        if not self.round:
+            return self._box
+        side = math.hypot(normal[0], normal[1])
+        u, v = (normal[:2] / side).tolist() if side > 0 else (1.0, 0.0)
+        r, _, h = self.half.tolist()
+        rim = r * np.array(((u, v), (-u, -v), (v, -u), (-v, u)))
+        return np.column_stack((np.tile(rim, (2, 1)), np.repeat((-h, h), 4)))
+
+    @cached_property
+    def _box(self) -> np.ndarray:
+        sides = [(-x, x) if x else (0.0,) for x in self.half.tolist()]
+        return np.array(list(product(*sides)))
 
     def bounds(self, points: np.ndarray) -> np.ndarray:
         """Lower bounds (k,) of the distances of points (k, 3) from a body of the world (m)."""
         local = (points - self.centre) @ self.rotation
         if np.isinf(self.half[0]):
             return local[:, 2]
-        return np.linalg.norm(np.maximum(np.abs(local) - self.half, 0.0), axis=1) - self.swept
+        outside = np.maximum(np.abs(local) - self.half, 0.0)
+        return np.sqrt((outside**2).sum(axis=1)) - self.swept
 
 
 def ball(centre: np.ndarray, radius: float, link: str | None = None) -> Solid:
@@ -112,9 +142,10 @@ def _solid(visual: Visual) -> Solid:
     if isinstance(shape, Mesh):
         points = np.asarray(shape.vertices, float) @ rotation.T + centre
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
-        form = _hull(link, points - centre)
-        radius = float(np.linalg.norm(points - centre, axis=1).max())
-        return Solid(form, np.eye(3), centre, np.full(3, np.nan), radius=radius, link=link)
+        form, corners = _hull(link, points - centre)
+        radius = float(np.linalg.norm(corners, axis=1).max())
+        nan = np.full(3, np.nan)
+        return Solid(form, np.eye(3), centre, nan, radius=radius, link=link, corners=corners)
     if isinstance(shape, BoxShape):
         half, form = np.array(shape.size) / 2, coal.Box(*shape.size)
     elif isinstance(shape, CylinderShape):
@@ -129,7 +160,7 @@ def _solid(visual: Visual) -> Solid:
     return Solid(form, rotation, centre, half, round, 0.0, radius, link)
 
 
-def _hull(link: str, points: np.ndarray) -> Any:
+def _hull(link: str, points: np.ndarray) -> tuple[Any, np.ndarray]:
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -141,4 +172,4 @@ def _hull(link: str, points: np.ndarray) -> Any:
     for (a, b, c), (x, y, z, _) in zip(hull.simplices, hull.equations, strict=True):
         outward = np.cross(points[b] - points[a], points[c] - points[a]) @ (x, y, z) > 0
         faces.append(coal.Triangle(*(number[k] for k in ((a, b, c) if outward else (a, c, b)))))
-    return coal.Convex(corners, faces)
+    return coal.Convex(corners, faces), points[hull.vertices]

@@ -103,8 +103,6 @@ class Track:
         Whether it ended before its time.
     full : ndarray or None, (nu,)
         Input at which cables have the colour of full tension; by default its bound.
-    balls : tuple of tuple of float, (4,)
-        Obstacles, (x, y, z, radius) each (m).
     """
 
     figure: int
@@ -119,7 +117,6 @@ class Track:
     path: np.ndarray | None = None
     failed: bool = False
     full: np.ndarray | None = None
-    balls: tuple[tuple[float, float, float, float], ...] = ()
 
     @property
     def data(self) -> dict[str, Any]:

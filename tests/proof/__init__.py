@@ -14,5 +14,6 @@ of them.
 - `closed_forms`, `peer`, `rods`: chains of joints against theory and against SoRoMoX;
 - `textbook`, `laws`: every controller against the paper's QPs as printed;
 - `compare_steps`, `scaling`, `timing`: step times compared with another checkout, and by the size
-  of a robot.
+  of a robot;
+- `scenes`, `safety`: arms among obstacles, judged by MuJoCo's distances.
 """

@@ -67,7 +67,9 @@ def open_watch_page(
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
     robot = model.bundled or model.name
-    figure = replace(Figure.of(model), scenery=tuple(scenery))
+    figure = Figure.of(model)
+    obstacles = () if loop.surroundings is None else loop.surroundings.visuals(figure.size)
+    figure = replace(figure, scenery=(*scenery, *obstacles))
     title = f"{robot}, {controller_title(loop.name)}"
     if loop.plant_file is not None:
         title += f", in {loop.plant_file}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter_ns
 from typing import Any
@@ -18,6 +17,7 @@ from softdyn.controllers.controller import guard_of
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
 from softdyn.estimation import Observer
+from softdyn.safety import Surroundings
 from softdyn.validation.loop import verdict
 from softdyn.validation.loop.arguments import (
     ReferenceLike,
@@ -37,9 +37,16 @@ from softdyn.validation.loop.experiment import (
     Experiment,
 )
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.log_checks import RIGGED
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.observation import Observation
-from softdyn.validation.loop.record import ControllerOutput, Counts, Recorder, package_versions
+from softdyn.validation.loop.record import (
+    ControllerOutput,
+    ControlStep,
+    Counts,
+    Recorder,
+    package_versions,
+)
 from softdyn.validation.loop.time_grid import MAX_TIMESTEP, TimeGrid
 from softdyn.validation.plain_data import to_plain_data
 from softdyn.validation.twin.rig import Rig, RiggedPlant, check_rig, rig_of
@@ -49,34 +56,6 @@ from softdyn.validation.twin.twin import SimulationError, Twin
 
 Controller = Callable[[State, Any], ControllerOutput]
 OnStep = Callable[[float, State, ControllerOutput], None]
-
-
-@dataclass(frozen=True)
-class ControlStep:
-    """A control step, at the beginning of a control period.
-
-    Attributes
-    ----------
-    t : float
-        Time (s).
-    state : State
-        The state that the controller saw.
-    output : ControllerOutput
-        The controller's answer to it.
-    u : ndarray, (nu,)
-        The controller's answer, clipped to the robot's bounds. It acts at once without a rig.
-    plant : State
-        The plant's state, which is `state` without a rig.
-    acting : ndarray, (nu,)
-        The inputs that act at t, which are `u` without a rig.
-    """
-
-    t: float
-    state: State
-    output: ControllerOutput
-    u: np.ndarray
-    plant: State
-    acting: np.ndarray
 
 
 class ClosedLoop:
@@ -134,12 +113,14 @@ class ClosedLoop:
         It estimates the state that the controller gets, from the rig's sensors: an
         `softdyn.estimation.Ekf`, or an object of your own with ``step(t, measurements, u)``. The
         State has the estimate's `covariance` (2 nv, 2 nv), if there is one.
+    surroundings : Surroundings, optional
+        Obstacles around the robot: in the twin, and their reserve in the log.
     name : str, optional
         Name of the controller in the log; its `name` or its class by default.
 
     Attributes
     ----------
-    model, controller, name
+    model, controller, name, surroundings
         As above.
     plant : Plant
         The twin, or the user's own plant.
@@ -155,8 +136,8 @@ class ClosedLoop:
         The run's periods and plant steps.
     steps : int
         Control steps done.
-    done : bool
-        Whether the run is over. reason : str or None The reason why it ended early or failed.
+    done, reason : bool, str or None
+        Whether the run is over; why it ended early or failed.
 
     Raises
     ------
@@ -182,6 +163,7 @@ class ClosedLoop:
         plant: str | Path | MappedPlant | None = None,
         rig: Rig | str | None = None,
         observer: Observer | None = None,
+        surroundings: Surroundings | None = None,
         name: str | None = None,
     ) -> None:
         self.model, self.controller = check_model(model), controller
@@ -216,6 +198,10 @@ class ClosedLoop:
         self._rig: RiggedPlant | None = None
         options: dict[str, Any] = {"contacts": contacts, "friction": friction}
         options |= {"timestep": self.grid.timestep}
+        if surroundings is not None:
+            if own is not None:
+                raise InputError("obstacles", "none beside a plant of your own", own.path.name)
+            options["obstacles"] = surroundings.obstacles
         if integrator != Integrator.IMPLICITFAST:
             options["integrator"] = integrator
         if (wanted := rig_of(rig)) is not None:
@@ -236,10 +222,13 @@ class ClosedLoop:
         self.name, self._contacts = name or name_of(controller), contacts
         self._guard = guard_of(controller, model)
         self._record = Recorder(model, self.grid.times(), self._guard)
+        self.surroundings = surroundings
+        if surroundings is not None:
+            self._record.extra(("reserve",), barriers=len(surroundings.names))
         if hasattr(controller, "reset"):
             controller.reset(self.grid.period)
         if self._rig is not None:
-            self._record.rig(len(self._rig.readings.names))
+            self._record.extra(RIGGED, sensors=len(self._rig.readings.names))
             self._rig.start(model.state(q, v))
         self._observe = None if observer is None else Observation(observer, model, self._rig)
         if self._observe is not None:
@@ -269,6 +258,8 @@ class ClosedLoop:
         spent = perf_counter_ns() - began
         target = self.reference(t)
         distance = record.sample(k, state.y, target.y)
+        if self.surroundings is not None:
+            record.put(k, reserve=self.surroundings.reserve(state))
         diverged = verdict.tip_diverged(t, distance, self._length) if self.aims else None
         if diverged is not None:
             self._end(diverged)
@@ -299,7 +290,7 @@ class ClosedLoop:
                 self.plant.advance(self._record.u[k], self.grid.plant_steps(k))
             else:
                 command = self._rig.advance(self._record.u[k], self.grid.plant_steps(k))
-                self._record.rigged(k, command=command)
+                self._record.put(k, command=command)
         except SimulationError as error:
             with np.errstate(invalid="ignore"):  # the cosine of an infinite angle
                 self._read_plant()
@@ -346,6 +337,8 @@ class ClosedLoop:
         if self._rig is not None:
             recorded |= self._rig.columns()
         recorded |= self._record.task_errors(steps, controller, self.reference)
+        if self.surroundings is not None:
+            recorded["obstacles"] = self.surroundings.table
         return Log(
             **recorded,
             u_unit=input_unit(model.robot),
@@ -383,9 +376,9 @@ class ClosedLoop:
         else:
             t = float(self._record.t[k])
             seen = self._rig.show(self._observe(t, measured, self._rig.sent))
-        self._record.rigged(k, acting=acting, measured=measured)
+        self._record.put(k, acting=acting, measured=measured)
         if k < self.grid.steps:
-            self._record.rigged(k, q_seen=seen.q, v_seen=seen.v)
+            self._record.put(k, q_seen=seen.q, v_seen=seen.v)
         return seen
 
     def _end(self, reason: str | None, complete: bool = False) -> None:

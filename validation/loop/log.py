@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.safety import Surroundings
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged
-from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, NAMES, SHAPES, check
 from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, mean_square
+from softdyn.validation.loop.summary import summary_text
 from softdyn.validation.loop.verdict import Verdict
 
 STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
@@ -95,6 +96,10 @@ class Log:
         Of a controller with `tasks`: their errors.
     command_units, sensor_units, task_units : tuple[str, ...]
         The units of the columns of `command`, `measured` and `tasks`.
+    reserve : np.ndarray, (N + 1, barriers), or None
+        Among obstacles: the smallest value of every barrier (m).
+    obstacles : dict or None
+        The table of these barriers, see `softdyn.safety.Surroundings`.
     """
 
     t: np.ndarray
@@ -145,6 +150,8 @@ class Log:
     tasks: np.ndarray | None = None
     task_names: tuple[str, ...] = ()
     task_units: tuple[str, ...] = ()
+    reserve: np.ndarray | None = None
+    obstacles: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -206,6 +213,19 @@ class Log:
         return len(self.u)
 
     @property
+    def surroundings(self) -> Surroundings | None:
+        """The obstacles around the robot."""
+        return None if self.obstacles is None else Surroundings.of(self.obstacles)
+
+    @property
+    def least_reserve(self) -> dict[str, float]:
+        """The smallest reserve (m) of each barrier over the run, by its name."""
+        if self.reserve is None or self.surroundings is None:
+            return {}
+        least = np.nanmin(self.reserve, axis=0).tolist()
+        return dict(zip(self.surroundings.names, least, strict=True))
+
+    @property
     def finite_samples(self) -> int:
         """Number of samples before the first that is not finite, the last of a diverged run."""
         finite = np.isfinite(self.y).all(axis=1) & np.isfinite(self.q).all(axis=1)
@@ -265,7 +285,7 @@ class Log:
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:
         """The run's figures with the keys of the commands' JSON; `tolerance` is in m."""
-        found = self.verdict(tolerance)
+        found, least = self.verdict(tolerance), self.least_reserve
         return {
             "robot": self.robot,
             "controller": self.controller,
@@ -281,7 +301,8 @@ class Log:
             "max_bound_violation": self.max_bound_violation,
             "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
             **found.to_dict(),
-        } | ({"tasks": self._task_figures()} if self.task_names else {})
+            **({"reserve_mm": {name: 1e3 * m for name, m in least.items()}} if least else {}),
+        } | ({"tasks": self.task_figures} if self.task_names else {})
 
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
@@ -295,60 +316,12 @@ class Log:
         tolerance : float, optional
             Tolerance of the `verdict` (m).
         """
-        if self.kind == ROLLOUT:
-            return judged.rollout_text(self.robot, self.t[-1], self.y[-1], self.reason)
-        sp, tt = (
-            f"   {beside[name]}" if beside and name in beside else ""
-            for name in ("final_error_cm", "mse_cm2")
-        )
-        lines = [
-            f"{self.robot}{f' in {self.plant}' if self.plant else ''}, {self.controller}, "
-            f"{judged.goal_text(self.theta, self.omega, self.y_ref)}: {self.t[-1]:g} s of "
-            f"{self.duration:g} s, period {1e3 * self.period:g} ms",
-            f"final error    {self.final_error_cm:.3f} cm{sp}",
-            f"mean |e|^2     {self.mse_cm2:.3f} cm²{tt}",
-        ]
-        if self.steps:
-            parts = ", ".join(f"{name} {value:.0f}" for name, value in self.step_times_us.items())
-            lines.append(f"step time      {parts} us over {self.steps} steps")
-        lines.append(
-            f"solver         {self.not_solved} not solved, {self.fallbacks} fallbacks, "
-            f"bounds exceeded by {self.max_bound_violation:.2g}"
-        )
-        lines += judged.task_lines(self._task_figures())
-        found = self.verdict(tolerance)
-        if found.activity is not None:
-            lines.append(
-                f"inputs         change by {found.activity:.3g} of their range a second, "
-                f"{found.at_bound:.0%} of the time at a bound"
-            )
-        if found.overshoot is not None and found.overshoot > 1e-3:
-            lines.append(f"overshoot      {found.overshoot:.1%} of the way")
-        if found.missed:
-            lines.append(
-                f"deadlines      MISSED {found.missed} of {self.steps}: steps longer than the "
-                f"period of {1e3 * self.period:g} ms"
-            )
-        return "\n".join([*lines, self._verdict(found)])
+        return summary_text(self, beside, tolerance)
 
-    def _task_figures(self) -> dict[str, Any]:
+    @property
+    def task_figures(self) -> dict[str, Any]:
+        """The figures of every column of `tasks`."""
         return judged.task_figures(self.task_names, self.task_units, self.tasks)
-
-    def _verdict(self, found: Verdict) -> str:
-        """The last line of a summary."""
-        if self.failed:
-            return f"failed: {self.reason}"
-        if not self.complete:
-            return "not reached: the run is not over"
-        first, last = (CM * math.dist(self.y[i], self.y_ref[i]) for i in (0, -1))
-        wanted, steady = (f"{CM * x:.3g} cm" for x in (found.tolerance, found.steady_error))
-        if judged.moves(self.y_ref):
-            what = f"rms error of {steady} over the last cycle, tolerance {wanted}"
-        else:
-            what = f"|e| fell from {first:.3f} to {last:.3f} cm, tolerance {wanted}"
-            if found.settling_time is not None:
-                what += f", within it since {found.settling_time:.3g} s"
-        return ("reached: " if found.reached else "not reached: ") + what
 
     def save(self, path: str | Path) -> None:
         """Write the log as a compressed NPZ file; the file appears complete or not at all.

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
+from softdyn.exceptions import errors_in
+from softdyn.safety import Surroundings
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.plain_data import LARGEST
 
@@ -42,10 +44,12 @@ RIGGED = {
 }
 # only from a controller of several tasks
 TASKED = {"tasks": ("samples", "columns")}
-EXTRA = CERTIFIED | RIGGED | TASKED
+# only from a run among obstacles
+SURROUNDED = {"reserve": ("samples", "barriers")}
+EXTRA = CERTIFIED | RIGGED | TASKED | SURROUNDED
 # keys that older logs lack
 NAMES = ("sensor_names", "command_units", "sensor_units", "task_names", "task_units")
-ADDED: dict[str, Any] = {"plant": None} | {name: [] for name in NAMES}
+ADDED: dict[str, Any] = {"plant": None, "obstacles": None} | {name: [] for name in NAMES}
 
 
 def _format(about: Any) -> Any:
@@ -75,7 +79,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, TASKED)
+    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, SURROUNDED)
     whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
     if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
@@ -84,8 +88,11 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
             raise InputError(where, f"{name} as a log has it", repr(about[name]))
     if about["failed"] != (about["reason"] is not None):
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
+    with errors_in(where):
+        around = Surroundings.of(about["obstacles"] or {}, where)
     sizes = {"nv": "joint_names", "sensors": "sensor_names", "columns": "task_names"}
-    _check_shapes(where, arrays, {axis: len(about[name]) for axis, name in sizes.items()})
+    lengths = {axis: len(about[name]) for axis, name in sizes.items()}
+    _check_shapes(where, arrays, lengths | {"barriers": len(around.names)})
     _check_units(where, arrays, about)
     _check_values(where, arrays, about)
 
@@ -212,4 +219,5 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "versions": _is_versions,
     "source": _is_source,
     "plant": _or_none(_is_text),
+    "obstacles": _or_none(lambda value: isinstance(value, dict)),
 }

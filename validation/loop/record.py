@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -12,12 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 
 import softdyn
-from softdyn import InputError, SoftModel
+from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import InputGuard
 from softdyn.controllers.qps.stacked_error import rows_of
 from softdyn.tasks.task import Task, errors_along
-from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, RIGGED, SHAPES
+from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, SHAPES
 
 LONGEST = 200  # characters of a status
 LARGEST = 2**53  # of a count: a float represents all integers up to it
@@ -30,6 +32,34 @@ class ControllerOutput(Protocol):
     def u(self) -> Any:
         """(nu,) the input."""
         ...
+
+
+@dataclass(frozen=True)
+class ControlStep:
+    """A control step, at the beginning of a control period.
+
+    Attributes
+    ----------
+    t : float
+        Time (s).
+    state : State
+        The state that the controller saw.
+    output : ControllerOutput
+        The controller's answer to it.
+    u : ndarray, (nu,)
+        The controller's answer, clipped to the robot's bounds. It acts at once without a rig.
+    plant : State
+        The plant's state, which is `state` without a rig.
+    acting : ndarray, (nu,)
+        The inputs that act at t, which are `u` without a rig.
+    """
+
+    t: float
+    state: State
+    output: ControllerOutput
+    u: np.ndarray
+    plant: State
+    acting: np.ndarray
 
 
 class Recorder:
@@ -88,16 +118,16 @@ class Recorder:
         self.step_us[k] = nanoseconds / 1e3
         return None
 
-    def rig(self, sensors: int) -> None:
-        """Prepare for a run with a rig with a number of readings."""
-        size = {"samples": len(self.t), "steps": len(self.t) - 1, "sensors": sensors}
-        size |= {"nq": self.q.shape[1], "nv": self.v.shape[1], "nu": self.u.shape[1]}
+    def extra(self, names: Iterable[str], **sizes: int) -> None:
+        """Prepare arrays of `EXTRA`; `sizes` are the lengths of their axes of their own."""
+        sizes |= {"samples": len(self.t), "steps": len(self.t) - 1}
+        sizes |= {"nq": self.q.shape[1], "nv": self.v.shape[1], "nu": self.u.shape[1]}
         self._extra |= {
-            name: np.full([size[axis] for axis in axes], np.nan) for name, axes in RIGGED.items()
+            name: np.full([sizes[axis] for axis in EXTRA[name]], np.nan) for name in names
         }
 
-    def rigged(self, k: int, **values: np.ndarray) -> None:
-        """Record values of a rig at sample or step `k`, by the names of `RIGGED`."""
+    def put(self, k: int, **values: np.ndarray) -> None:
+        """Record values at sample or step `k`, by the names of `EXTRA`."""
         for name, value in values.items():
             self._extra[name][k] = value
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.estimation import Observer
+from softdyn.safety import Surroundings
 from softdyn.validation.loop.arguments import ReferenceLike
 from softdyn.validation.loop.closed_loop import ClosedLoop, Controller, OnStep
 from softdyn.validation.loop.log import Log
@@ -34,6 +35,7 @@ def simulate(
     plant: str | Path | MappedPlant | None = None,
     rig: Rig | str | None = None,
     observer: Observer | None = None,
+    surroundings: Surroundings | None = None,
     name: str | None = None,
     progress: bool = False,
     on_step: OnStep | None = None,
@@ -62,6 +64,8 @@ def simulate(
         None for an ideal rig, ``"file"`` for that of the robot's file, or a `Rig`.
     observer : Observer, optional
         It estimates the controller's states from the rig's sensors, e.g. `softdyn.estimation.Ekf`.
+    surroundings : Surroundings, optional
+        Obstacles around the robot; a controller keeps clear of them by its own `barriers`.
     name : str, optional
         Name of the controller in the log; its `name` or its class by default.
     progress : bool
@@ -84,6 +88,6 @@ def simulate(
         loop = ClosedLoop(
             model, controller, reference, duration=duration, period=period, timestep=timestep,
             q0=q0, v0=v0, contacts=contacts, friction=friction, twin=twin, plant=plant,
-            rig=rig, observer=observer, name=name,
+            rig=rig, observer=observer, surroundings=surroundings, name=name,
         )  # fmt: skip
         return loop.run(progress=progress, on_step=on_step)

@@ -34,14 +34,15 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
     model : SoftModel
         The robot of the log.
     around : Sequence of Visual
-        The surroundings of the robot: the `scenery` of its plant.
+        The `scenery` of its plant; the log's own obstacles are shown too.
 
     Raises
     ------
     InputError
         When the log is another robot's.
     """
-    figure = replace(Figure.of(model), scenery=tuple(around))
+    figure = _figure(model, [log])
+    figure = replace(figure, scenery=(*figure.scenery, *around))
     run = PlayedRun(goal(log), (track(log, model),))
     return Page(model.bundled or log.robot, (figure,), (run,))
 
@@ -52,7 +53,7 @@ def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE
         PlayedRun(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
         for log in logs
     )
-    return Page(name, (Figure.of(model),), runs)
+    return Page(name, (_figure(model, logs[:1]),), runs)
 
 
 def comparison(
@@ -60,7 +61,6 @@ def comparison(
     models: Sequence[SoftModel],
     labels: Sequence[str] | None = None,
     side_by_side: bool = False,
-    balls: Sequence[tuple[float, float, float, float]] = (),
 ) -> Page:
     """One page with several runs at once: overlaid, or beside each other along x.
 
@@ -73,8 +73,6 @@ def comparison(
         would be equal.
     side_by_side : bool
         Whether the runs stand beside each other.
-    balls : Sequence of (x, y, z, radius)
-        Obstacles (m), at every robot, or once if the runs are overlaid.
 
     Raises
     ------
@@ -82,12 +80,21 @@ def comparison(
         When a log is another robot's.
     """
     labels = labels_of(logs) if labels is None else labels
-    figures = {id(model): Figure.of(model) for model in models}
+    figures = {
+        id(model): _figure(
+            model, [log for log, other in zip(logs, models, strict=True) if other is model]
+        )
+        for model in models
+    }
     order = list(figures)
+    # overlaid runs share the first one's obstacles
+    again = not side_by_side and any(one.scenery for one in figures.values())
+    shown = (*figures.values(), *(replace(one, scenery=()) for one in figures.values() if again))
     x, tracks = 0.0, []
     for i, (log, model, label) in enumerate(zip(logs, models, labels, strict=True)):
         alone = i == 0 or side_by_side
-        made = track(log, model, order.index(id(model)), path=alone)
+        number = order.index(id(model)) + (0 if alone or not again else len(order))
+        made = track(log, model, number, path=alone)
         tracks.append(
             replace(
                 made,
@@ -96,14 +103,20 @@ def comparison(
                 tint=not side_by_side,
                 opacity=1.0 if side_by_side or i == 0 else 0.55,
                 offset=(x if side_by_side else 0.0, 0.0, 0.0),
-                balls=tuple(balls) if alone else (),
             )
         )
         x += GAP * figures[id(model)].size
     goals = list(dict.fromkeys(goal(log) for log in logs))
     robots = list(dict.fromkeys(log.robot for log in logs))
     run = PlayedRun(" and ".join(goals), tuple(tracks), max(float(log.t[-1]) for log in logs))
-    return Page(" and ".join(robots), tuple(figures.values()), (run,))
+    return Page(" and ".join(robots), shown, (run,))
+
+
+def _figure(model: SoftModel, logs: Sequence[Log]) -> Figure:
+    """A robot among the obstacles of the first log that has any."""
+    figure = Figure.of(model)
+    around = next((found for log in logs if (found := log.surroundings) is not None), None)
+    return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
 
 
 def track(

@@ -12,6 +12,7 @@ from tqdm.auto import tqdm
 from softdyn import SetPoint, SoftModel
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.controllers.barriers import JointLimits, KeepOutSphere
+from softdyn.safety import Surroundings
 from softdyn.validation.loop.log import Log
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import experiments
@@ -107,8 +108,10 @@ def meet(
     plain = SoftIdClfQp(model, gains)
     radius, tau = BALL * setup.length, plain.gains.eps
 
-    def run(law: SoftIdClfQp, goal: Any) -> Log:
-        return simulate(model, law, goal, duration=duration, period=setup.period)
+    def run(law: SoftIdClfQp, goal: Any, *balls: KeepOutSphere) -> Log:
+        around = Surroundings(balls) if balls else None
+        return simulate(model, law, goal, duration=duration, period=setup.period,
+                        surroundings=around)  # fmt: skip
 
     def barriers(ball: KeepOutSphere) -> SoftIdClfQp:
         walls = [JointLimits(model)] if limits else []
@@ -121,7 +124,7 @@ def meet(
     logs = {name: run(law, goal) for name, law in laws.items()}
     ball = in_the_way([log.y for log in logs.values()], radius)
     laws["with barriers"] = barriers(ball)
-    logs["with barriers"] = run(laws["with barriers"], goal)
+    logs["with barriers"] = run(laws["with barriers"], goal, ball)
     rows = [figures(name, law, logs[name], ball) for name, law in laws.items()]
 
     rng = np.random.default_rng(seed)
@@ -129,7 +132,7 @@ def meet(
     for k in tqdm(range(random), disable=None, leave=False):
         target, other = draw(model, rng, start, radius)
         law = barriers(other)
-        rows.append(figures(f"random {k}", law, run(law, target), other))
+        rows.append(figures(f"random {k}", law, run(law, target, other), other))
     worst = max(row["violation"] for row in rows[2:])
     report = {
         "robot": model.name, "horizon_s": tau, "limits": limits, "seed": seed, "radius_m": radius,

@@ -11,5 +11,6 @@
 - `cable_friction`: friction of cables on their guides in MuJoCo's terms
 - `drives`: tendons, inputs and sensors in MuJoCo's terms
 - `readings`: what the sensors of a twin read
+- `obstacles`: obstacles as geoms
 - `rig`: the rig of a run: drives, sensors, measured states
 """

@@ -8,6 +8,7 @@ links and drops tendons.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -19,9 +20,11 @@ from softdyn.description.robot import Robot
 from softdyn.description.urdf import parse
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
+from softdyn.safety.obstacles import Obstacle
 from softdyn.validation.twin.bodies import read_bodies
 from softdyn.validation.twin.build import TASK_SITE, build
 from softdyn.validation.twin.cable_friction import CableFriction
+from softdyn.validation.twin.obstacles import add_obstacles
 from softdyn.validation.twin.settings import Integrator, Settings, integrator_of, silence
 
 LARGEST = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad
@@ -72,6 +75,8 @@ class Twin:
     rig : bool
         Whether the file's rig is there: commands of lengths, lag and delay of the inputs, friction
         of cables, sensors. Without it every input is a force that acts at once.
+    obstacles : sequence of Obstacle
+        Obstacles in the world.
 
     Attributes
     ----------
@@ -119,8 +124,10 @@ class Twin:
         contacts: bool = False,
         friction: bool = False,
         rig: bool = False,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
         silence()
+        self.obstacles = tuple(obstacles)
         self.robot = _robot(source)
         rubs = rig and any(tendon.friction for tendon in self.robot.tendons)
         scheme = integrator_of(integrator)
@@ -131,7 +138,7 @@ class Twin:
         self.skipped = tree.skipped
         moved = [body.joint for body in tree.bodies if body.joint is not None]
         self.followers = {joint.name: joint for joint in moved if joint.leader is not None}
-        self.model, self.rest = build(self.robot, tree, settings, self.amend, rig=rig)
+        self.model, self.rest = build(self.robot, tree, settings, self._amend, rig=rig)
         self.data = mujoco.MjData(self.model)
         self.joint_names = tuple(self.model.joint(i).name for i in range(self.model.njnt))
         site = self.model.site(TASK_SITE)
@@ -150,6 +157,11 @@ class Twin:
 
     def amend(self, spec: mujoco.MjSpec) -> None:
         """Change the specification before compiling; a plant with other shapes overrides it."""
+
+    def _amend(self, spec: mujoco.MjSpec) -> None:
+        self.amend(spec)
+        if self.obstacles:
+            add_obstacles(spec, self.obstacles)
 
     @property
     def qpos(self) -> np.ndarray:

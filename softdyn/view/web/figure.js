@@ -3,7 +3,7 @@
 
 const T = MeshCat.THREE;
 let STOPS = [];  // colours of tension, from the page
-const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e, BALL = 0xb08d57;
+const TARGET = 0xd3202f, PATH = 0x8a94a0, TRAIL = 0x2b6f9e;
 
 function shade(value) {  // [-1, 1] -> [r, g, b] in 0 ... 1
   const x = Math.max(-1, Math.min(1, value || 0));

@@ -26,12 +26,6 @@ class Track {
       data.path.forEach(point => line.add(new T.Vector3(...point)));
       line.show(Infinity);
     }
-    for (const [x, y, z, radius] of data.balls) {
-      const ball = new T.Mesh(new T.SphereGeometry(radius, 32, 20),
-        new T.MeshPhongMaterial({color: BALL, opacity: 0.6, transparent: true}));
-      ball.position.set(x, y, z);
-      this.object.add(ball);
-    }
     stage.add(this.object);
     this.frames = [];
     this.push(new Float32Array(bytes(data.frames || "")));

@@ -37,6 +37,7 @@ from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
 from tests.proof import poses
 from tests.proof.documents.settings import changes_table, gains_table
+from tests.proof.safety import scenes
 
 MARKED = re.compile(
     r"^<!-- table (?P<name>[\w-]+): written by tests/proof/tables\.py -->\n.*?"
@@ -380,4 +381,5 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,
+    "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
 }

@@ -11,6 +11,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
+from softdyn.safety import HalfSpace, KeepOutSphere, Surroundings
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.log_checks import SHAPES
 from softdyn.validation.report.replay import comparison, replay, replays, track
@@ -119,11 +120,14 @@ def test_side_by_side_robots_do_not_overlap(model, log):
 
 
 def test_obstacles_stand_once_in_one_place_and_beside_every_robot(model, log):
-    ball = (0.1, 0.0, -0.05, 0.02)
-    together = scene(comparison([log, log], [model] * 2, balls=[ball]))["runs"][0]["tracks"]
-    assert [track["balls"] for track in together] == [[list(ball)], []]
-    apart = comparison([log, log], [model] * 2, side_by_side=True, balls=[ball])
-    assert [track["balls"] for track in scene(apart)["runs"][0]["tracks"]] == [[list(ball)]] * 2
+    around = Surroundings([KeepOutSphere([0.1, 0.0, -0.05], 0.02), HalfSpace([0, 0, 1], -0.2)])
+    among = replace(log, obstacles=around.table, reserve=np.ones((len(log.t), 2)))
+    count = len(replay(log, model).figures[0].data["shapes"])
+    assert len(replay(among, model).figures[0].data["shapes"]) == count + 2
+    together = comparison([among, log], [model] * 2)
+    assert [len(together.figures[t.figure].scenery) for t in together.runs[0].tracks] == [2, 0]
+    apart = comparison([among, log], [model] * 2, side_by_side=True)
+    assert [len(apart.figures[t.figure].scenery) for t in apart.runs[0].tracks] == [2, 2]
 
 
 def test_several_runs_are_chosen_from_a_list(model, log):

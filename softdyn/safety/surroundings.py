@@ -1,0 +1,145 @@
+"""Obstacles around a robot, as a TOML file states them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from softdyn.checks import did_you_mean, instances
+from softdyn.description.visuals import BoxShape, SphereShape, Visual
+from softdyn.dynamics.model import State
+from softdyn.exceptions import InputError, errors_in
+from softdyn.safety.obstacles import (
+    EVERY,
+    Barrier,
+    HalfSpace,
+    KeepOutBox,
+    KeepOutSphere,
+    LinkPairs,
+    Obstacle,
+)
+
+KINDS: dict[str, type[Barrier]] = {
+    "half_space": HalfSpace, "sphere": KeepOutSphere, "box": KeepOutBox, "pairs": LinkPairs,
+}  # fmt: skip
+TIP_ALONE = "tip"
+COLOUR = (0.87, 0.45, 0.2, 0.6)
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Barriers of one robot, each with a name of its own.
+
+    Attributes
+    ----------
+    barriers : tuple of Barrier
+        Obstacles and pairs of links.
+    names : tuple of str
+        Their names; by default the kind and a number.
+    """
+
+    barriers: Sequence[Barrier]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        found = instances("barriers", self.barriers, Barrier, "a Barrier")
+        kinds = {kind: word for word, kind in KINDS.items()}
+        usual = [kinds.get(type(one), type(one).__name__) for one in found]
+        names = [one.name or f"{usual[k]}_{usual[: k + 1].count(usual[k])}"
+                 for k, one in enumerate(found)]  # fmt: skip
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError("name", "a name for each obstacle", f"{name!r} twice")
+        object.__setattr__(self, "barriers", found)
+        object.__setattr__(self, "names", tuple(names))
+
+    @classmethod
+    def of(cls, table: Mapping[str, Any], where: str = "obstacles") -> Surroundings:
+        """Obstacles of a TOML file's table: lists of tables `half_space`, `sphere`, `box`, `pairs`.
+
+        The keys are the fields of their classes. An obstacle guards all links that move, unless
+        `link` or `links` say otherwise; ``links = "tip"`` is the tip alone.
+
+        Parameters
+        ----------
+        table : mapping
+            The file's content.
+        where : str
+            The file, for messages.
+
+        Raises
+        ------
+        InputError
+            For an unknown key, and for all that the fields refuse.
+        """
+        made: list[Barrier] = []
+        for word, entries in table.items():
+            if word not in KINDS:
+                raise InputError(where, f"tables {', '.join(KINDS)}", did_you_mean(word, KINDS))
+            if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+                raise InputError(where, f"tables [[{word}]]", repr(entries))
+            kind = KINDS[word]
+            known = [part.name for part in fields(kind)]
+            for k, entry in enumerate(entries):
+                with errors_in(f"{where}: [[{word}]] {k + 1}"):
+                    for key in entry:
+                        if key not in known:
+                            raise InputError("key", ", ".join(known), did_you_mean(key, known))
+                    whole = issubclass(kind, Obstacle) and "link" not in entry
+                    values = ({"links": EVERY} if whole else {}) | entry
+                    if values.get("links") == TIP_ALONE:
+                        del values["links"]
+                    try:
+                        made.append(kind(**values))
+                    except TypeError:
+                        missing = [name for name in REQUIRED[kind] if name not in entry]
+                        raise InputError(missing[0], "a value", "none") from None
+        with errors_in(where):
+            return cls(made)
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Plain data from which `of` makes the same obstacles."""
+        words = {kind: word for word, kind in KINDS.items()}
+        found: dict[str, Any] = {}
+        for barrier, name in zip(self.barriers, self.names, strict=True):
+            values = {part.name: getattr(barrier, part.name) for part in fields(barrier)}
+            if isinstance(barrier, Obstacle) and barrier.link is None and barrier.links is None:
+                values["links"] = TIP_ALONE
+            values["name"] = name
+            entry = {key: value if isinstance(value, str) else np.asarray(value).tolist()
+                     for key, value in values.items() if value is not None}  # fmt: skip
+            found.setdefault(words[type(barrier)], []).append(entry)
+        return found
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The barriers that are bodies of the world."""
+        return tuple(one for one in self.barriers if isinstance(one, Obstacle))
+
+    def reserve(self, state: State) -> np.ndarray:
+        """The smallest value of every barrier (m), in the order of `names`."""
+        return np.array([barrier.reserve(state) for barrier in self.barriers])
+
+    def visuals(self, size: float) -> tuple[Visual, ...]:
+        """The obstacles as shapes of the world; a half-space is a slab, three `size` (m) wide."""
+        found = []
+        for obstacle in self.obstacles:
+            solid, pose = obstacle.solid, np.eye(4)
+            pose[:3, :3], pose[:3, 3] = solid.rotation, solid.centre
+            shape: Any = SphereShape(solid.swept)
+            if isinstance(obstacle, HalfSpace):
+                shape = BoxShape((3 * size, 3 * size, thick := 0.02 * size))
+                pose[:3, 3] -= thick / 2 * solid.rotation[:, 2]
+            elif solid.half.any():
+                x, y, z = (2 * solid.half).tolist()
+                shape = BoxShape((x, y, z))
+            found.append(Visual("", pose, shape, COLOUR))
+        return tuple(found)
+
+
+REQUIRED = {HalfSpace: ("normal", "offset"), KeepOutSphere: ("centre", "radius"),
+            KeepOutBox: ("centre", "size"), LinkPairs: ()}  # fmt: skip

@@ -1,0 +1,4 @@
+"""Arms among obstacles, judged by MuJoCo's distances.
+
+- `scenes`: seeded scenes and their runs.
+"""

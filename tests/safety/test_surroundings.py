@@ -1,0 +1,131 @@
+"""Obstacles of a TOML file: in the twin, in a log, in `run`, and one line for each misuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from softdyn import InputError, SetPoint
+from softdyn.commands import run
+from softdyn.controllers import SoftIdClfQp
+from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, LinkPairs, Surroundings
+from softdyn.validation import Log, Twin, simulate
+from tests.support.control_cases import robot
+
+FILE = """
+[[half_space]]
+name = "floor"
+normal = [0, 0, 2]
+offset = -0.1
+[[sphere]]
+centre = [0.22, 0, -0.1]
+radius = 0.02
+contact = true
+[[box]]
+centre = [0.1, 0.1, 0]
+size = [0.05, 0.1, 0.05]
+rpy = [0, 0, 0.3]
+links = ["link3", "link4"]
+margin = 0.002
+[[pairs]]
+"""
+
+
+def around() -> Surroundings:
+    return Surroundings([
+        HalfSpace([0, 0, 1], -0.1, links="all", name="floor"),
+        KeepOutSphere([0.22, 0, -0.1], 0.02, links="all", contact=True),
+        KeepOutBox([0.1, 0.1, 0], [0.05, 0.1, 0.05], rpy=(0, 0, 0.3), links=["link3", "link4"],
+                   margin=0.002),
+        LinkPairs(),
+    ])  # fmt: skip
+
+
+def test_a_file_is_the_same_as_its_objects_and_its_table() -> None:
+    import tomllib
+
+    model = robot("finger")
+    state = model.state(np.full(4, 0.2), np.full(4, 0.1))
+    made = Surroundings.of(tomllib.loads(FILE))
+    assert made.names == around().names == ("floor", "sphere_1", "box_1", "pairs_1")
+    np.testing.assert_array_equal(made.reserve(state), around().reserve(state))
+    again = Surroundings.of(json.loads(json.dumps(made.table)))
+    assert again.table == made.table
+    np.testing.assert_array_equal(again.reserve(state), made.reserve(state))
+    tip = Surroundings([KeepOutSphere([0, 0, 0], 0.1)])
+    assert Surroundings.of(tip.table).barriers[0].links is None  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"ball": []}, "f.toml: expected tables half_space, sphere, box, pairs, got 'ball'"),
+        ({"box": {"size": 1}}, "f.toml: expected tables [[box]]"),
+        ({"sphere": [{"centre": [0, 0, 0]}]}, "f.toml: [[sphere]] 1: radius: expected a value"),
+        ({"sphere": [{"centre": [0, 0, 0], "radus": 1}]}, "did you mean 'radius'?"),
+        ({"sphere": [{"centre": [0, 0, 0], "radius": -1}]}, "[[sphere]] 1: radius: expected a fin"),
+        ({"box": [{"centre": [0, 0, 0], "size": "big"}]}, "[[box]] 1: size: expected finite numb"),
+        ({"half_space": [{"normal": [0, 0, 0], "offset": 0}]}, "normal: expected a direction"),
+        ({"pairs": [{"pairs": [["link1"]]}]}, "[[pairs]] 1: pairs: expected"),
+        ({"pairs": [{"name": "a"}, {"name": "a"}]}, "name: expected a name for each obstacle"),
+        ({"sphere": [{"centre": [0, 0, 0], "radius": 1, "contact": 1}]}, "contact: expected True"),
+    ],
+)
+def test_a_misuse_is_one_line(table: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Surroundings.of(table, "f.toml")
+    assert said in str(caught.value)
+    assert str(caught.value).startswith("f.toml")
+
+
+def test_only_obstacles_with_contact_touch_the_twin() -> None:
+    model = robot("finger")
+    twin = Twin(model, obstacles=around().obstacles)
+    names = [twin.model.geom(k).name for k in range(twin.model.ngeom)]
+    assert [name for name in names if name] == ["obstacle_0", "obstacle_1", "obstacle_2"]
+    data = twin.data
+    # bent down, the arm passes the floor, and its tip meets the ball
+    touched = set()
+    for bend in np.linspace(0.1, 0.5, 9):
+        twin.set_state(np.full(4, bend), np.zeros(4))
+        mujoco.mj_forward(twin.model, data)
+        touched |= {names[g] for c in range(data.ncon) for g in data.contact[c].geom if names[g]}
+    assert touched == {"obstacle_1"}
+
+
+def test_a_run_keeps_clear_and_its_log_has_the_reserve(tmp_path: Path) -> None:
+    model = robot("finger")
+    wall = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor")])
+    goal = SetPoint([0.127, 0, -0.127])
+    least = {}
+    for barriers in ((), wall.barriers):
+        law = SoftIdClfQp.among(barriers, model)
+        log = simulate(model, law, goal, duration=0.8, period=0.005, surroundings=wall)
+        least[len(barriers)] = log.least_reserve["floor"]
+    assert least[0] < -0.02
+    assert 0 < least[1] < 0.005
+    assert "least reserve  floor" in log.summary()
+    assert log.report()["reserve_mm"]["floor"] == pytest.approx(1e3 * least[1])
+    log.save(tmp_path / "log.npz")
+    again = Log.load(tmp_path / "log.npz")
+    np.testing.assert_array_equal(again.reserve, log.reserve)
+    assert again.surroundings.names == ("floor",)
+
+
+def test_run_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.toml").write_text(FILE)
+    page = tmp_path / "page.html"
+    told = ["--obstacles", str(tmp_path / "scene.toml"), "--no-verdict", "--duration", "0.05"]
+    assert run.main(["finger", "soft-id-clf-qp", "--theta", "1", *told, "--html", str(page)]) == 0
+    assert "least reserve  floor" in capsys.readouterr().out
+    assert page.is_file()
+    assert run.main(["finger", "ic", "--theta", "1", *told]) == 0
+    assert "ic has no barriers" in capsys.readouterr().err
+    (tmp_path / "scene.toml").write_text("[[box]]\nsize = 3\n")
+    assert run.main(["finger", "ic", "--theta", "1", *told]) == 2
+    assert "scene.toml: [[box]] 1" in capsys.readouterr().err
