@@ -183,7 +183,7 @@ def test_from_simulation_to_the_bench(follow: Follow, tmp_path: Path) -> None:
     errors = {row.split("|")[1].strip(): float(row.split("|")[2]) for row in rows.splitlines()
               if re.search(r"\| \d+\.\d+ \|", row)}  # fmt: skip
     assert len(errors) == 6
-    assert max(cm for name, cm in errors.items() if name != "50 g more") <= 0.25
+    assert max(cm for name, cm in errors.items() if name != "50 g more") <= 0.3
 
 
 def test_a_silicone_arm(follow: Follow, tmp_path: Path) -> None:
