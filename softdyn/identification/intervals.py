@@ -128,15 +128,17 @@ def least_deviations(
 def autocorrelation(residuals: np.ndarray) -> np.ndarray:
     """ρ at lags 1 … LAGS (LAGS, outputs) in each output's own samples, those without NaN.
 
-    A camera is slower than the rows, so a lag in rows would be no lag of its own.
+    A camera is slower than the rows, so a lag in rows would be no lag of its own. The sum over
+    all pairs is over that of all squares, as the test of Ljung and Box assumes. Means of both would
+    call a third of short white series coloured.
     """
     lags = min(LAGS, len(residuals) - 2)
     found = np.zeros((lags, residuals.shape[1]))
     for j, column in enumerate(residuals.T):
         own = column[np.isfinite(column)]
-        power = float(own @ own) / max(len(own), 1)
+        power = float(own @ own)
         for lag in range(1, min(lags, len(own) - 2) + 1 if power > 0 else 0):
-            found[lag - 1, j] = np.mean(own[lag:] * own[:-lag]) / power
+            found[lag - 1, j] = own[lag:] @ own[:-lag] / power
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from softdyn.identification.intervals import LAGS, autocorrelation, ljung_box, widening
 
@@ -21,7 +22,7 @@ def test_autocorrelation_and_what_follows_from_it():
         for j in (0, 1):
             x = series[np.isfinite(series[:, j]), j]
             pairs = [a * b for a, b in zip(x[lag:], x[:-lag], strict=True)]
-            assert rho[lag - 1, j] == pytest.approx(np.mean(pairs) / np.mean(x**2))
+            assert rho[lag - 1, j] == pytest.approx(np.sum(pairs) / np.sum(x**2))
     samples = np.array([290, 300])
     statistic, freedoms = ljung_box(rho, samples)
     expected = sum(
@@ -37,6 +38,15 @@ def test_autocorrelation_and_what_follows_from_it():
     ]  # fmt: skip
     np.testing.assert_allclose(widening(rho, samples), np.maximum(wide, 1))
     assert widening(rho, samples)[1] > 2
+
+
+def test_short_white_series_are_called_white():
+    rng, statistics = np.random.default_rng(6), []
+    for _ in range(300):
+        rho = autocorrelation(rng.normal(size=(128, 9)))
+        statistic, freedoms = ljung_box(rho, np.full(9, 128))
+        statistics.append(chi2.sf(statistic, freedoms))
+    assert np.mean(np.array(statistics) < 0.01) < 0.05
 
 
 def test_a_slow_sensor_has_lags_in_its_own_samples():
