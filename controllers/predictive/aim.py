@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,20 +38,6 @@ class ErrorAhead(NamedTuple):
         return float(np.linalg.norm((self.now - self.y) / self.scale))
 
 
-class Aim(Protocol):
-    """Turns a state and a reference into errors along the horizon."""
-
-    tasks: tuple[Task, ...]
-
-    def targets(self, reference: Reference) -> tuple[Any, ...]:
-        """The targets in a reference."""
-        ...
-
-    def __call__(self, state: State, reference: Reference, moving: bool) -> ErrorAhead:
-        """The errors; a target that is not `moving` has no rates."""
-        ...
-
-
 class TipAim:
     """The position of the tip; in a stacked reference its target has the given name."""
 
@@ -67,7 +53,7 @@ class TipAim:
         return (reference,)
 
     def __call__(self, state: State, reference: Reference, moving: bool) -> ErrorAhead:
-        """The tip's error."""
+        """The tip's error at `state`."""
         (goal,) = self.targets(reference)
         return ErrorAhead(state.J, state.y, goal.y, goal.ydot, goal.yddot)
 
@@ -89,7 +75,7 @@ class TasksAim:
         return tuple(task.target_in(reference) for task in self.tasks)
 
     def __call__(self, state: State, reference: Reference, moving: bool) -> ErrorAhead:
-        """The stacked errors."""
+        """The stacked errors; targets that are not `moving` have no rates."""
         if moving:
             state = state.model.state(state.q, np.zeros_like(state.v))
         parts = [
@@ -100,6 +86,9 @@ class TasksAim:
         root, none = self._roots, np.zeros_like(error)
         ydot, yddot = (-root * rate, -root * drift) if moving else (none, none)
         return ErrorAhead(root[:, None] * jacobian, root * error, none, ydot, yddot, root)
+
+
+Aim = TipAim | TasksAim
 
 
 def aim_of(model: SoftModel, tasks: Any) -> Aim:
