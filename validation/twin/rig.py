@@ -12,7 +12,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel, State
 from softdyn.actuation import Winches
-from softdyn.checks import did_you_mean, instance, number, whole
+from softdyn.checks import did_you_mean, instance, instances, number, whole
 from softdyn.description.rig import LONGEST_DELAY, SMALLEST_WINCH, CommandKind, Sensor
 from softdyn.description.robot import MOST_FRICTION, Robot, Tendon
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -92,6 +92,10 @@ class Rig:
             number("rate", self.rate, above=0.0)
         whole("seed", self.seed, lower=0)
         instance("file", self.file, bool, "true or false")
+        instance("plant", self.plant, PlantErrors, "a PlantErrors")
+        if self.sensors is not None:
+            sensors = instances("sensors", self.sensors, Sensor, "a Sensor")
+            object.__setattr__(self, "sensors", sensors)
         if self.command is not None:
             words = [kind.value for kind in CommandKind]
             if not isinstance(self.command, CommandKind) and self.command not in words:
@@ -132,7 +136,7 @@ class Rig:
                 expected = f"an input {actuator.name!r} that only pulls, with a cable's stiffness"
                 raise InputError("command", expected, repr(self.command))
         sensors = robot.sensors if self.file else ()
-        sensors = sensors if self.sensors is None else tuple(self.sensors)
+        sensors = sensors if self.sensors is None else self.sensors
         return replace(robot, actuators=actuators, sensors=sensors, tendons=self._tendons(robot))
 
     def _tendons(self, robot: Robot) -> tuple[Tendon, ...]:

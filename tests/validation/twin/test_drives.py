@@ -146,6 +146,8 @@ def test_a_rig_is_in_the_log_and_the_ideal_loop_is_unchanged(tmp_path: Any) -> N
     ("make", "message"),
     [
         (lambda: Rig(lag=-1.0), "lag"),
+        (lambda: Rig(sensors="file"), "sensors: expected a sequence, each a Sensor, got 'file'"),
+        (lambda: Rig(plant={"payload": 0.1}), "plant: expected a PlantErrors"),
         (lambda: Rig(noise=math.nan), "noise"),
         (lambda: Rig(command="torque"), "command: expected force or length or velocity"),
         (lambda: Rig(command="length").robot(softdyn.load("spirob").robot), "cable's stiffness"),
