@@ -10,6 +10,7 @@
 - `actuation`: winches, which command a free length of cable;
 - `sensing`: the sensors' readings and their Jacobians;
 - `tasks`: what is to be controlled, its error and Jacobian, and references for it;
+- `safety`: distances between links and obstacles, as barriers; `estimation`: the observer;
 - `statics`: equilibria, their stability, the inputs that hold the tip at a point;
 - `view`: the robot in the browser;
 - `design`: from a few parameters to a robot's file and meshes;
