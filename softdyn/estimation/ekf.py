@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -211,8 +211,7 @@ class Ekf:
                 self._time = t
         begin = t if first else self._time
         waiting = [(own, one) for one in self._channels for own in one.waits(begin, t)]
-        if len(waiting) > 1:
-            waiting.sort(key=lambda pair: pair[0])
+        waiting.sort(key=lambda pair: pair[0])
         # a camera's picture of this instant is expected once the other readings of it are known
         soon = [pair for pair in waiting if pair[0] < t - SAME * (t - begin)] if t > begin else []
         correct = self._begin if first else self._correct
@@ -360,13 +359,15 @@ class Ekf:
         self._forget(done)
         return math.isfinite(symmetrised(self._P))
 
-    def _row_of(self, late: LateReading) -> np.ndarray:
-        """The Jacobian (k, s) of a late reading by the errors."""
+    def _late_rows(self) -> Iterator[tuple[LateReading, slice]]:
+        """Each late reading and its rows among the errors."""
         first = 2 * self.model.nv + len(self._d)
         for one in self._late:
-            if one is late:
-                break
-            first += len(one.change)
+            yield one, slice(first, first := first + len(one.change))
+
+    def _row_of(self, late: LateReading) -> np.ndarray:
+        """The Jacobian (k, s) of a late reading by the errors."""
+        first = next(rows.start for one, rows in self._late_rows() if one is late)
         rows = np.eye(len(late.change), len(self._P), first)
         rows.flags.writeable = False  # as Jacobians are: one signature of the kernel
         return rows
@@ -377,21 +378,17 @@ class Ekf:
         change = onto_stops(model, model.coordinates(self._q), change, self._P)
         self._q = self._q + change[:n] if self._plain else model.integrate(self._q, change[:n])
         self._v = self._v + change[n : 2 * n]
-        first = 2 * n + len(self._d)
-        self._d += change[2 * n : first]
-        for one in self._late:
-            one.change += change[first : first + len(one.change)]
-            first += len(one.change)
+        self._d += change[2 * n : 2 * n + len(self._d)]
+        for one, rows in self._late_rows():
+            one.change += change[rows]
 
     def _forget(self, done: list[LateReading]) -> None:
         """Remove late readings that have arrived, or never will."""
         if not done:
             return
         keep = np.ones(len(self._P), np.bool_)
-        first = 2 * self.model.nv + len(self._d)
-        for one in self._late:
-            keep[first : first + len(one.change)] = one not in done
-            first += len(one.change)
+        for one, rows in self._late_rows():
+            keep[rows] = one not in done
         self._P = kept_rows(self._P, keep)
         self._late = [one for one in self._late if one not in done]
 
