@@ -30,7 +30,7 @@ from softdyn.controllers.schedule import make_schedule
 from softdyn.files import read_toml
 from softdyn.validation.files import to_json
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.log_checks import SHAPES
+from softdyn.validation.loop.log_checks import NAMES, SHAPES
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.simulate import simulate
 from softdyn.validation.studies import paper_tuning, schedule_search, sweep_file
@@ -182,7 +182,7 @@ def read_log(data: bytes, path: Path) -> str:
     for name, value in arrays.items():
         if not all(_same_bytes(getattr(read, name), value) for read in (log, again)):
             return name
-    for name in ("joint_names", "sensor_names", "command_units", "sensor_units"):
+    for name in ("joint_names", *NAMES):
         about[name] = tuple(about.get(name, ()))
     about["source"] = LoggedRobot(**about["source"])
     for name in about.keys() - {"format"}:
