@@ -9,7 +9,8 @@ So a step of a slow motion from q₀ to q is a rest with
 
 where s_i is the sliding at guide i in this step. A cable sticks to within ε. The equations are
 solved by Newton's method, with ε falling to `STICK`. Nothing depends on time: the last shape is the
-whole memory of a robot with Coulomb friction.
+whole memory of a robot with Coulomb friction. A step in which a guide first sticks and then slides
+is one of first order in its length. `follow` therefore divides steps in which a direction changes.
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ from softdyn.statics.equilibria import settle
 from softdyn.statics.equilibrium import StaticsError
 from softdyn.statics.stops import HardStops
 
-STICK = 1e-8  # sliding up to which a cable sticks (m, or the unit of a fixed tendon's length)
-FALLING = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, STICK)
+STICK = 1e-10  # sliding up to which a cable sticks (m, or the unit of a fixed tendon's length)
+FALLING = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, STICK)
 TOLERANCE = 1e-9  # residual over the largest force
 ITERATIONS = 60
 HALVINGS = 4
+TURNED = 0.5  # a change of a guide's direction for which a step is divided
+PARTS = 16
 LARGEST_STEP = 0.2  # rad, m
 
 Direction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -136,8 +139,14 @@ def follow(
     for k, given in enumerate(instance("inputs", inputs, Iterable, "an iterable of inputs")):
         u = vector(f"inputs[{k}]", given, model.nu)
         q = settle(model, u).q if q is None else q
-        found.append(_lead(capstan, found[-1].u if found else u, u, q, HALVINGS))
-        q = found[-1].state.q
+        before = found[-1].u if found else u
+        rest = _lead(capstan, before, u, q, HALVINGS)
+        if found and (np.abs(rest.direction - found[-1].direction) > TURNED).any():
+            for path in np.linspace(before, u, PARTS + 1)[1:]:
+                rest = _lead(capstan, before, path, q, HALVINGS)
+                before, q = path, rest.state.q
+        found.append(rest)
+        q = rest.state.q
     if not found:
         raise InputError("inputs", "at least one", "none")
     return found
