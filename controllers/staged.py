@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.actuation import Capstan
 from softdyn.checks import number
 from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
 from softdyn.controllers.predictive.actuation import Actuation
+from softdyn.controllers.predictive.compensated import Compensated
 from softdyn.controllers.predictive.rest_target import RestTargets
 from softdyn.controllers.qps.stacked_error import checked_tasks
 from softdyn.controllers.schedule import Schedule, make_schedule, tuned
@@ -101,11 +101,11 @@ def best(
     delay: float | None = None,
     friction: np.ndarray | float | None = None,
     tasks: Sequence[Task] | None = None,
-) -> Staged | Mpc:
+) -> Staged | Mpc | Compensated:
     """The recommended controller: `Mpc` with targets from statics, `Staged` if there is a schedule.
 
-    A schedule is for the tip, actuators that act at once and cables that do not rub: with tasks, a
-    lag, a delay or friction it is not used.
+    A schedule is for the tip and actuators that act at once: with tasks, a lag or a delay it is not
+    used. If the cables rub, `Compensated` makes up for it.
 
     Parameters
     ----------
@@ -123,16 +123,16 @@ def best(
     Raises
     ------
     InputError
-        A schedule together with tasks, a lag, a delay or friction, and whatever the controller
-        raises.
+        A schedule together with tasks, a lag or a delay, and whatever the controller raises.
     """
     link = Actuation.of(check_model(model), delay, lag)
     other = link.lag > 0 or link.delay > 0 or not checked_tasks(model, tasks)[1]
-    other |= len(Capstan(model, friction).tendon) > 0
     if other and gains is not None:
-        raise InputError("gains", "none, for tasks, a lag, a delay or friction", repr(gains))
+        raise InputError("gains", "none, for tasks, a lag or a delay", repr(gains))
     schedule = tuned(model) if gains is None and not other else gains
     if schedule is None:
         targets = RestTargets(model)
         return Mpc(model, lag=lag, delay=delay, friction=friction, targets=targets, tasks=tasks)
-    return Staged(model, schedule)
+    staged = Staged(model, schedule)
+    compensated = Compensated(staged, model, lag=lag, delay=delay, friction=friction)
+    return compensated if compensated.rubs else staged

@@ -95,7 +95,10 @@ def test_friction_is_the_file_s_unless_it_is_given() -> None:
     assert best(rubbing("finger"))._pulls.rubs
     assert not best(rubbing("finger"), friction=0.0)._pulls.rubs
     assert isinstance(best(softdyn.load("spirob")), Staged)
-    assert isinstance(best(softdyn.load("spirob"), friction=0.1), Mpc)
+    rubs = best(softdyn.load("spirob"), friction=0.1)
+    assert isinstance(rubs, Compensated)
+    assert isinstance(rubs.inner, Staged)
+    assert isinstance(best(softdyn.load("spirob"), friction=0.1, lag=0.02), Mpc)
     model = softdyn.load("finger")
     for wrong in (-0.1, np.nan, 11.0, [0.1], "much"):
         with pytest.raises(InputError, match="friction"):
