@@ -39,7 +39,7 @@ def recorded(model, rng, steps, link="link1", force=(0.0, 0.0, 0.0), begin=0.0):
 
 
 def jacobian(model, q, link, point):
-    """Of a point of a link, by central differences of its pose."""
+    """The Jacobian of a link's point, by central differences of its pose."""
     columns = []
     for axis in 1e-6 * np.eye(model.nv):
         ahead, behind = (model.link_poses(model.integrate(q, s * axis))[link] for s in (1, -1))

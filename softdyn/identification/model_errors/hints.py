@@ -1,4 +1,4 @@
-"""Where the residuals are, and what the model may lack.
+"""Residuals by output, input and time, and extensions that the model may lack.
 
 A hint is an experiment: one extension of the model is fitted beside the unknowns to the same data,
 and the error on data that no fit has seen is compared.
@@ -82,7 +82,7 @@ def where_text(rows: Sequence[dict[str, Any]]) -> str:
 def extensions(
     model: SoftModel, unknowns: Sequence[Parameter], static: bool, made: DesignFile | None
 ) -> Iterator[tuple[str, tuple[Parameter, ...]]]:
-    """What may be lacking and is no unknown yet: friction, the path of cables."""
+    """The extensions that are no unknowns yet: friction, the path of cables."""
     taken = {one.names[0] for one in unknowns}
     driven = {one.tendon for one in model.robot.actuators}
     rubs = np.array([float(one.name in driven) for one in model.robot.tendons])
