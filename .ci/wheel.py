@@ -261,9 +261,10 @@ def check(env: Path, folder: Path, everything: bool) -> int:
     for name, jobs in JOBS.items():
         for job in (*jobs, *(LONG.get(name, ()) if everything else ())):
             for options, target in robots.values() if "{robot}" in job else [((), ())]:
-                marks = {"{robot}": options, "{target}": target}
+                alone = name == "compare"  # it takes no overlay
+                marks = {"{robot}": options[:1] if alone else options, "{target}": target}
                 words = [x for word in job.split() for x in marks.get(word, (word,))]
-                if name == "compare":  # with the MJCF of the same robot
+                if alone:  # with the MJCF of the same robot
                     wheel.run(["export", *options, "--mjcf", "robot.xml"], (0,))
                 wheel.run([name, *words])
     print(f"{len(names)} commands, {len(wheel.failures)} failures")
