@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.actuation import Capstan
 from softdyn.checks import number
 from softdyn.controllers.controller import Command, GuardedController
 from softdyn.controllers.mpc import DEFAULT_PERIOD, Mpc
@@ -134,5 +135,6 @@ def best(
         targets = RestTargets(model)
         return Mpc(model, lag=lag, delay=delay, friction=friction, targets=targets, tasks=tasks)
     staged = Staged(model, schedule)
-    compensated = Compensated(staged, model, lag=lag, delay=delay, friction=friction)
-    return compensated if compensated.rubs else staged
+    if not len(Capstan(model, friction).tendon):
+        return staged
+    return Compensated(staged, model, lag=lag, delay=delay, friction=friction)

@@ -52,8 +52,6 @@ class Compensated(GuardedController):
     ----------
     inner : Callable[[State, Reference], Command]
         The controller.
-    rubs : bool
-        Whether any cable rubs.
 
     Raises
     ------
@@ -82,11 +80,6 @@ class Compensated(GuardedController):
         self._admit = guard_of(controller, model).admit
         self.name = f"compensated {getattr(controller, 'name', type(controller).__name__)}"
         self.reset(STEP)
-
-    @property
-    def rubs(self) -> bool:
-        """Whether any cable rubs."""
-        return self._pulls.rubs
 
     @property
     def gains(self) -> Any:
