@@ -268,7 +268,7 @@ def _tendons(
                         by_q[i, j] += gain[t] * arm * arms[t, j]
                         by_v[i, j] += damping[t] * arm * arms[t, j]
     if len(bodies) > 0:
-        start, direction, norms = _directions(rotations, translations, bodies, offsets)
+        start, direction, norms = directions(rotations, translations, bodies, offsets)
         bend, arm_rates = segment_curvature(
             S.T, start, direction, norms, bodies, pairs, signs, force, v
         )
@@ -283,7 +283,7 @@ def _tendons(
 
 
 @compiled
-def _directions(rotations, translations, bodies, offsets):
+def directions(rotations, translations, bodies, offsets):
     """Start points and unit directions (segments, 3), and lengths (segments,)."""
     start, direction = np.empty((len(bodies), 3)), np.empty((len(bodies), 3))
     norms = np.empty(len(bodies))

@@ -294,7 +294,7 @@ class Ekf:
         if channel.linear:
             return LateReading(channel, time, predicted, channel.bias.copy(), channel.variance)
         shift, variance = second_order(
-            channel.read, (self.model, self._q, self._v, self._inputs), predicted,
+            channel.read, (self._q, self._v, self._inputs), predicted,
             self._P[: 2 * n, : 2 * n], channel.variance,
         )  # fmt: skip
         return LateReading(channel, time, predicted, channel.bias + shift, variance)

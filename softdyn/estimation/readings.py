@@ -1,7 +1,11 @@
-"""The readings of a channel and their Jacobians, without a `State` if its sensors need none.
+"""The readings of a channel and their derivatives, without a `State` if its sensors need none.
 
 Lengths, positions and joints depend on q alone. One kernel computes them from Pinocchio's joint
 Jacobian. `softdyn.sensing.Sensors` reads all others, and the sensors of a robot with mimic joints.
+
+A turn about joint j carries the Jacobian columns J_k of a point that joint k moves, if joint k is
+not nearer to the base. The second derivatives of a point are therefore ω_j × J_k; those of lengths
+are in `softdyn.dynamics.tendons`.
 """
 
 from __future__ import annotations
@@ -16,10 +20,12 @@ from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.engine import memory, moved_bodies
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import underlying_tree
-from softdyn.dynamics.tendons import moment_arms
+from softdyn.dynamics.tendons import moment_arms, segment_curvature
+from softdyn.estimation.balance import directions
 from softdyn.sensing import Measurement, Sensors
 from softdyn.sensing.sensors import place_of
 
+STEP = 1e-5  # rad, m; of the differences of other sensors' Jacobians
 SIMPLE = (SensorKind.LENGTH, SensorKind.JOINT, SensorKind.POSITION)  # the kernel's numbers
 
 
@@ -76,6 +82,25 @@ class Reader:
         )  # fmt: skip
         return Measurement(values, jacobian, self._by_u, self.components)
 
+    def hessians(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The second derivatives (k, n, n) by q, symmetric; differences of Jacobians if need be."""
+        n = len(v)
+        if not self._simple:
+            ends = (
+                [self(self._model.integrate(q, x), v, u).jacobian[:, :n] for x in (step, -step)]
+                for step in STEP * np.eye(n)
+            )
+            found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)
+            return 0.5 * (found + found.transpose(0, 2, 1))
+        jacobian = self(q, v, u).jacobian
+        hessians, held = np.zeros((len(jacobian), n, n)), self._memory
+        numbers, _, moves, _, offset, *_ = self._constants
+        _bend(
+            hessians, jacobian, held.S, held.rotations, held.translations, numbers, moves,
+            np.zeros(len(offset)), *self._tree.tendons.segments,
+        )  # fmt: skip
+        return hessians
+
 
 @compiled
 def _read(
@@ -113,3 +138,36 @@ def _read(
                     jacobian[row + 1, i] = S[i, 1] + S[i, 5] * y[0] - S[i, 3] * y[2]
                     jacobian[row + 2, i] = S[i, 2] + S[i, 3] * y[1] - S[i, 4] * y[0]
             row += 3
+
+
+@compiled
+def _bend(
+    hessians, jacobian, S, rotations, translations, sensors, moves, force, bodies, ends, pairs,
+    signs,
+):  # fmt: skip
+    """Fill in the zero second derivatives (k, n, n); `force` (tendons,) is zero."""
+    n, row, still = len(S), 0, np.zeros(len(S))
+    start, direction, norms = directions(rotations, translations, bodies, ends)
+    for s in range(len(sensors)):
+        kind, place = sensors[s, 0], sensors[s, 1]
+        if kind == 0:
+            force[place] = 1.0
+            hessians[row] = segment_curvature(
+                S.T, start, direction, norms, bodies, pairs, signs, force, still
+            )[0]
+            force[place] = 0.0
+        if kind != 2:
+            row += 1
+            continue
+        for k in range(n):
+            if not moves[k, place]:
+                continue
+            a, b, c = jacobian[row, k], jacobian[row + 1, k], jacobian[row + 2, k]
+            for j in range(k + 1):
+                if moves[j, place]:
+                    hessians[row, j, k] = S[j, 4] * c - S[j, 5] * b
+                    hessians[row + 1, j, k] = S[j, 5] * a - S[j, 3] * c
+                    hessians[row + 2, j, k] = S[j, 3] * b - S[j, 4] * a
+                    for x in range(3):
+                        hessians[row + x, k, j] = hessians[row + x, j, k]
+        row += 3

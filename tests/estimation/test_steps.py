@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import softdyn
 from softdyn.actuation import Winches
@@ -16,6 +18,7 @@ from softdyn.estimation import Disturbance
 from softdyn.estimation.balance import ForceBalance
 from softdyn.estimation.implicit_step import ImplicitStep
 from softdyn.estimation.readings import Reader
+from softdyn.estimation.second_order import second_order
 from softdyn.sensing import Sensors
 from tests.support.arms import PROJECTIONS
 from tests.support.micro import write
@@ -101,21 +104,65 @@ def test_disturbances_are_forces(model):
     )
 
 
-def test_readings(model):
-    """The kernel's readings are those of `Sensors`, with their Jacobians."""
-    q, v, *_ = case(model)
-    u, robot = np.clip(0.3, model.u_min, model.u_max), model.robot
+def chosen_sensors(model, point):
+    robot = model.robot
     chosen = [Sensor(one.name, SensorKind.LENGTH, tendon=one.name) for one in robot.tendons]
     chosen += [
-        Sensor(link, SensorKind.POSITION, link=link, xyz=(0.01, 0.02, 0.03))
+        Sensor(link, SensorKind.POSITION, link=link, xyz=point)
         for link in (robot.links[len(robot.links) // 2].name, robot.task)
     ]
     chosen += [Sensor(name, SensorKind.JOINT, joint=name) for name in model.joint_names[:2]]
-    found = Reader(model, tuple(chosen))(q, v, u)
-    expected = Sensors(model, tuple(chosen)).measure(model.state(q, v), u)
+    return tuple(chosen)
+
+
+def test_readings(model):
+    """The kernel's readings are those of `Sensors`, with their Jacobians."""
+    q, v, *_ = case(model)
+    u = np.clip(0.3, model.u_min, model.u_max)
+    chosen = chosen_sensors(model, (0.01, 0.02, 0.03))
+    found = Reader(model, chosen)(q, v, u)
+    expected = Sensors(model, chosen).measure(model.state(q, v), u)
     for one, other in zip(vars(found).values(), vars(expected).values(), strict=True):
         if isinstance(one, np.ndarray):
             assert np.allclose(one, other, atol=1e-14)
+
+
+@settings(
+    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.integers(0, 10**6), st.tuples(*[st.floats(-0.1, 0.1)] * 3))
+def test_second_derivatives(model, seed, point):
+    """Central differences of the Jacobian, and second differences along one direction."""
+    q, v, *_ = case(model, seed)
+    u, n, h = np.clip(0.3, model.u_min, model.u_max), model.nv, 1e-5
+    read = Reader(model, chosen_sensors(model, point))
+    ends = (
+        [read(model.integrate(q, x), v, u).jacobian[:, :n] for x in (step, -step)]
+        for step in h * np.eye(n)
+    )
+    expected = np.stack([a - b for a, b in ends], axis=2) / (2 * h)
+    assert relative(read.hessians(q, v, u), expected) < 1e-7
+    x = 1e-3 * np.random.default_rng(seed).normal(size=n)
+    for one in (read, Reader(model, (Sensor("pose", SensorKind.POSE, link=model.robot.task),))):
+        here = one(q, v, u)
+        ends = [here.errors_of(one(model.integrate(q, s * x), v, u).values) for s in (1, -1)]
+        assert relative(one.hessians(q, v, u) @ x @ x, np.sum(ends, axis=0)) < 1e-4
+
+
+def test_second_order_is_the_mean_and_variance_of_a_spread_state():
+    model, rng = softdyn.load("finger"), np.random.default_rng(0)
+    q, v, u = np.array([0.4, -0.3, 0.5, 0.6]), np.zeros(4), np.zeros(2)
+    read = Reader(model, (Sensor("tip", SensorKind.POSITION, link=model.robot.task),))
+    spread = 0.03 * (np.eye(4) + 0.3)
+    P, here, own = np.zeros((8, 8)), read(q, v, u), np.full(3, 1e-9)
+    P[:4, :4] = spread @ spread.T
+    shift, variance = second_order(read, (q, v, u), here, P, own)
+    moved = rng.normal(size=(20_000, 4)) @ spread
+    rest = np.array(
+        [read(q + x, v, u).values - here.values - here.jacobian[:, :4] @ x for x in moved]
+    )
+    assert np.allclose(shift, rest.mean(axis=0), rtol=0.03, atol=1e-6)
+    assert np.allclose(variance - own, rest.var(axis=0), rtol=0.06, atol=1e-9)
 
 
 def test_step(model):
