@@ -15,6 +15,7 @@ from softdyn.commands import run
 from softdyn.controllers import SoftIdClfQp
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, LinkPairs, Surroundings
 from softdyn.validation import Log, Twin, simulate
+from softdyn.validation.loop.log_csv import csv_text
 from tests.support.control_cases import robot
 
 FILE = """
@@ -115,6 +116,14 @@ def test_a_run_keeps_clear_and_its_log_has_the_reserve(tmp_path: Path) -> None:
     again = Log.load(tmp_path / "log.npz")
     np.testing.assert_array_equal(again.reserve, log.reserve)
     assert again.surroundings.names == ("floor",)
+    head, *rows = csv_text(again).splitlines()
+    assert head.endswith(",reserve.floor (m)")
+    last = np.array([float(row.rsplit(",", 1)[1]) for row in rows])
+    np.testing.assert_array_equal(last, log.reserve[:, 0])
+    (*_, axes) = log.plot(tmp_path / "run.png").axes
+    drawn = axes.lines[0].get_ydata()
+    assert axes.get_ylabel() == "least reserve (mm)"
+    assert min(drawn) == pytest.approx(1e3 * least[1])
 
 
 def test_run_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

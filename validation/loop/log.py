@@ -267,10 +267,15 @@ class Log:
         wanted = judged.tolerance_of(self.length, self.error, tolerance)
         cycle = 2 / self.omega if self.omega else None
         within, since, steady = not self.failed, None, math.nan
+        off: tuple[str, ...] = ()
         if self.complete:
             steady = judged.steady_error(self.t, self.error, self.y_ref, cycle)
+            columns = [] if self.tasks is None else [np.outer(e, [1, 0, 0]) for e in self.tasks.T]
+            each = [judged.steady_error(self.t, e, self.y_ref, cycle) for e in columns]
+            off = judged.missed_tasks(self.task_names, self.task_units, each, wanted, self.length)
             since = judged.settling_time(self.t, self.error, wanted)
             within &= steady <= wanted and (since is not None or judged.moves(self.y_ref))
+            within &= not off
         known = np.isfinite(self.step_us).all()
         last = self.finite_samples
         return Verdict(
@@ -281,6 +286,7 @@ class Log:
             judged.overshoot(self.y[:last], self.y_ref[:last]) if last else None,
             *judged.activity(self.t, self.u, self.u_min, self.u_max),
             int((self.step_us > 1e6 * self.period).sum()) if known else None,
+            off,
         )
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:
@@ -302,7 +308,11 @@ class Log:
             "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
             **found.to_dict(),
             **({"reserve_mm": {name: 1e3 * m for name, m in least.items()}} if least else {}),
-        } | ({"tasks": self.task_figures} if self.task_names else {})
+        } | (
+            {"tasks": self.task_figures, "missed_tasks": [*found.missed_tasks]}
+            if self.task_names
+            else {}
+        )
 
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None

@@ -71,4 +71,6 @@ def _verdict_text(log: Log, found: Verdict) -> str:
         what = f"|e| fell from {first:.3f} to {last:.3f} cm, tolerance {wanted}"
         if found.settling_time is not None:
             what += f", within it since {found.settling_time:.3g} s"
+    if found.missed_tasks:
+        what += f"; beyond their tolerance: {', '.join(found.missed_tasks)}"
     return ("reached: " if found.reached else "not reached: ") + what

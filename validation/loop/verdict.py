@@ -78,8 +78,8 @@ class Verdict:
     Attributes
     ----------
     reached : bool
-        The run did not fail, and both its steady error and, at a set point, its final one are
-        within the tolerance.
+        The run did not fail, both its steady error and, at a set point, its final one are within
+        the tolerance, and no task is missed.
     tolerance : float
         Tolerance (m).
     steady_error : float
@@ -99,6 +99,8 @@ class Verdict:
         Share of the steps at which an input is at a bound, mean over the inputs.
     missed : int or None
         Number of steps that took longer than the period; None without recorded times.
+    missed_tasks : tuple[str, ...]
+        The tasks whose own steady error is beyond the tolerance, see `missed_tasks`.
     """
 
     reached: bool
@@ -110,6 +112,7 @@ class Verdict:
     at_bound: float | None
     effort: float | None
     missed: int | None
+    missed_tasks: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
         """The same figures with the keys of the commands' JSON."""
@@ -149,6 +152,37 @@ def task_figures(
         found[name] = {"unit": shown, "first": float(values[0]), "last": float(values[-1]),
                        "rms": rms}  # fmt: skip
     return found
+
+
+def missed_tasks(
+    names: Sequence[str],
+    units: Sequence[str],
+    steady: Sequence[float],
+    tolerance: float,
+    length: float | None,
+) -> tuple[str, ...]:
+    """The names of the tasks whose steady error is beyond the tolerance.
+
+    An error in m has the tip's tolerance. An error in rad has the angle by which a straight robot
+    turns when its tip moves by that tolerance. Errors in other units are not judged.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        The tasks and the units of their errors.
+    steady : sequence of float
+        Their steady errors.
+    tolerance : float
+        Tolerance of the tip (m).
+    length : float or None
+        The robot's length (m).
+    """
+    allowed = {"m": tolerance, "rad": tolerance / length if length else TOLERANCE}
+    return tuple(
+        name
+        for name, unit, error in zip(names, units, steady, strict=True)
+        if unit in allowed and not error <= allowed[unit]
+    )
 
 
 def task_lines(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -71,11 +71,18 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
-    last finite sample.
+    last finite sample. Runs among obstacles have the least reserve of their barriers at the bottom.
     """
-    rows = 1 + len(logs)
+    among = [
+        (log, label, log.reserve)
+        for log, label in zip(logs, labels, strict=True)
+        if log.reserve is not None
+    ]
+    rows = 1 + len(logs) + bool(among)
     figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
-    (errors,), *inputs = grid
+    (errors,), *inputs = grid[: 1 + len(logs)]
+    if among:
+        draw_reserves(grid[-1][0], among)
     (draw_tips if any(log.kind == ROLLOUT for log in logs) else draw_errors)(errors, logs, labels)
     for (axes,), log, label in zip(inputs, logs, labels, strict=True):
         if log.u.size:
@@ -99,6 +106,17 @@ def draw_errors(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:
     axes.set_yscale("log")
     axes.set_ylabel("‖e‖ (cm)")
     axes.legend()
+
+
+def draw_reserves(axes: Axes, runs: Sequence[tuple[Log, str, np.ndarray]]) -> None:
+    """Draw the least reserve (mm) of each run among its barriers; below 0 a link is inside."""
+    for i, (log, label, reserve) in enumerate(runs):
+        least = 1e3 * np.min(reserve, axis=1)[: log.finite_samples]
+        kept = thin(least, bins=600)
+        colour = look.INPUTS[i % len(look.INPUTS)]
+        look.line(axes, log.t[: len(least)][kept], least[kept], colour, label=label)
+    axes.axhline(0, color=look.NEUTRAL, linestyle=look.DOTTED, linewidth=0.8)
+    axes.set_ylabel("least reserve (mm)")
 
 
 def draw_tips(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:

@@ -294,3 +294,11 @@ def test_a_run_of_tasks_comes_back_and_its_csv_has_their_errors(tmp_path):
         Log.load(tmp_path / "other.npz")
     log.to_csv(tmp_path / "run.csv")
     assert "tip.x" in read_csv(tmp_path / "run.csv", model).names
+    assert log.verdict().missed_tasks == ("tip",)
+    assert log.report()["missed_tasks"] == ["tip"]
+    assert log.summary().endswith("; beyond their tolerance: tip")
+    close = np.full_like(log.tasks, 0.9 * log.verdict().tolerance)  # m, and 0.9 % of a radian
+    close[:, 1] /= log.length
+    assert replace(log, tasks=close).verdict().missed_tasks == ()
+    close = close * [1, 1.2]
+    assert replace(log, tasks=close).verdict().missed_tasks == ("tip.axis",)
