@@ -58,8 +58,9 @@ barriers, over a horizon of eps unless --gains say otherwise.
 
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
---tolerance. If a set point is not reached, statics searches for a few seconds the nearest
-equilibrium of the tip.
+--tolerance. Every task of the robot's file has to be as near: errors in rad within the angle by
+which a straight robot turns when its tip moves by --tolerance. If a set point is not reached,
+statics searches for a few seconds the nearest equilibrium of the tip.
 
 exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged; 2 bad input.
 """
