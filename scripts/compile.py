@@ -15,15 +15,14 @@ exit codes: 0 all are compiled; 2 bad input.
 
 # one robot per kind of tendon, because their kernels differ
 ROBOTS = ("finger", "spirob")
-OBSERVER = "observer"
-
+OBSERVER, OBSTACLE = "observer", "obstacle"
 
 parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="default: one per core")
 
 
 def command(arguments: cli.Arguments) -> int:
-    """Make every controller and an observer of every kind of robot, which compiles its kernels."""
+    """Make every controller, an observer and an obstacle for every kind of robot."""
     from softdyn.compiled import COMPILES
     from softdyn.controllers.registry import BEYOND, CONTROLLERS
     from softdyn.validation.processes import in_order
@@ -32,7 +31,7 @@ def command(arguments: cli.Arguments) -> int:
         cli.say("nothing to compile: SOFTDYN_COMPILE=0 or NUMBA_DISABLE_JIT=1")
         return cli.PASSED
     # first the kernels that most share, so that other processes find them
-    names = [*sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__), OBSERVER]
+    names = [*sorted({*CONTROLLERS, *BEYOND}, key="soft-id-clf-qp".__ne__), OBSERVER, OBSTACLE]
     in_order(_warm, [(robot, name) for robot in ROBOTS for name in names], arguments.jobs or -1)
     cli.say("all kernels are compiled")
     return cli.PASSED
@@ -45,8 +44,13 @@ def _warm(robot: str, name: str) -> None:
     from softdyn.commands.observe import sensors_of
     from softdyn.controllers.registry import make_controller
     from softdyn.estimation import Ekf
+    from softdyn.safety import KeepOutBox
 
     model = softdyn.load(robot)
+    if name == OBSTACLE:  # a box, whose distance from round links is refined
+        state = model.state(model.q0, np.zeros(model.nv))
+        KeepOutBox(state.y, [0.01, 0.01, 0.01], links="all").reserve(state)
+        return
     if name != OBSERVER:
         make_controller(name, model, {"friction": 0.1} if name == "mpc" else None)
         return

@@ -62,11 +62,23 @@ latency_ms = 40
 type = "joint"
 joint = "bend_y_2"
 resolution_deg = 0.5
+[[task]]
+weight = 2
+[[task]]
+name = "way"
+kind = "axis"
+direction = [1, 0, 0]
+level = 1
+[[task]]
+name = "turn"
+kind = "pose"
+axes = ["x", "y", "rz"]
+Kp = 50
 """
 
 
 def read_arm(data: bytes, path: Path) -> str:
-    """Read an arm; its robot must have every name, cable, motor and sensor of the table."""
+    """Read an arm; its robot must have every name, cable, motor, sensor and task of the table."""
     path.write_bytes(data)
     table = read_toml(path)
     robot = parse_text(design.read(table, str(path)).text, path=path)
@@ -78,6 +90,8 @@ def read_arm(data: bytes, path: Path) -> str:
         "lags": {round(actuator.lag, 12) for actuator in robot.actuators}
         <= {round(lag, 12) for lag in lags | {m["lag_s"] for m in motors if "lag_s" in m}},
         "sensors": len(robot.sensors) >= len(sensors),
+        "tasks": [task.weight for task in robot.tasks]
+        == [task.get("weight", 1.0) for task in table.get("task", [{}])],
         "friction": {t.friction for t in robot.tendons} == {c.get("friction", 0.0) for c in cables},
         "slack": any(t.slack for t in robot.tendons) is any(c.get("slack") for c in cables),
     }
