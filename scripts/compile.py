@@ -49,7 +49,7 @@ def _warm(robot: str, name: str) -> None:
     model = softdyn.load(robot)
     if name == OBSTACLE:  # a box, whose distance from round links is refined
         state = model.state(model.q0, np.zeros(model.nv))
-        KeepOutBox(state.y, [0.01, 0.01, 0.01], links="all").reserve(state)
+        KeepOutBox(state.y, np.full(3, 0.01), links="all").reserve(state)
         return
     if name != OBSERVER:
         make_controller(name, model, {"friction": 0.1} if name == "mpc" else None)
