@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from softdyn import design
+from softdyn.description.stated_task import StatedTask
 from softdyn.description.urdf import parse_text
 from softdyn.files import read_toml
 
@@ -90,7 +91,7 @@ def read_arm(data: bytes, path: Path) -> str:
         "lags": {round(actuator.lag, 12) for actuator in robot.actuators}
         <= {round(lag, 12) for lag in lags | {m["lag_s"] for m in motors if "lag_s" in m}},
         "sensors": len(robot.sensors) >= len(sensors),
-        "tasks": [task.weight for task in robot.tasks]
+        "tasks": [task.weight for task in robot.tasks or (StatedTask("tip", "tip"),)]
         == [task.get("weight", 1.0) for task in table.get("task", [{}])],
         "friction": {t.friction for t in robot.tendons} == {c.get("friction", 0.0) for c in cables},
         "slack": any(t.slack for t in robot.tendons) is any(c.get("slack") for c in cables),

@@ -31,7 +31,7 @@ NAMES = (
     "", " ", "world", "universe", "root_joint", "base", "tip", "fixed", "floating", "planar",
     "ball", "revolute", "continuous", "prismatic", "a/b", "../a", "a b", "a\nb",
     "\u00e9", "\U0001f916",
-    "force", "length", "velocity", "gyro", "pose", "true", "false",
+    "force", "length", "velocity", "gyro", "pose", "axis", "true", "false",
     "x" * 3000, "&lt;", "%s%n", "__init__", "None", "\u202eabc", "A", "0",
 )  # fmt: skip
 TAGS = (

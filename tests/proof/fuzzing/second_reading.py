@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from softdyn import Robot
 from softdyn.description.robot import Joint
+from softdyn.description.stated_task import StatedTask
 
 # Elements whose children softdyn reads; all others belong to other tools.
 OURS = {
@@ -24,6 +25,7 @@ OURS = {
     "limit", "dynamics", "softdyn", "tendon", "site", "actuator", "sensor", "task",
 }  # fmt: skip
 COUNTED = ("link", "joint", "tendon", "actuator", "sensor", "site", "softdyn", "inertial")
+NUMBERS_OF_A_TASK = {"weight": 1.0, "Kp": None, "level": 0.0}
 
 
 def differences(robot: Robot, data: bytes, annotations: bytes | None = None) -> list[str]:
@@ -205,9 +207,19 @@ def _block(robot: Robot, block: ElementTree.Element | None) -> Iterator[str]:
         read = [actuator.tendon, actuator.gear, actuator.lower, actuator.upper]
         yield from _same(f"actuator {actuator.name[:30]!r}", read, bounds)
     yield from _rig(robot, actuators, [] if block is None else block.findall("sensor"))
-    task = None if block is None else block.find("task")
-    if task is not None:
-        yield from _same("task", robot.task, task.get("frame"))
+    tasks = [] if block is None else block.findall("task")
+    if tasks:
+        yield from _same("task", robot.task, tasks[0].get("frame"))
+        stated = [
+            (e.get("frame"), e.get("kind", "position"), tuple((e.get("axes") or "").split()),
+             *(_float(e, key) if e.get(key) else usual for key, usual in NUMBERS_OF_A_TASK.items()))
+            for e in tasks
+        ]  # fmt: skip
+        read_tasks = [
+            (t.frame, t.kind.value, t.axes, t.weight, t.Kp, t.level)
+            for t in robot.tasks or (StatedTask(robot.task, robot.task),)
+        ]
+        yield from _same("tasks", read_tasks, stated)
 
 
 def _rig(
