@@ -160,6 +160,19 @@ def array(name: str, value: Any, shape: tuple[int, ...], *, finite: bool = True)
     return result
 
 
+def fill(name: str, value: Any, into: np.ndarray) -> np.ndarray:
+    """Copy numbers, maybe not finite, into an array of their shape; it is returned.
+
+    Raises
+    ------
+    InputError
+        For text, complex numbers, ragged lists, or another shape.
+    """
+    plain = type(value) is np.ndarray and value.dtype is FLOAT and value.shape == into.shape
+    into[:] = value if plain else array(name, value, into.shape, finite=False)
+    return into
+
+
 def vector(name: str, value: Any, size: int) -> np.ndarray:
     """`value` as a new finite float array (size,), checked in a third of `array`'s time.
 

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
-from softdyn.estimation.readings import Reader
-from softdyn.sensing import Measurement
+from softdyn.estimation.readings import Prediction, Reader
+from softdyn.estimation.second_order import second_order, sharp
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
@@ -43,6 +44,10 @@ class SensorChannel:
         Whether no reading is a rotation or an angle.
     last : int
         The number of the last sample that has arrived.
+    where : slice or ndarray of int
+        The rows, as a slice of neighbours if they are.
+    error : ndarray, (k,)
+        The result of `errors`.
     """
 
     read: Reader
@@ -54,6 +59,13 @@ class SensorChannel:
     linear: bool
     straight: bool
     last: int = -1
+    where: Any = field(init=False)
+    error: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        first, end = int(self.rows[0]), int(self.rows[-1]) + 1
+        self.where = slice(first, end) if end - first == len(self.rows) else self.rows
+        self.error = np.empty(len(self.rows))
 
     def own_time(self, t: float) -> float:
         """The own time (s) of the reading that is there at time t (s)."""
@@ -67,13 +79,31 @@ class SensorChannel:
         new, self.last = number > self.last, max(number, self.last)
         return new
 
-    def errors(self, predicted: Measurement, given: np.ndarray) -> np.ndarray:
-        """Readings (k,) minus their prediction; NaN where a reading is NaN."""
+    def expect(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, P: np.ndarray
+    ) -> tuple[Prediction, np.ndarray, np.ndarray]:
+        """The readings at q (nq,), v (nv,) and u (nu,), with their known errors and variances.
+
+        They have the nonlinear parts of `softdyn.estimation.second_order` for P (s, s). The next
+        call overwrites the readings.
+        """
+        predicted = self.read(q, v, u)
+        if self.linear or sharp(predicted.jacobian, P, self.variance):
+            return predicted, self.bias, self.variance
+        shift, variance = second_order(self.read, (q, v, u), P, self.variance)
+        return predicted, self.bias + shift, variance
+
+    def errors(self, predicted: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Readings (k,) minus their prediction, NaN where a reading is NaN.
+
+        The next call overwrites the array.
+        """
         if self.straight:
-            return given - predicted.values
+            return np.subtract(given, predicted, out=self.error)
         good = np.isfinite(given)
-        error = predicted.errors_of(np.where(good, given, predicted.values))
-        return np.where(good, error, np.nan)
+        error = self.read.components.errors(predicted, np.where(good, given, predicted))
+        self.error[:] = np.where(good, error, np.nan)
+        return self.error
 
     def waits(self, begin: float, end: float) -> Iterator[float]:
         """Own times in (begin, end] of readings that arrive later than that, in steps so long."""
@@ -83,7 +113,9 @@ class SensorChannel:
                 yield end + step * math.floor(self.latency / step + SAME) - self.latency
             return
         interval = 1.0 / self.rate
-        k = math.floor(begin * self.rate + SAME) + 1 if step > 0 else self._sample_at(end)
+        k = self._sample_at(end)
+        if step > 0:  # no older sample arrives after now
+            k = max(math.floor(begin * self.rate + SAME) + 1, self._number(end))
         while k >= 0 and k * interval <= end + SAME * interval:
             arrival = k * interval + self.latency
             if step > 0:
@@ -112,7 +144,7 @@ class LateReading:
         Its sensors.
     time : float
         Its own time (s).
-    predicted : Measurement
+    predicted : ndarray, (k,)
         The prediction at that time.
     change : ndarray, (k,)
         The known error, the shift of `softdyn.estimation.second_order`, and the corrections of its
@@ -123,7 +155,7 @@ class LateReading:
 
     channel: SensorChannel
     time: float
-    predicted: Measurement
+    predicted: np.ndarray
     change: np.ndarray
     variance: np.ndarray
 

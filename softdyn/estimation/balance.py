@@ -61,6 +61,8 @@ class BalanceTerms(NamedTuple):
         Its Jacobians; the last is M.
     by_d : ndarray, (n, nd)
         -E, its Jacobian by the disturbances.
+    by_commands : ndarray, (n, m)
+        Its Jacobian by the commands.
     inputs : ndarray, (m,)
         The inputs u that act.
     """
@@ -70,6 +72,7 @@ class BalanceTerms(NamedTuple):
     by_v: np.ndarray
     by_a: np.ndarray
     by_d: np.ndarray
+    by_commands: np.ndarray
     inputs: np.ndarray
 
 
@@ -116,7 +119,8 @@ class ForceBalance:
             tree.actuated, *tendons.segments,
         )  # fmt: skip
         self._results = (
-            np.empty(n), *np.empty((3, n, n)), np.zeros((n, sum(sizes))), np.empty(tree.nu)
+            np.empty(n), *np.empty((3, n, n)), np.zeros((n, sum(sizes))),
+            np.zeros((n, tree.nu)), np.empty(tree.nu),
         )  # fmt: skip
         self._views: tuple[Any, ...] = ()
 
@@ -139,13 +143,13 @@ class ForceBalance:
             q, v, a, d = self._model.expand(q), S @ v, S @ a, self._expanded(d)
         arguments = self.arguments(q, v, a, commands, d)
         balance_terms(*arguments)
-        found = BalanceTerms(*arguments[:6])
+        found = BalanceTerms(*arguments[:7])
         return found if S is None else self._projected(found, S)
 
     def arguments(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
     ) -> tuple[Any, ...]:
-        """Arguments of `balance_terms` at a point of the tree; the first six are the results."""
+        """Arguments of `balance_terms` at a point of the tree; the first seven are the results."""
         data, held = self._data, self._memory
         pin.computeRNEADerivatives(self._engine, data, q, v, a)
         if not self._in_view:
@@ -170,23 +174,24 @@ class ForceBalance:
         return np.concatenate((d[:first], self._S @ d[first : first + n], d[first + n :]))
 
     def _projected(self, of_tree: BalanceTerms, S: np.ndarray) -> BalanceTerms:
-        residual, by_q, by_v, M, by_d, inputs = of_tree
+        residual, by_q, by_v, M, by_d, by_commands, inputs = of_tree
         first, n = self._places[-1], len(S)
         if first >= 0:
             offsets = by_d[:, first : first + n] @ S
             by_d = np.hstack((by_d[:, :first], offsets, by_d[:, first + n :]))
         return BalanceTerms(
-            S.T @ residual, S.T @ by_q @ S, S.T @ by_v @ S, S.T @ M @ S, S.T @ by_d, inputs
-        )
+            S.T @ residual, S.T @ by_q @ S, S.T @ by_v @ S, S.T @ M @ S, S.T @ by_d,
+            S.T @ by_commands, inputs,
+        )  # fmt: skip
 
 
 @compiled
 def balance_terms(
-    residual, by_q, by_v, by_a, by_d, inputs, tau, tau_q, tau_v, M, S, rotations, translations, v,
-    coordinates, commands, d, places, tip, tip_offset, moves_tip, gravity, joints, tendons,
-    coefficients, actuators, actuated, bodies, offsets, pairs, signs,
+    residual, by_q, by_v, by_a, by_d, by_commands, inputs, tau, tau_q, tau_v, M, S, rotations,
+    translations, v, coordinates, commands, d, places, tip, tip_offset, moves_tip, gravity, joints,
+    tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
 ):  # fmt: skip
-    """Fill in the residual, its Jacobians by q, v, a and d, and the acting inputs."""
+    """Fill in the `BalanceTerms`."""
     n = len(v)
     for i in range(n):
         residual[i] = tau[i]
@@ -197,8 +202,8 @@ def balance_terms(
     _joints(residual, by_q, by_v, by_d, v, coordinates, d, places, joints)
     if len(tendons) > 0:
         _tendons(
-            residual, by_q, by_v, inputs, S, rotations, translations, v, coordinates, commands,
-            tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
+            residual, by_q, by_v, by_commands, inputs, S, rotations, translations, v, coordinates,
+            commands, tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
         )  # fmt: skip
     if places[0] >= 0 or places[1] >= 0:
         _tip_force(
@@ -227,8 +232,8 @@ def _joints(residual, by_q, by_v, by_d, v, coordinates, d, places, joints):
 
 @compiled
 def _tendons(
-    residual, by_q, by_v, inputs, S, rotations, translations, v, coordinates, commands, tendons,
-    coefficients, actuators, actuated, bodies, offsets, pairs, signs,
+    residual, by_q, by_v, by_commands, inputs, S, rotations, translations, v, coordinates,
+    commands, tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
 ):  # fmt: skip
     """Subtract the forces of tendons and actuators."""
     n, count = len(v), len(tendons)
@@ -248,16 +253,20 @@ def _tendons(
             force[t], gain[t], damping[t] = -tension, tendons[t, 1], tendons[t, 3]
     for i in range(len(actuated)):
         t, gear = actuated[i], actuators[i, 0]
-        u = commands[i]
+        u, slope = commands[i], gear
         if actuators[i, 3] != 0:
+            slope = 0.0
             tension = actuators[i, 4] * (lengths[t] - u) + actuators[i, 5] * rates[t]
             free = -max(tension, 0.0) / gear
             u = min(max(free, actuators[i, 1]), actuators[i, 2])
             if tension > 0 and u == free:
-                gain[t] += actuators[i, 4]
+                slope = actuators[i, 4]
+                gain[t] += slope
                 damping[t] += actuators[i, 5]
         inputs[i] = u
         force[t] += gear * u
+        for j in range(n):
+            by_commands[j, i] = -slope * arms[t, j]
     for t in range(count):
         for i in range(n):
             arm = arms[t, i]

@@ -14,7 +14,7 @@ from softdyn.compiled import compiled
 
 
 @compiled
-def predict(P, by_state, by_force, noise, held, step, kept, drift):
+def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
     """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ = kept d.
 
     Parameters
@@ -24,13 +24,13 @@ def predict(P, by_state, by_force, noise, held, step, kept, drift):
     by_state, by_force, held : ndarray
         Fields of `softdyn.estimation.implicit_step.ImplicitStepResult`.
     noise : ndarray, (n,)
-        Variances of the joint forces over this step.
+        Variances of the joint forces, each for a second.
     step : float
         T (s).
     kept : float
         Share of a disturbance that is left after the step.
-    drift : ndarray, (nd,)
-        Variances that the step adds to the disturbances.
+    disturbed : ndarray, (nd,)
+        Variances of the disturbances in the long run.
     """
     n, base, size = len(held), by_state.shape[1], len(P)
     cross = np.dot(by_state, P[:base])  # of v⁺ with all errors
@@ -38,7 +38,7 @@ def predict(P, by_state, by_force, noise, held, step, kept, drift):
     pushes = np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            pushes[i, j] = by_force[i, j] * noise[j]
+            pushes[i, j] = by_force[i, j] * noise[j] / step
     speed += np.dot(pushes, by_force.T.copy())
     for i in range(n):
         for j in range(i):
@@ -60,7 +60,7 @@ def predict(P, by_state, by_force, noise, held, step, kept, drift):
         for j in range(2 * n, size):
             P[i, j] *= kept
             P[j, i] *= kept
-        P[i, i] += drift[i - 2 * n]
+        P[i, i] += disturbed[i - 2 * n] * (1.0 - kept * kept)
     for i in range(n):
         if held[i] != 0:
             for j in range(size):
@@ -167,3 +167,18 @@ def usable(readings, largest):
         else:
             readings[k] = np.nan
     return count
+
+
+@compiled
+def moved(q, v, d, change, lower, upper):
+    """Correct q, v and d in place if q (n,) stays within its limits; else return False."""
+    n = len(v)
+    for i in range(n):
+        if not lower[i] <= q[i] + change[i] <= upper[i]:
+            return False
+    for i in range(n):
+        q[i] += change[i]
+        v[i] += change[n + i]
+    for i in range(len(d)):
+        d[i] += change[2 * n + i]
+    return True

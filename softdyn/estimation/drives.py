@@ -52,12 +52,14 @@ class Drives:
 
     def send(self, t: float, commands: np.ndarray) -> None:
         """The commands (m,) that are sent at time t (s)."""
-        self._sent.append((t, commands))
+        if self._ideal:
+            self._sent[-1][1][:] = commands
+        else:
+            self._sent.append((t, commands.copy()))
 
     def over(self, begin: float, end: float) -> np.ndarray:
         """Mean acting commands (m,) over the next span (s): u, or free lengths of winches."""
         if self._ideal:
-            del self._sent[:-1]
             return self._sent[-1][1]
         mean = np.zeros(len(self._lag))
         for delay, mask in self._delays:

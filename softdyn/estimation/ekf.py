@@ -8,18 +8,25 @@ from dataclasses import fields
 
 import numpy as np
 
-from softdyn.checks import array, instances, vector
+from softdyn.checks import array, fill, instances, vector
 from softdyn.description.rig import Sensor
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.estimation.arrivals import SAME, LateReading, SensorChannel, sensor_channels
 from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.consistency import chi_squared_bounds
-from softdyn.estimation.covariance import append, kept_rows, predict, symmetrised, update, usable
+from softdyn.estimation.covariance import (
+    append,
+    kept_rows,
+    moved,
+    predict,
+    symmetrised,
+    update,
+    usable,
+)
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
 from softdyn.estimation.parameters import EkfCounts, EkfParameters, disturbances_of
-from softdyn.estimation.second_order import second_order
 from softdyn.exceptions import InputError
 from softdyn.sensing import Sensors
 
@@ -105,6 +112,7 @@ class Ekf:
             one.value: slice(int(a), int(b))
             for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
         }
+        self._readings, self._commands = np.empty(self.components), np.empty(model.nu)
         self._first, self._force_noise, self._disturbed = self.parameters.variances(
             model, self.disturbances
         )
@@ -143,6 +151,7 @@ class Ekf:
             self._counted = dict.fromkeys((field.name for field in fields(EkfCounts)), 0)
         self._nis, self._used = 0.0, 0
         self._residuals = np.full((2, self.components), np.nan)
+        self._change = np.empty(0)
 
     def _cover(self, scale: float) -> None:
         """Set the covariance of the start, scaled for the state; late readings are forgotten."""
@@ -189,8 +198,8 @@ class Ekf:
         InputError
             For arrays of another shape or text.
         """
-        readings = _numbers("measurements", measurements, self.components)
-        commands = _numbers("u", u, self.model.nu)
+        readings = fill("measurements", measurements, self._readings)
+        commands = fill("u", u, self._commands)
         t = float(t)
         first = math.isnan(self._time)
         if not math.isfinite(t) or (not first and t <= self._time):
@@ -273,31 +282,21 @@ class Ekf:
             )
         kept = math.exp(-step / self.parameters.memory)
         predict(
-            self._P, found.by_state, found.by_force, self._force_noise / step, found.held,
-            step, kept, self._disturbed * (1 - kept * kept),
+            self._P, found.by_state, found.by_force, self._force_noise, found.held, step, kept,
+            self._disturbed,
         )  # fmt: skip
-        self._q, self._v, self._held = found.q, found.v, found.held
+        self._q[:], self._v[:], self._held[:] = found.q, found.v, found.held
         self._d *= kept
-        self._inputs = found.inputs.copy()
+        self._inputs[:] = found.inputs
         return True
 
     def _append(self, channel: SensorChannel, own: float) -> None:
         """Append the predicted readings at their own time to the errors."""
-        late = self._expect(channel, own)
-        self._P = append(self._P, late.predicted.jacobian)
-        self._late.append(late)
-
-    def _expect(self, channel: SensorChannel, time: float) -> LateReading:
-        """The readings that the estimate predicts now."""
-        n = self.model.nv
-        predicted = channel.read(self._q, self._v, self._inputs)
-        if channel.linear:
-            return LateReading(channel, time, predicted, channel.bias.copy(), channel.variance)
-        shift, variance = second_order(
-            channel.read, (self._q, self._v, self._inputs), predicted,
-            self._P[: 2 * n, : 2 * n], channel.variance,
-        )  # fmt: skip
-        return LateReading(channel, time, predicted, channel.bias + shift, variance)
+        (values, jacobian), change, variance = channel.expect(
+            self._q, self._v, self._inputs, self._P
+        )
+        self._late.append(LateReading(channel, own, values.copy(), change.copy(), variance))
+        self._P = append(self._P, jacobian)
 
     def _begin(self, t: float, readings: np.ndarray) -> bool:
         """The first correction; a start that its readings refute is taken as unknown."""
@@ -329,24 +328,30 @@ class Ekf:
                     done.append(one)
                     if match is None and abs(one.time - own) <= MATCH:
                         match = one
-            given = readings[channel.rows]
+            given = readings[channel.where]
             good = usable(given, LARGEST)
             if good < len(given):
                 self._count("skipped", len(given) - good)
                 if good == 0:
                     continue
             if match is not None:
-                rows = self._row_of(match)
+                rows, values = self._row_of(match), match.predicted
+                change, variance = match.change, match.variance
             elif abs(own - t) > MATCH:
                 self._count("unmatched", good)
                 continue
             else:
-                match = self._expect(channel, t)
-                rows = match.predicted.jacobian
-            error = channel.errors(match.predicted, given) - match.change
-            parts.append((channel.rows, rows, error, match.variance))
+                (values, rows), change, variance = channel.expect(
+                    self._q, self._v, self._inputs, self._P
+                )
+            error = channel.errors(values, given)
+            error -= change
+            parts.append((channel.where, rows, error, variance))
         if parts:
-            change = np.zeros(len(self._P))
+            if len(self._change) != len(self._P):
+                self._change = np.empty(len(self._P))
+            change = self._change
+            change[:] = 0.0
             for at, rows, error, variance in parts:
                 self._residuals[0, at] = error
                 nis, used = update(self._P, rows, error, variance, change)
@@ -368,17 +373,17 @@ class Ekf:
     def _row_of(self, late: LateReading) -> np.ndarray:
         """The Jacobian (k, s) of a late reading by the errors."""
         first = next(rows.start for one, rows in self._late_rows() if one is late)
-        rows = np.eye(len(late.change), len(self._P), first)
-        rows.flags.writeable = False  # as Jacobians are: one signature of the kernel
-        return rows
+        return np.eye(len(late.change), len(self._P), first)
 
     def _move(self, change: np.ndarray) -> None:
         """Correct the estimate, and move it onto the stops that it is beyond."""
         model, n = self.model, self.model.nv
-        change = onto_stops(model, model.coordinates(self._q), change, self._P)
-        self._q = self._q + change[:n] if self._plain else model.integrate(self._q, change[:n])
-        self._v = self._v + change[n : 2 * n]
-        self._d += change[2 * n : 2 * n + len(self._d)]
+        q, v, d = self._q, self._v, self._d
+        if not (self._plain and moved(q, v, d, change, model.lower, model.upper)):
+            change = onto_stops(model, model.coordinates(q), change, self._P)
+            q[:] = model.integrate(q, change[:n])
+            v += change[n : 2 * n]
+            d += change[2 * n : 2 * n + len(d)]
         for one, rows in self._late_rows():
             one.change += change[rows]
 
@@ -391,10 +396,3 @@ class Ekf:
             keep[rows] = one not in done
         self._P = kept_rows(self._P, keep)
         self._late = [one for one in self._late if one not in done]
-
-
-def _numbers(name: str, value: np.ndarray, size: int) -> np.ndarray:
-    """`value` as a new array (size,); `array` takes three times as long."""
-    if type(value) is np.ndarray and value.dtype == float and value.shape == (size,):
-        return value.copy()
-    return array(name, value, (size,), finite=False)

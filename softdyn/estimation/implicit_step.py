@@ -12,6 +12,9 @@ With A = M / T + ∂r/∂v + T ∂r/∂q, the free joints have
     ∂v⁺/∂v = A⁻¹ M / T,   ∂v⁺/∂q = -A⁻¹ ∂r/∂q,   ∂v⁺/∂d = -A⁻¹ ∂r/∂d,
 
 and A⁻¹ maps a joint force to v⁺. A held joint has ∂v⁺/∂q = -1 / T and no other derivative.
+
+The first Newton step takes r and its Jacobians from the linear model at the end of the step before,
+if that leads to a solution.
 """
 
 from __future__ import annotations
@@ -25,16 +28,14 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import Projection
 from softdyn.estimation.balance import Disturbance, ForceBalance, balance_terms
 
-NEAR = (
-    1e-10  # rad, m: a Newton step of this size is the last one; the Jacobians are of the one before
-)
+NEAR = 1e-10  # rad, m: the last Newton step is smaller; the Jacobians are of its begin
 MOST = 12  # Newton steps
 ROUNDED, RIDGE = 1e-12, 1e-12  # rad or m; share of a variance
 ROUNDS = 20  # changes of the active set in a Newton step
 
 
 class ImplicitStepResult(NamedTuple):
-    """A step and its derivatives.
+    """A step and its derivatives; the step after the next one overwrites the arrays.
 
     Attributes
     ----------
@@ -74,7 +75,16 @@ class ImplicitStep:
         self._limits = np.column_stack((model.lower, model.upper))
         # a Protocol's isinstance takes microseconds
         self._plain, self._projected = model.nq == model.nv, isinstance(model, Projection)
-        self._sizes = model.nv, 2 * model.nv + sum(one.size(model) for one in disturbances)
+        n, disturbed = model.nv, sum(one.size(model) for one in disturbances)
+        self._found, self._before = (
+            ImplicitStepResult(
+                np.empty(model.nq), np.empty(n), np.empty((n, 2 * n + disturbed)),
+                np.empty((n, n)), np.empty(n, np.int64), np.empty(model.nu),
+            ) for _ in range(2)
+        )  # fmt: skip
+        self._acceleration = np.empty(n)
+        self._terms: tuple[np.ndarray, ...] = ()  # of the last balance, if the step had a solution
+        self._last = np.empty(3 * n + model.nu + disturbed)  # its arguments
 
     def __call__(
         self,
@@ -100,15 +110,39 @@ class ImplicitStep:
         held : ndarray of int, (n,)
             The stops that held in the last step, a first guess.
         """
+        self._found, self._before = self._before, self._found
+        given, terms = (q, v, commands, d, step, held), self._terms
+        self._terms = ()
+        if self._solve(*given, terms) or (terms and self._solve(*given, ())):
+            return self._found
+        return None
+
+    def _solve(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        commands: np.ndarray,
+        d: np.ndarray,
+        step: float,
+        held: np.ndarray,
+        terms: tuple[np.ndarray, ...],
+    ) -> bool:
+        """Newton's method into `_found`, its first step on the linear model of these terms."""
         model, balance = self._model, self._balance
         plain = self._plain
-        speed, held, acceleration = v.copy(), held.copy(), np.zeros(model.nv)
-        there = q + step * v if plain else model.integrate(q, step * v)
+        acceleration = self._acceleration
+        there, speed, by_state, by_force, found_held, inputs = self._found
+        acceleration[:], speed[:], found_held[:] = 0.0, v, held
+        there[:] = q + step * v if plain else model.integrate(q, step * v)
+        known = len(terms) > 0
         for _ in range(MOST):
             at = there if plain else model.coordinates(there)
-            moved = speed, there, acceleration, q, v, at, self._limits, held, step
-            terms: tuple[np.ndarray, ...]
+            moved = speed, there, acceleration, q, v, at, self._limits, found_held, step
             try:
+                if known:
+                    _linear_newton(*moved, self._last, commands, d, *terms[:6])
+                    known = False
+                    continue
                 if self._projected:
                     terms = balance(there, speed, acceleration, commands, d)
                     size = _newton(*moved, *terms[:4])
@@ -116,15 +150,17 @@ class ImplicitStep:
                     terms = balance.arguments(there, speed, acceleration, commands, d)
                     size = _balanced_newton(*moved, *terms)
             except np.linalg.LinAlgError:  # singular, or not finite
-                return None
+                return False
             if not plain:
-                there = model.integrate(q, step * speed)
+                there[:] = model.integrate(q, step * speed)
             if size < NEAR:
-                _, by_q, by_v, by_a, by_d, inputs = terms[:6]
-                by_state, by_force = np.empty(self._sizes), np.empty(by_q.shape)
-                _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, held, step)
-                return ImplicitStepResult(there, speed, by_state, by_force, held, inputs)
-        return None
+                _, by_q, by_v, by_a, by_d, _, inputs[:] = terms[:7]
+                _derivatives(by_state, by_force, by_q, by_v, by_a, by_d, found_held, step)
+                if plain:
+                    np.concatenate((there, speed, acceleration, commands, d), out=self._last)
+                    self._terms = terms
+                return True
+        return False
 
 
 def onto_stops(model: SoftModel, at: np.ndarray, asked: np.ndarray, P: np.ndarray) -> np.ndarray:
@@ -181,6 +217,25 @@ def _balanced_newton(
     return _newton(
         speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a
     )
+
+
+@compiled
+def _linear_newton(
+    speed, there, acceleration, q, v, at, limits, held, step, last, commands, d, residual, by_q,
+    by_v, by_a, by_d, by_commands,
+):  # fmt: skip
+    """`_newton` on the linear model of the balance at the arguments `last`, where it is zero."""
+    n, m = len(v), len(commands)
+    for i in range(n):
+        residual[i] = 0.0
+        for j in range(n):
+            residual[i] += by_q[i, j] * (there[j] - last[j]) + by_v[i, j] * (speed[j] - last[n + j])
+            residual[i] += by_a[i, j] * (acceleration[j] - last[2 * n + j])
+        for j in range(m):
+            residual[i] += by_commands[i, j] * (commands[j] - last[3 * n + j])
+        for j in range(len(d)):
+            residual[i] += by_d[i, j] * (d[j] - last[3 * n + m + j])
+    _newton(speed, there, acceleration, q, v, at, limits, held, step, residual, by_q, by_v, by_a)
 
 
 @compiled

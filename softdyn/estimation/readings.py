@@ -10,7 +10,7 @@ are in `softdyn.dynamics.tendons`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,11 +22,26 @@ from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import underlying_tree
 from softdyn.dynamics.tendons import moment_arms, segment_curvature
 from softdyn.estimation.balance import directions
-from softdyn.sensing import Measurement, Sensors
+from softdyn.sensing import Sensors
 from softdyn.sensing.sensors import place_of
 
 STEP = 1e-5  # rad, m; of the differences of other sensors' Jacobians
 SIMPLE = (SensorKind.LENGTH, SensorKind.JOINT, SensorKind.POSITION)  # the kernel's numbers
+
+
+class Prediction(NamedTuple):
+    """The readings of a reader.
+
+    Attributes
+    ----------
+    values : ndarray, (k,)
+        The readings without errors.
+    jacobian : ndarray, (k, 2n)
+        Their derivatives by q and v.
+    """
+
+    values: np.ndarray
+    jacobian: np.ndarray
 
 
 class Reader:
@@ -48,6 +63,8 @@ class Reader:
     def __init__(self, model: SoftModel, sensors: tuple[Sensor, ...]) -> None:
         self._model, self._sensors = model, Sensors(model, sensors)
         self.components = self._sensors.components
+        size = len(self.components.names)
+        self._found = Prediction(np.empty(size), np.zeros((size, 2 * model.nv)))
         tree, S = underlying_tree(model)
         self._simple = S is None and all(sensor.kind in SIMPLE for sensor in sensors)
         if not self._simple:
@@ -59,35 +76,38 @@ class Reader:
             (SIMPLE.index(one.kind), at.number) for one, at in zip(sensors, places, strict=True)
         ]
         tendons = tree.tendons
-        self._by_u = np.zeros((len(self.components.names), model.nu))
         self._constants: tuple[Any, ...] = (
             np.array(numbers), np.array([at.frame.translation for at in places]),
             moved_bodies(tree.pin_model), np.empty_like(tendons.coefficients),
             np.empty_like(tendons.offset), tendons.coefficients, tendons.offset, *tendons.segments,
         )  # fmt: skip
 
-    def __call__(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Measurement:
-        """The readings at q (nq,), v (nv,) and u (nu,)."""
+    def __call__(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Prediction:
+        """The readings at q (nq,), v (nv,) and u (nu,); the next call overwrites the arrays."""
+        values, jacobian = self._found
         if not self._simple:
-            return self._sensors.measure(self._model.state(q, v), u)
+            measured = self._sensors.measure(self._model.state(q, v), u)
+            values[:], jacobian[:] = measured.values, measured.jacobian
+            return self._found
         pin.computeJointJacobians(self._tree.pin_model, self._data, q)
         held = self._memory
         if not self._in_view:
             held.copy_from(self._data)
-        size = len(self._by_u)
-        values, jacobian = np.empty(size), np.zeros((size, 2 * len(v)))
         _read(
             values, jacobian, held.S, held.rotations, held.translations, self._tree.chart.of(q),
             *self._constants,
         )  # fmt: skip
-        return Measurement(values, jacobian, self._by_u, self.components)
+        return self._found
 
     def hessians(self, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The second derivatives (k, n, n) by q, symmetric; differences of Jacobians if need be."""
         n = len(v)
         if not self._simple:
             ends = (
-                [self(self._model.integrate(q, x), v, u).jacobian[:, :n] for x in (step, -step)]
+                [
+                    self(self._model.integrate(q, x), v, u).jacobian[:, :n].copy()
+                    for x in (step, -step)
+                ]
                 for step in STEP * np.eye(n)
             )
             found = np.stack([ahead - behind for ahead, behind in ends], axis=2) / (2 * STEP)
@@ -107,7 +127,10 @@ def _read(
     values, jacobian, S, rotations, translations, coordinates, sensors, points, moves, arms,
     lengths, coefficients, offset, bodies, ends, pairs, signs,
 ):  # fmt: skip
-    """Fill in the values (k,) and their zero Jacobian (k, 2n); `arms` and `lengths` are scratch."""
+    """Fill in the values (k,) and what may differ from zero in their Jacobian (k, 2n).
+
+    `arms` and `lengths` are scratch.
+    """
     n, row = len(S), 0
     if sensors[:, 0].min() == 0:
         for t in range(len(lengths)):

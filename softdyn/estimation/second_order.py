@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from softdyn.compiled import compiled
 from softdyn.estimation.readings import Reader
-from softdyn.sensing import Measurement
 
 SHARP = 30.0  # times its own variance; a reading that is known as well as this is as good as linear
 
@@ -19,7 +19,6 @@ SHARP = 30.0  # times its own variance; a reading that is known as well as this 
 def second_order(
     read: Reader,
     state: tuple[np.ndarray, np.ndarray, np.ndarray],
-    predicted: Measurement,
     P: np.ndarray,
     variance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -31,16 +30,27 @@ def second_order(
         It evaluates the readings.
     state : (ndarray, ndarray, ndarray)
         q (nq,), v (nv,) and u (nu,).
-    predicted : Measurement
-        The readings there.
-    P : ndarray, (2 nv, 2 nv)
-        Covariance of q and q̇.
+    P : ndarray, (s, s)
+        Covariance of the errors, those of q first.
     variance : ndarray, (k,)
         The readings' own variances.
     """
-    rows, n = predicted.jacobian, len(state[1])
-    if np.all(np.einsum("ij,ij->i", rows @ P, rows) < SHARP * variance):
-        return np.zeros(len(variance)), variance
+    n = len(state[1])
     products = read.hessians(*state) @ P[:n, :n]
     shift = 0.5 * np.trace(products, axis1=1, axis2=2)
     return shift, variance + 0.5 * np.einsum("kij,kji->k", products, products)
+
+
+@compiled
+def sharp(rows, P, variance):
+    """Whether readings with these Jacobians (k, w) are as good as linear."""
+    width = rows.shape[1]
+    for k in range(len(rows)):
+        value = 0.0
+        for i in range(width):
+            if rows[k, i] != 0:
+                for j in range(width):
+                    value += rows[k, i] * P[i, j] * rows[k, j]
+        if not value < SHARP * variance[k]:
+            return False
+    return True

@@ -17,6 +17,7 @@ from softdyn.description.rig import SensorKind as KIND
 from softdyn.estimation import Ekf, EkfParameters
 from softdyn.estimation.consistency import chi_squared_bounds, nees
 from softdyn.estimation.covariance import symmetrised, update
+from softdyn.estimation.implicit_step import ImplicitStep
 from softdyn.sensing import Sensors
 from tests.support.micro import FLOATING, write
 from tests.support.sensed import sensors
@@ -357,7 +358,7 @@ def test_every_kind_of_sensor_is_late():
     model = softdyn.build(replace(robot, sensors=tuple(given)))
     ekf, u, held = Ekf(model), np.array([0.3, 0.2]), np.zeros(4, int)
     q, v = np.full(4, 0.15), np.zeros(4)
-    step, past, nis, used = ekf._step, [], 0.0, 0
+    step, past, nis, used = ImplicitStep(model), [], 0.0, 0
     for k in range(1600):  # the plant in steps of 0.5 ms
         if k:
             found = step(q, v, u, np.zeros(0), 0.0005, held)
