@@ -11,6 +11,7 @@ Modules; numbers in brackets are the paper's equations, in their order of appear
 - `qps`: the QPs and their parts, among them the Lyapunov function (6 to 10);
 - `gains`: the controllers' parameters, with the paper's table;
 - `barriers`: limits and `softdyn.safety.obstacles` for `SoftIdClfQp`;
+- `safety_filter`: barriers for any other controller;
 - `mpc`: predictive control, whose parts are in `predictive`;
 - `staged`: `SoftIdClfQp` with the tuned gains of a `schedule`; `best`, the recommended controller;
 - `allocation`: joint torques into bounded inputs, for a user's own controller;

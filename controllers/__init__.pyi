@@ -10,6 +10,7 @@ from .predictive.compensated import Compensated
 from .predictive.rest_target import RestTargets
 from .qps.certificate import Certified
 from .registry import BEYOND, CONTROLLERS, find_controller
+from .safety_filter import SafetyFilter
 from .schedule import Schedule, Stage
 from .soft_id_clf_qp import SoftIdClfQp
 from .staged import Staged, best
@@ -30,6 +31,7 @@ __all__ = [
     "Mpc",
     "MpcParameters",
     "RestTargets",
+    "SafetyFilter",
     "Schedule",
     "SoftIdClfQp",
     "Stage",

@@ -9,7 +9,8 @@ dynamics (`softdyn.controllers.qps.horizon`) it is evaluated by backward Euler a
 
 where r is the part of b̈ without q̈. q̈ is *not* the QP's own, which is fictitious along unactuated
 directions. It is that of the whole dynamics, q̈ = M⁻¹(B u - h), so every barrier gives one
-inequality in u. A joint that a stop holds has q̈ = 0, because the dynamics have no stops. Divided by
+inequality in u. The dynamics have no stops, so a joint that is at a stop, or reaches it within a
+period, has the q̈ that takes it there, unless the input makes it leave. Divided by
 (1 + α τ)(1 + β τ) it is b̈ ≥ -c, where -c is the least allowed acceleration.
 
 Let s = ḃ + α b, ḃ⁺ = ḃ + τ b̈ and b⁺ = b + τ ḃ⁺. The row is then (1 + β τ) s⁺ ≥ s, and b⁺ is
@@ -163,6 +164,10 @@ class BarrierRows:
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows at a state, with M and h of the dynamics over the horizon."""
+        return self._stacked(state, self._seen(state), self._steps(state, M, h), self._stops(state))
+
+    def _seen(self, state: State) -> list[tuple[float, float, Values]]:
+        """The rates α, β and the values of every barrier; states without guarantee are counted."""
         seen = [
             (one.rate, getattr(one, "recovery", one.rate), one(state)) for one in self._barriers
         ]
@@ -172,19 +177,36 @@ class BarrierRows:
             if (kept := getattr(barrier, "kept", None)) is not None:
                 alpha, beta, found = seen[k]  # the counts above are of the barrier itself
                 seen[k] = alpha, beta, found._replace(b=found.b - kept(model, period))
+        return seen
+
+    def _steps(self, state: State, M: np.ndarray, h: np.ndarray) -> list[Dynamics]:
+        """The steps τ that have rows, each with M and h; the last is the control period."""
         steps = [(self._tau, M, h)] if self._tau or self._hold is None else []
         if self._hold is not None:
             steps.append((self._period, *self._hold(state)))
-        free = ~self._stops(state)
-        parts = [_rows(state, seen, *step, free) for step in steps]
+        return steps
+
+    @staticmethod
+    def _stacked(
+        state: State,
+        seen: Sequence[tuple[float, float, Values]],
+        steps: Sequence[Dynamics],
+        stops: np.ndarray,
+    ) -> Rows:
+        parts = [_rows(state, seen, *step, stops) for step in steps]
         return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
 
     def _stops(self, state: State) -> np.ndarray:
-        """Whether a stop holds each joint (n,): the joint is there, and does not leave it."""
-        model, near = self._model, TOUCH * _joint_units(self._model)
+        """Distance (n,) to the stop that a joint is at, or reaches in a step; NaN for the others.
+
+        A joint that meets its stop between two steps loses its speed there and pushes the others.
+        """
+        model, near, slow = self._model, TOUCH * _joint_units(self._model), 1 / self._step
         q, v = model.coordinates(state.q), state.v
-        low = (q <= model.lower + near) & (v <= near / self._step)
-        return low | ((q >= model.upper - near) & (v >= -near / self._step))
+        low, high, way = model.lower - q, model.upper - q, self._period * v
+        at_low = (low >= -near) & (v <= near * slow) | (low >= way) & (v < 0)
+        at_high = (high <= near) & (v >= -near * slow) | (high <= way) & (v > 0)
+        return np.where(at_low, low, np.where(at_high, high, np.nan))
 
     def _count(self, state: State, seen: Sequence[tuple[float, float, Values]]) -> None:
         """Count a state without guarantee; warn if a run starts at one."""
@@ -219,10 +241,28 @@ class BarrierRows:
         Few rows ever matter, so a row is added only when an answer breaks it, in at most `ROUNDS`
         rounds. The first unknowns of `problem` are u.
         """
-        rows = self.at(state, M, h)
-        m = rows.matrix.shape[1]
+        seen, steps, stops = self._seen(state), self._steps(state, M, h), self._stops(state)
         if solution is None or not solution.solved:
             return solution
+        m = state.B.shape[1]
+        while True:  # every round frees a joint
+            answer, sunk, least = self._enforced(
+                problem, solution, self._stacked(state, seen, steps, stops)
+            )
+            leaving = _leaving(self._model, state, steps[-1], stops, answer.x[:m])
+            if not leaving.any():
+                break
+            stops[leaving] = np.nan
+        if sunk > ROOM + 2 * NEGLIGIBLE:
+            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, sunk)
+        self.least += least
+        return answer
+
+    def _enforced(
+        self, problem: QpProblem, solution: QpSolution, rows: Rows
+    ) -> tuple[QpSolution, float, bool]:
+        """The answer with these rows, the largest excess in units, and whether it is the least."""
+        m = rows.matrix.shape[1]
         answer, wanted, least = solution, solution.x[:m].copy(), False
         upper, chosen = rows.upper.copy(), np.zeros(len(rows.upper), bool)
         for _ in range(ROUNDS):
@@ -240,10 +280,7 @@ class BarrierRows:
                 found = QpSolution(x, np.zeros(len(problem.lower)), 0.0, 0.0, 0.0)
             answer = found
         sunk = float(((rows.matrix @ answer.x[:m] - rows.upper) / rows.unit).max(initial=0.0))
-        if sunk > ROOM + 2 * NEGLIGIBLE:
-            self.relaxed, self.relaxation = self.relaxed + 1, max(self.relaxation, sunk)
-        self.least += least
-        return answer
+        return answer, sunk, least
 
     def _restricted(
         self, problem: QpProblem, matrix: np.ndarray, upper: np.ndarray
@@ -289,25 +326,55 @@ class BarrierRows:
         return self._solvers[key]
 
 
+Dynamics = tuple[float, np.ndarray, np.ndarray]  # τ, M, h
+
+
+def _inverse(
+    state: State, tau: float, M: np.ndarray, h: np.ndarray, stops: np.ndarray
+) -> np.ndarray:
+    """(X, x), (n, nu + 1), of q̈ = X u - x; joints with a distance in `stops` go to their stop."""
+    inverse = np.column_stack((state.B, h))
+    free = np.isnan(stops)
+    if free.all():
+        return np.linalg.solve(M, inverse)
+    held = np.flatnonzero(~free)
+    qdd = (stops[held] / tau - state.v[held]) / tau if tau else np.zeros(len(held))
+    inverse[:, -1] += M[:, held] @ qdd
+    inverse[free] = np.linalg.solve(M[np.ix_(free, free)], inverse[free])
+    inverse[held] = 0.0
+    inverse[held, -1] = -qdd
+    return inverse
+
+
+def _leaving(
+    model: SoftModel, state: State, step: Dynamics, stops: np.ndarray, u: np.ndarray
+) -> np.ndarray:
+    """Whether each joint (n,) leaves its stop under u, because the stop would have to pull."""
+    tau, M, h = step
+    held = ~np.isnan(stops)
+    if not held.any():
+        return held
+    inverse = _inverse(state, tau, M, h, stops)
+    force = M @ (inverse[:, :-1] @ u - inverse[:, -1]) + h - state.B @ u
+    q = model.coordinates(state.q)
+    upper = model.upper - q < q - model.lower
+    return held & (np.where(upper, -force, force) < 0)
+
+
 def _rows(
     state: State,
     seen: Sequence[tuple[float, float, Values]],
     tau: float,
     M: np.ndarray,
     h: np.ndarray,
-    free: np.ndarray,
+    stops: np.ndarray,
 ) -> Rows:
     """A row for every barrier, with its rate α, over a step τ with M and h of the dynamics.
 
-    Joints that are not `free` do not accelerate.
+    Joints with a distance in `stops` go to their stop in this step: q̈ = (distance / τ - q̇) / τ. At
+    τ = 0 they do not accelerate.
     """
-    inverse = np.column_stack((state.B, h))
-    if free.all():
-        inverse = np.linalg.solve(M, inverse)
-    else:
-        inverse[free] = np.linalg.solve(M[np.ix_(free, free)], inverse[free])
-        inverse[~free] = 0.0
-    parts = []
+    inverse, parts = _inverse(state, tau, M, h, stops), []
     for alpha, beta, (b, G, drift, unit) in seen:
         share = 1 / ((1 + alpha * tau) * (1 + beta * tau))
         both = alpha * beta

@@ -54,7 +54,8 @@ is FILE.py:CLASS; it is built as CLASS(model) and needs step(t, measurements, u)
 --obstacles FILE is TOML with tables [[half_space]], [[sphere]], [[box]] and [[pairs]], whose keys
 are the fields of softdyn.safety.HalfSpace, KeepOutSphere, KeepOutBox and LinkPairs. They are in the
 plant, the page and the log, and the least reserve of each is printed. soft-id-clf-qp has them as
-barriers, over a horizon of eps unless --gains say otherwise.
+barriers, over a horizon of eps unless --gains say otherwise. Any other controller, also a user's,
+is behind a safety filter: its input is changed as little as the barriers require.
 
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
@@ -278,18 +279,16 @@ def make_controller(
     model: SoftModel, name: str, file: str | None, around: Surroundings | None = None, **more: Any
 ) -> Any:
     """A controller by its command-line name, with the parameters of a file if there is one."""
-    from softdyn.controllers import SoftIdClfQp, registry
+    from softdyn.controllers import SafetyFilter, SoftIdClfQp, registry
 
     cls = registry.find_controller(name)
-    if around is not None:
-        if cls is SoftIdClfQp:
-            cls = partial(SoftIdClfQp.among, around.barriers)
-        else:
-            text = f"{name} has no barriers: it does not see the obstacles of --obstacles"
-            print(text, file=sys.stderr, flush=True)
+    if around is not None and cls is SoftIdClfQp:
+        cls, around = partial(SoftIdClfQp.among, around.barriers), None
     if file is None:
-        return registry.make_controller(name, model, cls=cls, **more)
-    return cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
+        controller = registry.make_controller(name, model, cls=cls, **more)
+    else:
+        controller = cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
+    return controller if around is None else SafetyFilter(controller, model, around.barriers)
 
 
 main = cli.program(parser, command, __name__)

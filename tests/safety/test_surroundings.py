@@ -134,7 +134,7 @@ def test_run_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "least reserve  floor" in capsys.readouterr().out
     assert page.is_file()
     assert run.main(["finger", "ic", "--theta", "1", *told]) == 0
-    assert "ic has no barriers" in capsys.readouterr().err
+    assert "least reserve  floor" in capsys.readouterr().out
     (tmp_path / "scene.toml").write_text("[[box]]\nsize = 3\n")
     assert run.main(["finger", "ic", "--theta", "1", *told]) == 2
     assert "scene.toml: [[box]] 1" in capsys.readouterr().err

@@ -1,0 +1,106 @@
+"""A safety filter: barriers for any controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.checks import number
+from softdyn.controllers.barriers import BarrierRows, ControlBarrier
+from softdyn.controllers.controller import Command, GuardedController, InputGuard, guard_of
+from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.qp import QpProblem, QpSolution
+from softdyn.dynamics.model import check_model
+
+HORIZON = 0.02  # s
+
+
+class SafetyFilter(GuardedController):
+    """A controller whose input is changed as little as the barriers require.
+
+    It is the filter of Ames et al. 2017: min ‖(u - u_c) / range‖² over the rows of the barriers
+    (`softdyn.controllers.barriers`) and the bounds, where u_c is the controller's input. An input
+    that meets every row passes unchanged. If no admissible input meets them, the rows are relaxed.
+
+    `SoftIdClfQp` has barriers of its own: it finds the best input among the safe ones, not the one
+    nearest to an unsafe input. `Mpc` and `best` take a changed input for an unmodelled force.
+
+    Parameters
+    ----------
+    controller : Callable[[State, Reference], Command]
+        Any controller, also a user's own.
+    model : SoftModel
+        The robot.
+    barriers : sequence of ControlBarrier
+        Obstacles and limits, at least one.
+    horizon : float
+        The horizon τ of the rows (s).
+
+    Attributes
+    ----------
+    inner : Callable[[State, Reference], Command]
+        The controller.
+    barrier_rows : BarrierRows
+        The rows, and the counts of states outside and of relaxed rows.
+    changed : int
+        Number of steps since `reset` at which the input was changed.
+
+    Raises
+    ------
+    InputError
+        A controller that cannot be called, no barrier, a horizon that is negative.
+    """
+
+    def __init__(
+        self,
+        controller: Callable[[State, Reference], Any],
+        model: SoftModel,
+        barriers: Sequence[ControlBarrier],
+        *,
+        horizon: float = HORIZON,
+    ) -> None:
+        if not callable(controller) or isinstance(controller, type):
+            raise InputError("controller", "a callable (state, reference) -> command", controller)
+        if not barriers:
+            raise InputError("barriers", "at least one", "none")
+        horizon = number("horizon", horizon, lower=0.0)
+        self.inner, self.changed = controller, 0
+        self.guard = InputGuard(check_model(model).u_min, model.u_max, model.robot)
+        self.barrier_rows = BarrierRows(model, barriers, horizon)
+        self.tasks = getattr(controller, "tasks", ())
+        self.name = f"{getattr(controller, 'name', type(controller).__name__)} among obstacles"
+        self._horizon = Horizon(model, horizon)
+        self._admit = guard_of(controller, model).admit
+        span = model.u_max - model.u_min
+        self._weight = 1 / np.where(span > 0, span, 1.0) ** 2
+
+    @property
+    def gains(self) -> Any:
+        """The controller's own gains or parameters."""
+        return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
+
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s)."""
+        self.guard.reset()
+        self.barrier_rows.reset(period)
+        self.changed = 0
+        if hasattr(self.inner, "reset"):
+            self.inner.reset(period)
+
+    def _command(self, state: State, reference: Reference | SetPoint) -> Command:
+        answer = self.inner(state, reference)
+        wanted, nu = self._admit(getattr(answer, "u", answer)), len(self._weight)
+        nearest = QpProblem(
+            np.diag(self._weight), -self._weight * wanted, np.eye(nu),
+            self.guard.u_min, self.guard.u_max,
+        )  # fmt: skip
+        given = QpSolution(wanted, np.zeros(nu), 0.0, 0.0, 0.0)
+        found = self.barrier_rows.enforce(nearest, given, state, *self._horizon(state))
+        u = wanted if found is None else found.x[:nu]
+        self.changed += not np.array_equal(u, wanted)
+        command = self.guard.accept(u, np.nan, np.nan, clamped=True)
+        return replace(answer, u=command.u) if isinstance(answer, Command) else command

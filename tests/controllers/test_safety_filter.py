@@ -1,0 +1,68 @@
+"""The safety filter: barriers for `best` and for a user's controller."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, SetPoint
+from softdyn.controllers import SafetyFilter, best
+from softdyn.safety import HalfSpace, Surroundings
+from softdyn.validation import simulate
+
+GOAL = SetPoint([0.127, 0, -0.127])
+FLOOR = Surroundings([HalfSpace([0, 0, 1], -0.1, links="all", name="floor")])
+
+
+class Push:
+    """A user's controller that knows no obstacle."""
+
+    def __init__(self, u):
+        self.u = np.array(u, float)
+
+    def __call__(self, state, reference):
+        return self.u
+
+
+@pytest.mark.parametrize("name", ["best", "own"])
+def test_a_controller_without_barriers_keeps_clear(name):
+    model = softdyn.load("finger")
+    made = best(model) if name == "best" else Push([0.0, 0.0])
+    least, laws = [], (made, SafetyFilter(made, model, FLOOR.barriers))
+    for law in laws:
+        log = simulate(model, law, GOAL, duration=1.0, period=0.005, surroundings=FLOOR)
+        least.append(log.least_reserve["floor"])
+    assert least[0] < -0.02
+    assert least[1] > -1e-4
+    assert laws[1].barrier_rows.relaxed == 0
+    assert 0 < laws[1].changed <= log.steps
+
+
+def test_a_stop_that_is_met_within_a_period():
+    # a joint meets its stop at 2 rad/s and pushes the others: 2.4 mm deep while rows ignored it
+    model = softdyn.load("finger")
+    law = SafetyFilter(best(model), model, FLOOR.barriers, horizon=0.1)
+    log = simulate(model, law, GOAL, duration=2.0, period=0.005, surroundings=FLOOR)
+    assert np.abs(log.q).max() > 1.57
+    assert log.least_reserve["floor"] > -1e-4
+    assert law.barrier_rows.relaxed == 0
+
+
+def test_an_input_that_is_safe_passes_unchanged():
+    model = softdyn.load("finger")
+    state = model.state(model.q0, np.zeros(4))
+    law = SafetyFilter(Push([0.01, -0.02]), model, FLOOR.barriers)
+    law.reset(0.005)
+    np.testing.assert_array_equal(law(state, GOAL).u, [0.01, -0.02])
+    assert law.changed == 0
+
+
+def test_bad_arguments_are_named():
+    model = softdyn.load("finger")
+    with pytest.raises(InputError, match="barriers: expected at least one, got none"):
+        SafetyFilter(best(model), model, [])
+    with pytest.raises(InputError, match="controller: expected a callable"):
+        SafetyFilter(Push, model, FLOOR.barriers)
+    with pytest.raises(InputError, match="horizon"):
+        SafetyFilter(best(model), model, FLOOR.barriers, horizon=-1.0)
