@@ -68,6 +68,7 @@ JOBS = {
     "step-time": (
         "--robots arm.urdf finger --controllers mpc --states 8 --rounds 1 --no-stack",
         "--hostile --robots finger --controllers ic --rounds 2",
+        "--observer --robots finger --rounds 1",
     ),
 }  # fmt: skip
 # further jobs with --all

@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
-"""The time of one control step, (q, v) to u, beside its floor and the paper's stack."""
+"""The time of a control step beside its floor and the paper's stack, or of an observer's step."""
 
 from __future__ import annotations
 
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
+
+if TYPE_CHECKING:
+    from softdyn import SoftModel
 
 ROBOTS = ("finger", "helix", "spirob", "spirob48")
 CONTROLLERS = ("soft-id-clf-qp", "id-clf-qp", "clf-qp", "ic-qp", "ic", "uic")
@@ -26,6 +29,11 @@ infinities, huge and denormal numbers, singular Jacobians and input matrices
 (validation/timing/hostile.py), --rounds times each (5 by default). The figure is the processor time
 of the fastest repetition. A step over 5 ms fails, and so does an answer that is not finite or not
 within bounds.
+
+--observer times an observer's step instead, with all measurements of a control period: softdyn's
+filter with the disturbances that are named, or a class of your own as FILE.py:CLASS. Its readings
+are those of a loop behind a rig with these sensors, "file" or a list as in softdyn observe. Steps
+in which a reading with a latency arrives have their own columns.
 
 Times are meaningful only on an idle machine; the report states its load.
 
@@ -48,6 +56,20 @@ parser.add_argument("--hostile", action="store_true", help="the slowest step und
 parser.add_argument("--throughput", action="store_true", help="also whole closed loops")
 parser.add_argument(
     "--out", default="results/step_time", metavar="DIR", help="default: results/step_time"
+)
+parser.add_argument(
+    "--observer",
+    nargs="?",
+    const="",
+    metavar="WHICH",
+    help="an observer's step: names, FILE.py:CLASS",
+)
+parser.option(
+    "--sensors",
+    str,
+    "WHICH",
+    "of --observer: file, or a list",
+    "lengths=0.0005@1000,tip=0.001@60+0.03",
 )
 cli.add_own_options(parser)
 cli.add_json(parser)
@@ -72,7 +94,43 @@ def command(arguments: cli.Arguments) -> int:
         name: softdyn.load(name, annotations=arguments.annotations)
         for name in dict.fromkeys(arguments.robots)
     }
+    if arguments.observer is not None:
+        if arguments.hostile or arguments.throughput:
+            parser.error("argument --observer: not with --hostile or --throughput")
+        return observer_steps(arguments, models, makes)
     return (hostile_steps if arguments.hostile else step_times)(arguments, models, makes)
+
+
+def driver(model: SoftModel, makes: dict[str, Any]) -> Any:
+    """Name and factory of the controller of a loop: for a user's robot, the first one given."""
+    from softdyn.controllers import find_controller
+
+    return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
+
+
+def observer_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
+    """Time an observer's steps and print the table."""
+    from tqdm import tqdm
+
+    from softdyn.commands.observe import sensors_of
+    from softdyn.validation import Rig
+    from softdyn.validation.loop.observation import make_observer
+    from softdyn.validation.timing import step_report
+    from softdyn.validation.timing.observer_time import observed_loop, observer_row, observer_text
+    from softdyn.validation.timing.step_time import SAMPLES, MachineLoad
+
+    load, rows = MachineLoad(), []
+    with tqdm(unit="round", disable=None, leave=False) as bar:
+        for name, model in models.items():
+            rig = Rig(sensors=sensors_of(model, arguments.sensors), seed=0)
+            make_observer(model, rig, arguments.observer)  # it may refuse its words
+            loop = observed_loop(model, driver(model, makes)[1], rig)
+            rounds = arguments.rounds or -(-SAMPLES // len(loop.steps))
+            observers = [make_observer(model, rig, arguments.observer) for _ in range(rounds)]
+            rows.append(observer_row(name, model, observers, loop, bar.update))
+    report = {"rows": rows, "machine": step_report.machine() | load.report()}
+    cli.write_report(report, arguments.json, observer_text(report))
+    return cli.PASSED
 
 
 def hostile_steps(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str, Any]) -> int:
@@ -91,8 +149,6 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     """Time ordinary steps, then write tables and figures."""
     from tqdm import tqdm
 
-    import softdyn
-    from softdyn.controllers import find_controller
     from softdyn.validation.files import to_json, write_text
     from softdyn.validation.report import step_figures
     from softdyn.validation.timing import step_report
@@ -105,22 +161,18 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
     stack = paper_stack if not arguments.no_stack and has_stack() else None
     rounds = arguments.rounds or -(-SAMPLES // arguments.states)
 
-    def driver(model: softdyn.SoftModel) -> tuple[str, Any]:
-        """Name and factory of a driver: for a user's robot, the first controller given."""
-        return (DRIVER, find_controller(DRIVER)) if model.bundled else next(iter(makes.items()))
-
     load, report = MachineLoad(), dict[str, Any](rows=[])
     total = rounds * len(models)
     with tqdm(total=total, unit="round", disable=None, leave=False) as bar:
         for name, model in models.items():
             bar.set_description(name)
-            _, drive = driver(model)
+            _, drive = driver(model, makes)
             states = recorded(model, drive, arguments.states, out / "states", name)
             report["rows"] += rows_of(name, model, makes, states.steps(), rounds, stack, bar.update)
         if arguments.throughput:
             report["throughput"] = [
                 throughput(model, name, make=make)
-                for model in models.values() for name, make in [driver(model)]
+                for model in models.values() for name, make in [driver(model, makes)]
             ]  # fmt: skip
     report["machine"] = step_report.machine() | load.report()
 

@@ -39,8 +39,7 @@ class Observation:
     """
 
     def __init__(self, observer: Observer, model: SoftModel, rig: RiggedPlant | None) -> None:
-        if isinstance(observer, type) or not callable(getattr(observer, "step", None)):
-            raise InputError("observer", "an object with step(t, measurements, u)", repr(observer))
+        _check(observer)
         if rig is None or len(rig.readings.names) == 0:
             raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
         if rig.alters_states:
@@ -104,5 +103,11 @@ def make_observer(model: SoftModel, rig: Rig | str | None, words: str) -> Any:
         raise InputError("observer", 'a rig with sensors, such as rig="file"', "none")
     rigged = softdyn.build(given.robot(model.robot), model.bundled)
     if is_own(words):
-        return find_controller(words)(rigged)
+        return _check(find_controller(words)(rigged))
     return Ekf(rigged, disturbances=[word for word in words.split(",") if word])
+
+
+def _check(observer: Any) -> Any:
+    if isinstance(observer, type) or not callable(getattr(observer, "step", None)):
+        raise InputError("observer", "an object with step(t, measurements, u)", repr(observer))
+    return observer
