@@ -164,7 +164,8 @@ class BarrierRows:
 
     def at(self, state: State, M: np.ndarray, h: np.ndarray) -> Rows:
         """Every barrier's rows at a state, with M and h of the dynamics over the horizon."""
-        return self._stacked(state, self._seen(state), self._steps(state, M, h), self._stops(state))
+        seen, steps, stops = self._seen(state), self._steps(state, M, h), self._stops(state)
+        return _stacked(state, seen, steps, [_inverse(state, *step, stops) for step in steps])
 
     def _seen(self, state: State) -> list[tuple[float, float, Values]]:
         """The rates α, β and the values of every barrier; states without guarantee are counted."""
@@ -185,16 +186,6 @@ class BarrierRows:
         if self._hold is not None:
             steps.append((self._period, *self._hold(state)))
         return steps
-
-    @staticmethod
-    def _stacked(
-        state: State,
-        seen: Sequence[tuple[float, float, Values]],
-        steps: Sequence[Dynamics],
-        stops: np.ndarray,
-    ) -> Rows:
-        parts = [_rows(state, seen, *step, stops) for step in steps]
-        return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
 
     def _stops(self, state: State) -> np.ndarray:
         """Distance (n,) to the stop that a joint is at, or reaches in a step; NaN for the others.
@@ -246,10 +237,10 @@ class BarrierRows:
             return solution
         m = state.B.shape[1]
         while True:  # every round frees a joint
-            answer, sunk, least = self._enforced(
-                problem, solution, self._stacked(state, seen, steps, stops)
-            )
-            leaving = _leaving(self._model, state, steps[-1], stops, answer.x[:m])
+            inverses = [_inverse(state, *step, stops) for step in steps]
+            rows = _stacked(state, seen, steps, inverses)
+            answer, sunk, least = self._enforced(problem, solution, rows)
+            leaving = _leaving(self._model, state, steps[-1], inverses[-1], stops, answer.x[:m])
             if not leaving.any():
                 break
             stops[leaving] = np.nan
@@ -332,7 +323,11 @@ Dynamics = tuple[float, np.ndarray, np.ndarray]  # τ, M, h
 def _inverse(
     state: State, tau: float, M: np.ndarray, h: np.ndarray, stops: np.ndarray
 ) -> np.ndarray:
-    """(X, x), (n, nu + 1), of q̈ = X u - x; joints with a distance in `stops` go to their stop."""
+    """(X, x), (n, nu + 1), of q̈ = X u - x, with M and h of the dynamics over a step τ.
+
+    Joints with a distance in `stops` go to their stop in this step: q̈ = (distance / τ - q̇) / τ. At
+    τ = 0 they do not accelerate.
+    """
     inverse = np.column_stack((state.B, h))
     free = np.isnan(stops)
     if free.all():
@@ -347,34 +342,46 @@ def _inverse(
 
 
 def _leaving(
-    model: SoftModel, state: State, step: Dynamics, stops: np.ndarray, u: np.ndarray
+    model: SoftModel,
+    state: State,
+    step: Dynamics,
+    inverse: np.ndarray,
+    stops: np.ndarray,
+    u: np.ndarray,
 ) -> np.ndarray:
     """Whether each joint (n,) leaves its stop under u, because the stop would have to pull."""
-    tau, M, h = step
+    _, M, h = step
     held = ~np.isnan(stops)
     if not held.any():
         return held
-    inverse = _inverse(state, tau, M, h, stops)
     force = M @ (inverse[:, :-1] @ u - inverse[:, -1]) + h - state.B @ u
     q = model.coordinates(state.q)
     upper = model.upper - q < q - model.lower
     return held & (np.where(upper, -force, force) < 0)
 
 
+def _stacked(
+    state: State,
+    seen: Sequence[tuple[float, float, Values]],
+    steps: Sequence[Dynamics],
+    inverses: Sequence[np.ndarray],
+) -> Rows:
+    """The rows over all steps."""
+    parts = [
+        _rows(state, seen, tau, inverse)
+        for (tau, _, _), inverse in zip(steps, inverses, strict=True)
+    ]
+    return Rows(*(np.concatenate(same) for same in zip(*parts, strict=True)))
+
+
 def _rows(
     state: State,
     seen: Sequence[tuple[float, float, Values]],
     tau: float,
-    M: np.ndarray,
-    h: np.ndarray,
-    stops: np.ndarray,
+    inverse: np.ndarray,
 ) -> Rows:
-    """A row for every barrier, with its rate α, over a step τ with M and h of the dynamics.
-
-    Joints with a distance in `stops` go to their stop in this step: q̈ = (distance / τ - q̇) / τ. At
-    τ = 0 they do not accelerate.
-    """
-    inverse, parts = _inverse(state, tau, M, h, stops), []
+    """A row for every barrier, with its rate α, over a step τ with q̈ of `_inverse`."""
+    parts = []
     for alpha, beta, (b, G, drift, unit) in seen:
         share = 1 / ((1 + alpha * tau) * (1 + beta * tau))
         both = alpha * beta

@@ -77,6 +77,7 @@ class SafetyFilter(GuardedController):
         self._admit = guard_of(controller, model).admit
         span = model.u_max - model.u_min
         self._weight = 1 / np.where(span > 0, span, 1.0) ** 2
+        self._H, self._A = np.diag(self._weight), np.eye(model.nu)
 
     @property
     def gains(self) -> Any:
@@ -95,8 +96,7 @@ class SafetyFilter(GuardedController):
         answer = self.inner(state, reference)
         wanted, nu = self._admit(getattr(answer, "u", answer)), len(self._weight)
         nearest = QpProblem(
-            np.diag(self._weight), -self._weight * wanted, np.eye(nu),
-            self.guard.u_min, self.guard.u_max,
+            self._H, -self._weight * wanted, self._A, self.guard.u_min, self.guard.u_max
         )  # fmt: skip
         given = QpSolution(wanted, np.zeros(nu), 0.0, 0.0, 0.0)
         found = self.barrier_rows.enforce(nearest, given, state, *self._horizon(state))
