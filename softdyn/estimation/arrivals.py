@@ -17,10 +17,12 @@ import numpy as np
 
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.dynamics.model import SoftModel
+from softdyn.estimation.covariance import kept_rows
 from softdyn.estimation.readings import Prediction, Reader
 from softdyn.estimation.second_order import second_order, sharp
 
 SAME = 1e-3  # of a sampling interval or a step; times this close are one
+MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 LEAST = 1e-6  # m, rad, …: noise below this is taken as this
 
 
@@ -158,6 +160,61 @@ class LateReading:
     predicted: np.ndarray
     change: np.ndarray
     variance: np.ndarray
+
+
+class LateReadings:
+    """The late readings that wait, and their rows among the errors.
+
+    Parameters
+    ----------
+    first : int
+        The first of these rows.
+    """
+
+    def __init__(self, first: int) -> None:
+        self._first = first
+        self._waiting: list[LateReading] = []
+        self._done: list[LateReading] = []
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._waiting, self._done = [], []
+
+    def add(self, late: LateReading) -> None:
+        """Another one; its rows are the last."""
+        self._waiting.append(late)
+
+    def arrive(self, channel: SensorChannel, own: float) -> LateReading | None:
+        """The reading of this channel and own time (s); it and older ones are done."""
+        done = [one for one in self._waiting if one.channel is channel and one.time < own + MATCH]
+        self._done += done
+        return next((one for one in done if abs(one.time - own) <= MATCH), None)
+
+    def row_of(self, late: LateReading, size: int) -> np.ndarray:
+        """The Jacobian (k, size) of a late reading by the errors."""
+        first = next(rows.start for one, rows in self._rows() if one is late)
+        return np.eye(len(late.change), size, first)
+
+    def correct(self, change: np.ndarray) -> None:
+        """Add the corrections of the errors (s,)."""
+        for one, rows in self._rows():
+            one.change += change[rows]
+
+    def forget(self, P: np.ndarray) -> np.ndarray:
+        """The covariance (s, s) without those that have arrived, or never will."""
+        if not self._done:
+            return P
+        keep = np.ones(len(P), np.bool_)
+        for one, rows in self._rows():
+            keep[rows] = one not in self._done
+        self._waiting = [one for one in self._waiting if one not in self._done]
+        self._done = []
+        return kept_rows(P, keep)
+
+    def _rows(self) -> Iterator[tuple[LateReading, slice]]:
+        first = self._first
+        for one in self._waiting:
+            yield one, slice(first, first := first + len(one.change))
 
 
 def sensor_channels(model: SoftModel, sensors: tuple[Sensor, ...]) -> list[SensorChannel]:

@@ -69,7 +69,7 @@ def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
 
 
 @partial(compiled, reorder=True)
-def update(P, rows, errors, variances, change):
+def update(P, rows, errors, variances, change, gate):
     """Fuse readings one by one, each with Joseph's form (I - k h) P (I - k h)ᵀ + k R kᵀ.
 
     With g = P hᵀ and S = h g + R it is P - k gᵀ - g kᵀ + S k kᵀ, for any gain k. An error of the
@@ -87,13 +87,16 @@ def update(P, rows, errors, variances, change):
         before, in deviations: independent and of variance 1.
     change : ndarray, (s,)
         The correction of the errors is added to it.
+    gate : float
+        The largest plausible error (deviations). The variance of a reading with a larger one is
+        taken to be as large as needed, so that the correction falls with the error's inverse.
 
     Returns
     -------
-    tuple of float and int
-        Σ e² / (h P hᵀ + R), and the number of readings used.
+    tuple of float, int and int
+        Σ e² / (h P hᵀ + R), and the numbers of readings used and of those beyond the gate.
     """
-    size, nis, used = len(P), 0.0, 0
+    size, nis, used, odd = len(P), 0.0, 0, 0
     row, gain, rest = np.zeros(size), np.empty(size), np.empty(size)
     for k in range(len(rows)):
         error = errors[k]
@@ -103,6 +106,9 @@ def update(P, rows, errors, variances, change):
         spread = np.dot(P, row)
         error -= np.dot(row, change)
         variance = variances[k] + np.dot(row, spread)
+        if error * error > gate * gate * variance:
+            odd += 1
+            variance = error * error / (gate * gate)
         nis += error * error / variance
         errors[k] = error / np.sqrt(variance)
         used += 1
@@ -114,7 +120,7 @@ def update(P, rows, errors, variances, change):
             a, b, line = gain[i], rest[i], P[i]
             for j in range(size):
                 line[j] -= a * spread[j] + b * gain[j]
-    return nis, used
+    return nis, used, odd
 
 
 @compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import fields
 
 import numpy as np
@@ -11,12 +11,18 @@ import numpy as np
 from softdyn.checks import array, fill, instances, vector
 from softdyn.description.rig import Sensor
 from softdyn.dynamics.model import SoftModel, check_model
-from softdyn.estimation.arrivals import SAME, LateReading, SensorChannel, sensor_channels
+from softdyn.estimation.arrivals import (
+    MATCH,
+    SAME,
+    LateReading,
+    LateReadings,
+    SensorChannel,
+    sensor_channels,
+)
 from softdyn.estimation.balance import Disturbance
 from softdyn.estimation.consistency import chi_squared_bounds
 from softdyn.estimation.covariance import (
     append,
-    kept_rows,
     moved,
     predict,
     symmetrised,
@@ -32,10 +38,11 @@ from softdyn.sensing import Sensors
 
 FROM_FILE = "file"
 LONGEST_GAP = 0.5  # s without a step; after it the covariance begins anew
-MATCH = 2e-6  # s, between the own times of a reading and of its prediction
 SURE = 1 - 1e-6  # the level at which first readings refute the start
 HALVINGS = 4  # of a step without a solution
 LARGEST = 1e6  # no reading is larger (rad, m, N, …)
+GATE = 20.0  # deviations; readings further from their prediction count less and less
+SET_BACK = 10  # refused steps with rising times; the clock is taken to be set back then
 
 
 class Ekf:
@@ -45,7 +52,9 @@ class Ekf:
     (`softdyn.estimation.implicit_step`). Readings are fused one by one in Joseph's form. Late ones
     are fused at their own time (`softdyn.estimation.arrivals`). Motors have the lag, delay and rate
     of the robot's file (`softdyn.estimation.drives`). An estimate beyond a stop is moved onto it
-    along the covariance (Simon and Chia 2002).
+    along the covariance (Simon and Chia 2002). A reading more than 20 deviations off counts as so
+    uncertain that it is 20 deviations off (Chang 2014, with another bound): one wrong reading
+    corrects little, and a filter that is wrong and sure of it still recovers.
 
     A disturbance is a first-order Gauss-Markov process with its deviation and the time `memory`.
     Accelerometers are read as without disturbances.
@@ -139,14 +148,12 @@ class Ekf:
         self._q = vector("q", self._start[0] if q is None else q, model.nq)
         self._v = vector("v", self._start[1] if v is None else v, model.nv)
         self._d = np.zeros(len(self._disturbed))
-        self._late: list[LateReading] = []
+        self._late = LateReadings(2 * model.nv + len(self._d))
         self._cover(1.0)
         self._held = np.zeros(model.nv, np.int64)
-        self._time = math.nan
+        self._time, self._refused, self._behind = math.nan, -math.inf, 0
         u = np.clip(0.0, model.u_min, model.u_max) if u is None else vector("u", u, model.nu)
         self._inputs = np.asarray(u, float)
-        for channel in self._channels:
-            channel.last = -1
         if counts:
             self._counted = dict.fromkeys((field.name for field in fields(EkfCounts)), 0)
         self._nis, self._used = 0.0, 0
@@ -154,9 +161,11 @@ class Ekf:
         self._change = np.empty(0)
 
     def _cover(self, scale: float) -> None:
-        """Set the covariance of the start, scaled for the state; late readings are forgotten."""
+        """Set the covariance of the start, scaled for the state; readings are forgotten."""
         self._P = np.diag(np.concatenate((scale * self._first, self._disturbed)))
         self._late.clear()
+        for channel in self._channels:
+            channel.last = -1
 
     @property
     def counts(self) -> EkfCounts:
@@ -204,14 +213,20 @@ class Ekf:
         first = math.isnan(self._time)
         if not math.isfinite(t) or (not first and t <= self._time):
             self._count("refused")
-            return self._estimate()
+            self._behind = self._behind + 1 if t > self._refused else 0
+            self._refused = t
+            if self._behind < SET_BACK:
+                return self._estimate()
+            self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
+            self._time = -math.inf
+        self._refused, self._behind = -math.inf, 0
         self._nis, self._used = 0.0, 0
         self._residuals = np.full((2, self.components), np.nan)
         if first:
             self._drives.reset(self.model.state(self._q, self._v), self._inputs, t)
         else:
             if math.isfinite(commands.dot(commands)):
-                self._drives.send(self._time, commands)
+                self._drives.send(max(self._time, t - LONGEST_GAP), commands)
             else:
                 self._count("held")
             if t - self._time > LONGEST_GAP:
@@ -295,7 +310,7 @@ class Ekf:
         (values, jacobian), change, variance = channel.expect(
             self._q, self._v, self._inputs, self._P
         )
-        self._late.append(LateReading(channel, own, values.copy(), change.copy(), variance))
+        self._late.add(LateReading(channel, own, values.copy(), change.copy(), variance))
         self._P = append(self._P, jacobian)
 
     def _begin(self, t: float, readings: np.ndarray) -> bool:
@@ -309,25 +324,18 @@ class Ekf:
         self._nis, self._used = 0.0, 0
         self._count("refuted")
         self._cover(self.parameters.widening)
-        for channel in self._channels:
-            channel.last = -1
         return self._correct(t, readings)
 
     # -- correction ----------------------------------------------------------------------------
 
     def _correct(self, t: float, readings: np.ndarray) -> bool:
         """Fuse the readings that are there at t; False if the result is not finite."""
-        parts: list[tuple[np.ndarray, ...]] = []
-        done: list[LateReading] = []
+        parts: list[tuple[SensorChannel, np.ndarray, np.ndarray, np.ndarray]] = []
         for channel in self._channels:
             if not channel.arrives(t):
                 continue
-            own, match = channel.own_time(t), None
-            for one in self._late:
-                if one.channel is channel and one.time < own + MATCH:
-                    done.append(one)
-                    if match is None and abs(one.time - own) <= MATCH:
-                        match = one
+            own = channel.own_time(t)
+            match = self._late.arrive(channel, own)
             given = readings[channel.where]
             good = usable(given, LARGEST)
             if good < len(given):
@@ -335,7 +343,7 @@ class Ekf:
                 if good == 0:
                     continue
             if match is not None:
-                rows, values = self._row_of(match), match.predicted
+                rows, values = self._late.row_of(match, len(self._P)), match.predicted
                 change, variance = match.change, match.variance
             elif abs(own - t) > MATCH:
                 self._count("unmatched", good)
@@ -346,34 +354,24 @@ class Ekf:
                 )
             error = channel.errors(values, given)
             error -= change
-            parts.append((channel.where, rows, error, variance))
+            parts.append((channel, rows, error, variance))
         if parts:
             if len(self._change) != len(self._P):
                 self._change = np.empty(len(self._P))
             change = self._change
             change[:] = 0.0
-            for at, rows, error, variance in parts:
-                self._residuals[0, at] = error
-                nis, used = update(self._P, rows, error, variance, change)
-                self._residuals[1, at] = error
+            for channel, rows, error, variance in parts:
+                self._residuals[0, channel.where] = error
+                nis, used, doubted = update(self._P, rows, error, variance, change, GATE)
+                self._residuals[1, channel.where] = error
                 self._nis, self._used = self._nis + nis, self._used + used
+                self._count("doubted", doubted)
             self._count("used", self._used)
             if not math.isfinite(change @ change):
                 return False
             self._move(change)
-        self._forget(done)
+        self._P = self._late.forget(self._P)
         return math.isfinite(symmetrised(self._P))
-
-    def _late_rows(self) -> Iterator[tuple[LateReading, slice]]:
-        """Each late reading and its rows among the errors."""
-        first = 2 * self.model.nv + len(self._d)
-        for one in self._late:
-            yield one, slice(first, first := first + len(one.change))
-
-    def _row_of(self, late: LateReading) -> np.ndarray:
-        """The Jacobian (k, s) of a late reading by the errors."""
-        first = next(rows.start for one, rows in self._late_rows() if one is late)
-        return np.eye(len(late.change), len(self._P), first)
 
     def _move(self, change: np.ndarray) -> None:
         """Correct the estimate, and move it onto the stops that it is beyond."""
@@ -384,15 +382,4 @@ class Ekf:
             q[:] = model.integrate(q, change[:n])
             v += change[n : 2 * n]
             d += change[2 * n : 2 * n + len(d)]
-        for one, rows in self._late_rows():
-            one.change += change[rows]
-
-    def _forget(self, done: list[LateReading]) -> None:
-        """Remove late readings that have arrived, or never will."""
-        if not done:
-            return
-        keep = np.ones(len(self._P), np.bool_)
-        for one, rows in self._late_rows():
-            keep[rows] = one not in done
-        self._P = kept_rows(self._P, keep)
-        self._late = [one for one in self._late if one not in done]
+        self._late.correct(change)

@@ -100,12 +100,15 @@ class EkfCounts:
         Readings used.
     skipped : int
         Readings that are not finite or larger than any robot's.
+    doubted : int
+        Readings more than 20 deviations from their prediction; they correct little.
     unmatched : int
         Late readings whose own time was in no step.
     refused : int
         Steps whose time is not finite or not after the last one; they change nothing.
     gaps : int
-        Pauses longer than 0.5 s. The covariance begins anew at the estimate.
+        Pauses longer than 0.5 s, and clocks that were set back: ten refused steps in a row whose
+        times rise. The covariance begins anew at the estimate.
     held : int
         Steps without finite commands. The last ones are taken to act on.
     refuted : int
@@ -117,6 +120,7 @@ class EkfCounts:
 
     used: int = 0
     skipped: int = 0
+    doubted: int = 0
     unmatched: int = 0
     refused: int = 0
     gaps: int = 0

@@ -255,6 +255,49 @@ def test_hostile_data_is_counted():
     assert counts.used > 2500
 
 
+def at_rest(model, u):
+    """The state to which constant inputs lead, and the readings there."""
+    plant, q, v, held = ImplicitStep(model), model.q0, np.zeros(4), np.zeros(4, int)
+    for _ in range(2000):
+        found = plant(q, v, u, np.zeros(0), PERIOD, held)
+        q, v, held = found.q, found.v, found.held
+    return q, Sensors(model, sensors(model)).measure(model.state(q, v), u).values
+
+
+def test_wrong_readings_correct_little():
+    """One wrong reading hardly moves the estimate; a start that is surely wrong is left."""
+    model, u = softdyn.load("finger"), np.array([0.3, -0.2])
+    q, z = at_rest(model, u)
+    for odd in (1e3, 0.3, -0.3):
+        ekf = Ekf(model, sensors(model), start=(q, np.zeros(4)))
+        for k in range(40):
+            estimate = ekf.step(k * PERIOD, z + odd * (k == 20), u)
+            assert np.abs(estimate.q - q).max() < 0.01, (odd, k)
+        assert ekf.counts.doubted == 5
+    sure = EkfParameters(spread=1e-4, lost=1e-4)
+    ekf = Ekf(model, sensors(model), parameters=sure, start=(q + 0.2, np.zeros(4)))
+    for k in range(200):
+        estimate = ekf.step(k * PERIOD, z, u)
+    assert ekf.counts.doubted > 0
+    assert np.abs(estimate.q - q).max() < 0.01
+
+
+def test_a_clock_that_is_set():
+    """After ten refused steps the new time counts, as after a gap."""
+    model, u = softdyn.load("finger"), np.array([0.3, -0.2])
+    q, z = at_rest(model, u)
+    for jump in (-0.1, -3600.0, 3600.0):
+        ekf = Ekf(model, sensors(model, rate=60.0, latency=0.03), start=(q, np.zeros(4)))
+        for k in range(80):
+            once = jump > 0  # one wrong time, then the right ones; or all from now on
+            t = 3600.0 + k * PERIOD + jump * (k == 40 if once else k >= 40)
+            estimate = ekf.step(t, z, u)
+            assert np.abs(estimate.q - q).max() < 0.01
+        assert (ekf.counts.refused, ekf.counts.gaps) == (10, 1 + once)
+        assert estimate.used == 2
+        assert ekf.counts.used > 2 * 65 + 3 * 15
+
+
 def test_duplicate_and_refused_steps_change_nothing():
     model = softdyn.load("finger")
     ekf = Ekf(model, sensors(model))
@@ -386,12 +429,12 @@ def test_joseph_keeps_a_covariance():
     P = block_diag(A @ A.T, np.eye(2))
     exact, rows = P.copy(), rng.normal(size=(300, 10))
     change = np.zeros(10)
-    nis, used = update(P, rows, np.full(300, np.nan), np.full(300, 1e-8), change)
+    nis, used, _ = update(P, rows, np.full(300, np.nan), np.full(300, 1e-8), change, np.inf)
     assert used == 0
     assert nis == 0
     assert np.array_equal(P, exact)
     assert not change.any()
-    update(P, rows, np.zeros(300), np.full(300, 1e-8), change)
+    update(P, rows, np.zeros(300), np.full(300, 1e-8), change, np.inf)
     information = np.linalg.inv(exact) + 1e8 * rows.T @ rows
     assert np.allclose(P, np.linalg.inv(information), rtol=1e-4, atol=1e-14)
     assert symmetrised(P) == pytest.approx(np.trace(P))
