@@ -1,7 +1,7 @@
 """The covariance of an extended Kalman filter: prediction, and updates in Joseph's form.
 
-The errors are those of q and q̇ (2n), of the disturbances (nd), and of the predicted values of late
-readings, which wait for their arrival. They stay as they are until then.
+The errors are those of q and q̇ (2n), of the disturbances (nd) and their rates (nr), and of the
+predicted values of late readings, which wait for their arrival. They stay as they are until then.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from softdyn.compiled import compiled
 
 
 @compiled
-def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
-    """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ = kept d.
+def predict(P, by_state, by_force, noise, held, step, moving, kept, added, turn, gained):
+    """Move the covariance P (s, s) over a step, q⁺ = q + T v⁺ and d⁺ of `softdyn.estimation.drift`.
 
     Parameters
     ----------
@@ -27,10 +27,10 @@ def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
         Variances of the joint forces, each for a second.
     step : float
         T (s).
-    kept : float
-        Share of a disturbance that is left after the step.
-    disturbed : ndarray, (nd,)
-        Variances of the disturbances in the long run.
+    moving : ndarray of int, (nr,)
+        The disturbances with rates; their rates are the errors after the disturbances.
+    kept, added, turn, gained : ndarray
+        Fields of `softdyn.estimation.drift.DriftStep`.
     """
     n, base, size = len(held), by_state.shape[1], len(P)
     cross = np.dot(by_state, P[:base])  # of v⁺ with all errors
@@ -46,7 +46,7 @@ def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
             P[j, i] = P[i, j]
         P[i, i] += step * (2.0 * cross[i, i] + step * speed[i, i])
         for j in range(2 * n, size):
-            factor = kept if j < base else 1.0
+            factor = kept[j - 2 * n] if j < base else 1.0
             P[i, j] = factor * (P[i, j] + step * cross[i, j])
             P[j, i] = P[i, j]
             P[n + i, j] = factor * cross[i, j]
@@ -58,9 +58,23 @@ def predict(P, by_state, by_force, noise, held, step, kept, disturbed):
             P[n + i, n + j] = 0.5 * (speed[i, j] + speed[j, i])
     for i in range(2 * n, base):
         for j in range(2 * n, size):
-            P[i, j] *= kept
-            P[j, i] *= kept
-        P[i, i] += disturbed[i - 2 * n] * (1.0 - kept * kept)
+            P[i, j] *= kept[i - 2 * n]
+            P[j, i] *= kept[i - 2 * n]
+        P[i, i] += added[i - 2 * n]
+    for k in range(len(moving)):
+        i, rate = 2 * n + moving[k], base + k
+        for j in range(size):
+            a, b = P[i, j], P[rate, j]
+            P[i, j] = turn[0, 0] * a + turn[0, 1] * b
+            P[rate, j] = turn[1, 0] * a + turn[1, 1] * b
+        for j in range(size):
+            a, b = P[j, i], P[j, rate]
+            P[j, i] = turn[0, 0] * a + turn[0, 1] * b
+            P[j, rate] = turn[1, 0] * a + turn[1, 1] * b
+        P[i, i] += gained[0, 0]
+        P[i, rate] += gained[0, 1]
+        P[rate, i] += gained[1, 0]
+        P[rate, rate] += gained[1, 1]
     for i in range(n):
         if held[i] != 0:
             for j in range(size):

@@ -29,6 +29,7 @@ from softdyn.estimation.covariance import (
     update,
     usable,
 )
+from softdyn.estimation.drift import Drift
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
@@ -56,7 +57,7 @@ class Ekf:
     uncertain that it is 20 deviations off (Chang 2014, with another bound): one wrong reading
     corrects little, and a filter that is wrong and sure of it still recovers.
 
-    A disturbance is a first-order Gauss-Markov process with its deviation and the time `memory`.
+    Disturbances drift by `softdyn.estimation.drift`, with their deviations and the time `memory`.
     Accelerometers are read as without disturbances.
 
     Parameters
@@ -122,9 +123,10 @@ class Ekf:
             for one, a, b in zip(self.disturbances, ends, ends[1:], strict=False)
         }
         self._readings, self._commands = np.empty(self.components), np.empty(model.nu)
-        self._first, self._force_noise, self._disturbed = self.parameters.variances(
+        self._first, self._force_noise, variances = self.parameters.variances(
             model, self.disturbances
         )
+        self._drift = Drift(model, self.disturbances, variances, self.parameters.memory)
         self.reset()
 
     def reset(
@@ -147,8 +149,9 @@ class Ekf:
         model = self.model
         self._q = vector("q", self._start[0] if q is None else q, model.nq)
         self._v = vector("v", self._start[1] if v is None else v, model.nv)
-        self._d = np.zeros(len(self._disturbed))
-        self._late = LateReadings(2 * model.nv + len(self._d))
+        self._drifting = np.zeros(len(self._drift.variances))
+        self._d = self._drifting[: sum(one.size(model) for one in self.disturbances)]
+        self._late = LateReadings(2 * model.nv + len(self._drifting))
         self._cover(1.0)
         self._held = np.zeros(model.nv, np.int64)
         self._time, self._refused, self._behind = math.nan, -math.inf, 0
@@ -162,7 +165,7 @@ class Ekf:
 
     def _cover(self, scale: float) -> None:
         """Set the covariance of the start, scaled for the state; readings are forgotten."""
-        self._P = np.diag(np.concatenate((scale * self._first, self._disturbed)))
+        self._P = np.diag(np.concatenate((scale * self._first, self._drift.variances)))
         self._late.clear()
         for channel in self._channels:
             channel.last = -1
@@ -179,10 +182,15 @@ class Ekf:
 
     def suppose(self, name: str, deviation: float) -> None:
         """Begin a disturbance anew at 0, with this deviation, independent of all else."""
-        rows = self._rows_of(name)
+        part, first = self._slices[name], 2 * self.model.nv
+        moves = np.isin(self._drift.moving, np.arange(part.start, part.stop))
+        rates = len(self._d) + np.flatnonzero(moves)
+        at = np.concatenate((np.arange(part.start, part.stop), rates))
+        rows = first + at
         self._P[rows], self._P[:, rows] = 0.0, 0.0
-        self._P[rows, rows] = np.diag(np.full(rows.stop - rows.start, deviation**2))
-        self._d[self._slices[name]] = 0.0
+        self._P[rows, rows] = deviation**2
+        self._P[first + rates, first + rates] = (deviation / self.parameters.memory) ** 2
+        self._drifting[at] = 0.0
 
     def _rows_of(self, name: str) -> slice:
         first, part = 2 * self.model.nv, self._slices[name]
@@ -295,13 +303,12 @@ class Ekf:
             return halvings > 0 and all(
                 self._hold(commands, step / 2, halvings - 1) for _ in range(2)
             )
-        kept = math.exp(-step / self.parameters.memory)
         predict(
-            self._P, found.by_state, found.by_force, self._force_noise, found.held, step, kept,
-            self._disturbed,
+            self._P, found.by_state, found.by_force, self._force_noise, found.held, step,
+            self._drift.moving, *self._drift.over(step),
         )  # fmt: skip
         self._q[:], self._v[:], self._held[:] = found.q, found.v, found.held
-        self._d *= kept
+        self._drift.move(self._drifting, step)
         self._inputs[:] = found.inputs
         return True
 
@@ -315,12 +322,13 @@ class Ekf:
 
     def _begin(self, t: float, readings: np.ndarray) -> bool:
         """The first correction; a start that its readings refute is taken as unknown."""
-        start = self._q.copy(), self._v.copy(), self._d.copy(), self._counted.copy()
+        start = self._q.copy(), self._v.copy(), self._counted.copy()
         if not self._correct(t, readings):
             return False
         if self._used == 0 or self._nis < chi_squared_bounds(self._used, level=SURE)[1]:
             return True
-        self._q, self._v, self._d, self._counted = start
+        self._q, self._v, self._counted = start
+        self._drifting[:] = 0.0
         self._nis, self._used = 0.0, 0
         self._count("refuted")
         self._cover(self.parameters.widening)
@@ -376,7 +384,7 @@ class Ekf:
     def _move(self, change: np.ndarray) -> None:
         """Correct the estimate, and move it onto the stops that it is beyond."""
         model, n = self.model, self.model.nv
-        q, v, d = self._q, self._v, self._d
+        q, v, d = self._q, self._v, self._drifting
         if not (self._plain and moved(q, v, d, change, model.lower, model.upper)):
             change = onto_stops(model, model.coordinates(q), change, self._P)
             q[:] = model.integrate(q, change[:n])

@@ -32,7 +32,8 @@ class EkfParameters:
         the force of the joint's spring over its range. Without a spring it is the force that moves
         the joint through its range in `HORIZON`.
     memory : float
-        Time (s) over which a disturbance may change by its own deviation.
+        Time (s) over which a disturbance may change by its own deviation
+        (`softdyn.estimation.drift`).
     tip_force : float
         Standard deviation of the force at the tip (N).
     payload : float

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, expm
 from scipy.optimize import root
 
 import softdyn
@@ -23,6 +23,7 @@ from tests.support.micro import FLOATING, write
 from tests.support.sensed import sensors
 
 PERIOD = 0.005
+MEMORY = EkfParameters().memory
 LATE, RATE = 0.013, 125.0  # of the camera; its samples are between the steps
 
 
@@ -36,7 +37,7 @@ class Reference:
     def __init__(self, model, P, force, tip):
         self.model, self.force, self.with_tip = model, force, tip
         n = model.nv
-        self.mean = [np.zeros(2 * n + 3 * tip)]
+        self.mean = [np.zeros(2 * n + 6 * tip)]  # the force and its rate
         self.mean[0][:n] = model.q0
         self.P, self.at, self.n = P, self.mean[0].copy(), n
 
@@ -45,22 +46,22 @@ class Reference:
 
         def residual(v):
             state = model.state(x[:n] + step * v, v)
-            force = state.J.T @ x[2 * n :] if self.with_tip else 0.0
+            force = state.J.T @ x[2 * n : 2 * n + 3] if self.with_tip else 0.0
             return state.M @ (v - x[n : 2 * n]) / step + state.h - state.B @ u - force - push
 
         scale = step / np.diag(model.state(x[:n], x[n : 2 * n]).M)
         found = root(lambda v: scale * residual(v), x[n : 2 * n], tol=1e-14)
-        kept = np.exp(-step / 3.0)  # the default memory
-        return np.concatenate((x[:n] + step * found.x, found.x, kept * x[2 * n :]))
+        drift = drifts(step)[0] if self.with_tip else np.zeros((0, 0))
+        return np.concatenate((x[:n] + step * found.x, found.x, drift @ x[2 * n :]))
 
     def predict(self, u, step):
         n, x, size = self.n, self.mean[-1], len(self.mean[-1])
         none, h = np.zeros(n), 1e-4
         F = differences(lambda dx: self.flow(x + dx, u, step, none), size, h)
         G = differences(lambda f: self.flow(x, u, step, f), n, 1e-5)
-        kept = np.exp(-step / 3.0)
         Q = G @ np.diag(self.force / step) @ G.T
-        Q[2 * n :, 2 * n :] += 1e-6 * np.eye(size - 2 * n) * (1 - kept**2)
+        if self.with_tip:
+            Q[2 * n :, 2 * n :] += drifts(step)[1]
         cross = F @ self.P[-size:]
         self.P = np.block([[self.P, cross.T], [cross, cross[:, -size:] @ F.T + Q]])
         self.mean.append(self.flow(x, u, step, none))
@@ -95,6 +96,15 @@ class Reference:
         return float(e @ np.linalg.solve(S, e))
 
 
+def drifts(step, memory=MEMORY, deviation=1e-3):
+    """Transition and covariance of three forces with rates over a step (Van Loan 1978)."""
+    A = np.array([[0, 1], [-1 / memory**2, -2 / memory]])
+    W = np.diag([0, 4 * deviation**2 / memory**3])
+    whole = expm(step * np.block([[-A, W], [np.zeros((2, 2)), A.T]]))
+    turn = whole[2:, 2:].T
+    return np.kron(turn, np.eye(3)), np.kron(turn @ whole[:2, 2:], np.eye(3))
+
+
 def differences(f, size, h):
     return np.array([
         (8 * (f(h * e) - f(-h * e)) - f(2 * h * e) + f(-2 * h * e)) / (12 * h)
@@ -110,7 +120,7 @@ def test_dense_reference_and_batch_smoother(tip):
         model, sensors(model, rate=RATE, latency=LATE), ("tip_force",) if tip else (),
         parameters=EkfParameters(spread=2e-3, process=1e-3, tip_force=1e-3, longest=1.0),
     )  # fmt: skip
-    P = np.diag(np.concatenate((ekf._first, ekf._disturbed)))
+    P = np.diag(np.concatenate((ekf._first, ekf._drift.variances)))
     reference = Reference(model, P, ekf._force_noise, tip)
     truth = reference.mean[0] + rng.normal(size=len(P)) * np.sqrt(np.diag(P))
     at, samples, block_of, arrived = 0.0, {}, {}, -1
@@ -153,7 +163,7 @@ def test_dense_reference_and_batch_smoother(tip):
         assert estimate.used == 2 + 3 * (len(parts) - 1)
         compared += estimate.used
         if tip:
-            assert np.allclose(estimate.disturbances["tip_force"], mean[2 * n :], atol=1e-7)
+            assert np.allclose(estimate.disturbances["tip_force"], mean[2 * n : 2 * n + 3], atol=1e-7)
         u = rng.uniform(model.u_min, model.u_max)
     assert compared > 30
     assert ekf.counts.unmatched == 0
