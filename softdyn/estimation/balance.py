@@ -49,6 +49,19 @@ class Disturbance(Enum):
             return model.nv
         return 3 if self is Disturbance.TIP_FORCE else 1
 
+    def units(self, model: SoftModel) -> dict[str, str]:
+        """The units of its components by their names, e.g. ``tip_force.x`` in N."""
+        parts: dict[str, str] = {"": ""}
+        if self is Disturbance.TIP_FORCE:
+            parts = dict.fromkeys((".x", ".y", ".z"), "N")
+        elif self is Disturbance.PAYLOAD:
+            parts = {"": "kg"}
+        elif self is Disturbance.JOINT_OFFSETS:
+            slides = {j.name for j in model.robot.moving_joints if j.kind == "prismatic"}
+            names = model.joint_names
+            parts = {f".{name}": "m" if name in slides else "rad" for name in names}
+        return {self.value + part: unit for part, unit in parts.items()}
+
 
 class BalanceTerms(NamedTuple):
     """The balance at one point.

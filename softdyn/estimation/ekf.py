@@ -83,6 +83,8 @@ class Ekf:
         The number of readings that a step takes.
     reading_names : tuple of str
         Their names, e.g. ``camera.x``.
+    disturbance_units : dict of str to str
+        Units of the disturbances' components by their names, e.g. ``tip_force.x`` in N.
 
     Raises
     ------
@@ -111,6 +113,9 @@ class Ekf:
         self.disturbances = disturbances_of(model, disturbances)
         self.components = sum(sensor.kind.size for sensor in chosen)
         self.reading_names = Sensors(model, tuple(chosen)).components.names
+        self.disturbance_units = {
+            name: unit for one in self.disturbances for name, unit in one.units(model).items()
+        }
         self._channels = sensor_channels(model, tuple(chosen))
         self._step, self._drives = ImplicitStep(model, self.disturbances), Drives(model)
         q, v = (model.q0, np.zeros(model.nv)) if start is None else start

@@ -9,7 +9,7 @@ from softdyn.commands import cli
 
 PROGRAMS = (
     "fuzz", "robots", "pairs", "planted", "textbook", "closed_forms", "peer", "field",
-    "compare_steps", "scaling", "twins", "poses", "scenes", "tables", "pictures",
+    "compare_steps", "scaling", "twins", "poses", "scenes", "forces", "tables", "pictures",
 )  # fmt: skip
 
 

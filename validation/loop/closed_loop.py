@@ -37,7 +37,7 @@ from softdyn.validation.loop.experiment import (
     Experiment,
 )
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.log_checks import RIGGED
+from softdyn.validation.loop.log_checks import ESTIMATED, RIGGED
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.record import (
@@ -233,6 +233,8 @@ class ClosedLoop:
         self._observe = None if observer is None else Observation(observer, model, self._rig)
         if self._observe is not None:
             self._observe.reset()
+            if self._observe.units:
+                self._record.extra(ESTIMATED, disturbances=len(self._observe.units))
         self._counts = Counts(controller)
         self.steps, self.done, self._complete = 0, False, False
         self.reason: str | None = None
@@ -336,6 +338,9 @@ class ClosedLoop:
         recorded: dict[str, Any] = {**self._record.arrays(steps)}
         if self._rig is not None:
             recorded |= self._rig.columns()
+        if self._observe is not None:
+            units = self._observe.units
+            recorded |= {"disturbance_names": (*units,), "disturbance_units": (*units.values(),)}
         recorded |= self._record.task_errors(steps, controller, self.reference)
         if self.surroundings is not None:
             recorded["obstacles"] = self.surroundings.table
@@ -376,6 +381,9 @@ class ClosedLoop:
         else:
             t = float(self._record.t[k])
             seen = self._rig.show(self._observe(t, measured, self._rig.sent))
+            if self._observe.units:
+                estimated = zip(ESTIMATED, self._observe.disturbances, strict=True)
+                self._record.put(k, **dict(estimated))
         self._record.put(k, acting=acting, measured=measured)
         if k < self.grid.steps:
             self._record.put(k, q_seen=seen.q, v_seen=seen.v)

@@ -19,7 +19,7 @@ from softdyn.validation.loop import verdict as judged
 from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, NAMES, SHAPES, check
 from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
-from softdyn.validation.loop.metrics import CM, mean_square
+from softdyn.validation.loop.metrics import CM, SIGMAS, mean_square
 from softdyn.validation.loop.summary import summary_text
 from softdyn.validation.loop.verdict import Verdict
 
@@ -94,8 +94,12 @@ class Log:
         The columns of `measured`, e.g. ``camera.x``.
     tasks, task_names : np.ndarray, (N + 1, columns), or None; tuple[str, ...]
         Of a controller with `tasks`: their errors.
-    command_units, sensor_units, task_units : tuple[str, ...]
-        The units of the columns of `command`, `measured` and `tasks`.
+    disturbances, deviations : np.ndarray, (N + 1, nd), or None
+        Of an observer of disturbances: their estimates and standard deviations.
+    disturbance_names : tuple[str, ...]
+        Their columns, e.g. ``tip_force.x``.
+    command_units, sensor_units, task_units, disturbance_units : tuple[str, ...]
+        The units of the columns of `command`, `measured`, `tasks` and `disturbances`.
     reserve : np.ndarray, (N + 1, barriers), or None
         Among obstacles: the smallest value of every barrier (m).
     obstacles : dict or None
@@ -150,6 +154,10 @@ class Log:
     tasks: np.ndarray | None = None
     task_names: tuple[str, ...] = ()
     task_units: tuple[str, ...] = ()
+    disturbances: np.ndarray | None = None
+    deviations: np.ndarray | None = None
+    disturbance_names: tuple[str, ...] = ()
+    disturbance_units: tuple[str, ...] = ()
     reserve: np.ndarray | None = None
     obstacles: dict[str, Any] | None = None
 
@@ -308,6 +316,7 @@ class Log:
             "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
             **found.to_dict(),
             **({"reserve_mm": {name: 1e3 * m for name, m in least.items()}} if least else {}),
+            **({"disturbances": self.disturbance_figures} if self.disturbance_names else {}),
         } | (
             {"tasks": self.task_figures, "missed_tasks": [*found.missed_tasks]}
             if self.task_names
@@ -327,6 +336,14 @@ class Log:
             Tolerance of the `verdict` (m).
         """
         return summary_text(self, beside, tolerance)
+
+    @property
+    def disturbance_figures(self) -> dict[str, tuple[float, float, str]]:
+        """The last estimate of each disturbance, half its 95 % interval, and their unit."""
+        if self.disturbances is None or self.deviations is None:
+            return {}
+        ends = self.disturbances[-1].tolist(), (SIGMAS * self.deviations[-1]).tolist()
+        return dict(zip(self.disturbance_names, zip(*ends, self.disturbance_units), strict=True))
 
     @property
     def task_figures(self) -> dict[str, Any]:

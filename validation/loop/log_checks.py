@@ -46,9 +46,14 @@ RIGGED = {
 TASKED = {"tasks": ("samples", "columns")}
 # only from a run among obstacles
 SURROUNDED = {"reserve": ("samples", "barriers")}
-EXTRA = CERTIFIED | RIGGED | TASKED | SURROUNDED
+# only from an observer of disturbances
+ESTIMATED = dict.fromkeys(("disturbances", "deviations"), ("samples", "disturbances"))
+EXTRA = CERTIFIED | RIGGED | TASKED | SURROUNDED | ESTIMATED
 # keys that older logs lack
-NAMES = ("sensor_names", "command_units", "sensor_units", "task_names", "task_units")
+NAMES = (
+    "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
+    "disturbance_names", "disturbance_units",
+)  # fmt: skip
 ADDED: dict[str, Any] = {"plant": None, "obstacles": None} | {name: [] for name in NAMES}
 
 
@@ -79,7 +84,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, SURROUNDED)
+    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, SURROUNDED, ESTIMATED)
     whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
     if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
@@ -91,6 +96,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
     with errors_in(where):
         around = Surroundings.of(about["obstacles"] or {}, where)
     sizes = {"nv": "joint_names", "sensors": "sensor_names", "columns": "task_names"}
+    sizes |= {"disturbances": "disturbance_names"}
     lengths = {axis: len(about[name]) for axis, name in sizes.items()}
     _check_shapes(where, arrays, lengths | {"barriers": len(around.names)})
     _check_units(where, arrays, about)
@@ -115,7 +121,7 @@ def _check_shapes(where: str, arrays: dict[str, np.ndarray], size: dict[str, int
 def _check_units(where: str, arrays: dict[str, np.ndarray], about: Mapping[str, Any]) -> None:
     """Refuse units that are not one for each column; older logs have none."""
     sizes = {"command_units": arrays["u_min"].size, "sensor_units": len(about["sensor_names"])}
-    sizes |= {"task_units": len(about["task_names"])}
+    sizes |= {f"{what}_units": len(about[f"{what}_names"]) for what in ("task", "disturbance")}
     for name, size in sizes.items():
         if len(about[name]) not in (0, size):
             raise InputError(where, f"{size} of {name}", f"{len(about[name])}")
@@ -209,6 +215,8 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "sensor_units": _is_units,
     "task_names": _is_names,
     "task_units": _is_units,
+    "disturbance_names": _is_names,
+    "disturbance_units": _is_units,
     "contacts": _is_flag,
     "complete": _is_flag,
     "failed": _is_flag,

@@ -24,8 +24,8 @@ def csv_text(log: Log) -> str:
     """Every sample of a run as a row: time, inputs, coordinates, velocities, tip and target.
 
     A run with a rig has further columns: the commands, the inputs that act as forces, the sensors'
-    readings, and the q and v that the controller saw. Errors of tasks and the reserves of barriers
-    follow if there are any.
+    readings, and the q and v that the controller saw. Estimated disturbances with their deviations,
+    errors of tasks and the reserves of barriers follow if there are any.
 
     The last row is the final state. No input begins there, so the row repeats the last input, the
     last command and the last state that the controller saw.
@@ -51,6 +51,7 @@ def csv_text(log: Log) -> str:
         list(zip(named, units or [""] * len(named), strict=True))
         for named, units in ((names, log.command_units), (log.sensor_names, log.sensor_units))
     )
+    estimated = list(zip(log.disturbance_names, log.disturbance_units, strict=True))
     barriers = [(name, "m") for name in (log.surroundings.names if log.surroundings else ())]
     groups = [
         ("u", inputs, log.u), ("q", coordinates, log.q), ("v", rates, log.v), ("tip", axes, log.y),
@@ -58,6 +59,7 @@ def csv_text(log: Log) -> str:
         ("command", commands, log.command), ("acting", inputs, log.acting),
         ("measured", readings, log.measured),
         ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
+        ("estimated", estimated, log.disturbances), ("deviation", estimated, log.deviations),
         ("task", list(zip(log.task_names, log.task_units, strict=True)), log.tasks),
         ("reserve", barriers, log.reserve),
     ]  # fmt: skip

@@ -10,11 +10,13 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.special import ndtri
 
 from softdyn import InputError
 from softdyn.checks import array, number
 
 CM = 100.0  # per m
+SIGMAS = float(ndtri(0.975))  # half a 95 % interval, in standard deviations
 
 
 def mean_square(t: np.ndarray, error: np.ndarray, start: float | None = None) -> float:

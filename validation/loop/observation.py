@@ -23,7 +23,8 @@ class Observation:
     Parameters
     ----------
     observer : Observer
-        An `Ekf`, or a class of your own with `step` and maybe `reset`.
+        An `Ekf`, or a class of your own with `step` and maybe `reset`. One with `disturbance_units`
+        has the estimates' `disturbances` and their `deviations` in the log.
     model : SoftModel
         The model that the controller has.
 
@@ -31,6 +32,10 @@ class Observation:
     ----------
     nanoseconds : int
         Time that the last estimate took.
+    units : dict of str to str
+        Units of the components of the estimated disturbances by their names.
+    disturbances : ndarray, (2, nd)
+        The last estimate of these, and its deviations.
 
     Raises
     ------
@@ -51,6 +56,8 @@ class Observation:
                 "observer", f"one for {len(rig.readings.names)} readings", f"for {takes}"
             )
         self._observer, self._model, self.nanoseconds = observer, model, 0
+        self.units: dict[str, str] = getattr(observer, "disturbance_units", {})
+        self.disturbances = np.full((2, len(self.units)), np.nan)
 
     def reset(self) -> None:
         """Begin a run."""
@@ -73,6 +80,13 @@ class Observation:
         estimate = self._observer.step(t, measured, sent)
         with errors_in("the observer's estimate"):
             state = self._model.state(estimate.q, estimate.v)
+        if self.units:
+            try:
+                for row, name in zip(self.disturbances, ("disturbances", "deviations"), strict=True):
+                    np.concatenate([*getattr(estimate, name).values()], out=row)
+            except (AttributeError, TypeError, ValueError):
+                expected = f"disturbances and deviations of {len(self.units)} components"
+                raise InputError("the observer's estimate", expected, "others") from None
         covariance = getattr(estimate, "covariance", None)
         if covariance is not None:
             state = State.trusted(**vars(state), covariance=covariance)

@@ -51,6 +51,8 @@ def summary_text(log: Log, beside: Mapping[str, str] | None, tolerance: float | 
             f"deadlines      MISSED {found.missed} of {log.steps}: steps longer than the "
             f"period of {1e3 * log.period:g} ms"
         )
+    for name, (value, half, unit) in log.disturbance_figures.items():
+        lines.append(f"estimated      {name} {value:.3g} ± {half:.2g} {unit}".rstrip())
     if log.least_reserve:
         parts = ", ".join(f"{name} {1e3 * m:.2f}" for name, m in log.least_reserve.items())
         lines.append(f"least reserve  {parts} mm")

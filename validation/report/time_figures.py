@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.labels import experiment_title, labels_of
 from softdyn.validation.loop.log import Log
-from softdyn.validation.loop.metrics import CM
+from softdyn.validation.loop.metrics import CM, SIGMAS
 from softdyn.validation.loop.verdict import activity
 from softdyn.validation.report import plot_style as look
 from softdyn.validation.report.figures import FINEST
@@ -71,16 +71,24 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
-    last finite sample. Runs among obstacles have the least reserve of their barriers at the bottom.
+    last finite sample. Runs with estimated disturbances have them with their 95 % intervals below, a
+    row per unit; runs among obstacles have the least reserve of their barriers at the bottom.
     """
+    estimated = [
+        (log, label, unit)
+        for log, label in zip(logs, labels, strict=True)
+        for unit in dict.fromkeys(log.disturbance_units)
+    ]
     among = [
         (log, label, log.reserve)
         for log, label in zip(logs, labels, strict=True)
         if log.reserve is not None
     ]
-    rows = 1 + len(logs) + bool(among)
+    rows = 1 + len(logs) + len(estimated) + bool(among)
     figure, grid = look.panels(rows, 1, look.PAGE, 1.5 * rows + 0.3, sharex="col")
     (errors,), *inputs = grid[: 1 + len(logs)]
+    for (axes,), shown in zip(grid[1 + len(logs) :], estimated, strict=False):
+        draw_disturbances(axes, *shown)
     if among:
         draw_reserves(grid[-1][0], among)
     (draw_tips if any(log.kind == ROLLOUT for log in logs) else draw_errors)(errors, logs, labels)
@@ -117,6 +125,25 @@ def draw_reserves(axes: Axes, runs: Sequence[tuple[Log, str, np.ndarray]]) -> No
         look.line(axes, log.t[: len(least)][kept], least[kept], colour, label=label)
     axes.axhline(0, color=look.NEUTRAL, linestyle=look.DOTTED, linewidth=0.8)
     axes.set_ylabel("least reserve (mm)")
+
+
+def draw_disturbances(axes: Axes, log: Log, label: str, unit: str) -> None:
+    """Draw the estimated disturbances of one unit, with their 95 % intervals."""
+    assert log.disturbances is not None and log.deviations is not None
+    columns = [k for k, of_column in enumerate(log.disturbance_units) if of_column == unit]
+    t = log.t[: log.finite_samples]
+    for i, k in enumerate(columns):
+        value, half = log.disturbances[: len(t), k], SIGMAS * log.deviations[: len(t), k]
+        kept = thin(value, bins=600)
+        colour = look.INPUTS[i % len(look.INPUTS)]
+        look.line(axes, t[kept], value[kept], colour, label=log.disturbance_names[k])
+        axes.fill_between(
+            t[kept], (value - half)[kept], (value + half)[kept], color=colour[0], alpha=0.2, lw=0
+        )
+    axes.set_ylabel(f"estimated ({unit or 1})")
+    axes.set_title(label, loc="left")
+    if len(columns) <= len(look.INPUTS):
+        axes.legend()
 
 
 def draw_tips(axes: Axes, logs: Sequence[Log], labels: Sequence[str]) -> None:

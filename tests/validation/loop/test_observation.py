@@ -90,7 +90,9 @@ def test_refusals():
     model = sensed("finger")
     bare, ekf = softdyn.load("finger"), Ekf(model)
     goal, law = SetPoint(np.zeros(3)), lambda state, _: np.zeros(2)
+    rest = SimpleNamespace(step=lambda *_: SimpleNamespace(q=np.zeros(4), v=np.zeros(4)))
     other = SimpleNamespace(step=lambda *_: SimpleNamespace(q=np.full(4, np.nan), v=np.zeros(4)))
+    vague = SimpleNamespace(step=rest.step, disturbance_units={"wind": "N"})
     for which, rig, observer, said in (
         (model, None, ekf, "a rig with sensors"),
         (bare, "file", ekf, "a rig with sensors"),
@@ -99,6 +101,7 @@ def test_refusals():
         (model, "file", 3, "an object with step"),
         (model, "file", Ekf(model, model.robot.sensors[:2]), "one for 5 readings"),
         (model, "file", other, "the observer's estimate"),
+        (model, "file", vague, "disturbances and deviations of 1 components"),
     ):
         with pytest.raises(InputError, match=said):
             simulate(which, law, goal, duration=0.01, rig=rig, observer=observer)
@@ -114,8 +117,40 @@ def test_the_command(tmp_path):
         "class Mine(Ekf):\n    def __init__(self, model):\n        super().__init__(model)\n"
     )
     begin = ["run", str(file), "best", "--target", "0.15", "0", "-0.12", "--duration", "0.1"]
+    table = str(tmp_path / "log.csv")
     for word, code in (("tip_force", 0), (f"{own}:Mine", 0), ("wind", 2)):
-        done = run(*begin, "--rig", "--observer", word, "--no-verdict")
+        done = run(*begin, "--rig", "--observer", word, "--no-verdict", "--log", table)
         assert done.code == code, done.err
+        if word == "tip_force":
+            assert "estimated      tip_force.x" in done.out
+            with open(table, encoding="utf-8") as rows:
+                assert "estimated.tip_force.x (N)" in rows.readline()
     assert "tip_force or payload" in done.err
     assert run(*begin, "--observer").code == 2
+
+
+def test_estimated_disturbances_are_in_the_log(tmp_path):
+    model, goal = sensed("finger", **CAMERA), paper.set_point("finger", theta=0.5)
+    observer, last = Ekf(model, disturbances=("tip_force", "joint_offsets")), []
+
+    class Kept:
+        disturbance_units = observer.disturbance_units
+        reset = observer.reset
+
+        def step(self, *given):
+            last[:] = [observer.step(*given)]
+            return last[0]
+
+    log = simulate(model, best(model), goal, duration=0.1, rig="file", observer=Kept())
+    log.save(tmp_path / "log.npz")
+    again = Log.load(tmp_path / "log.npz")
+    force, offsets = (last[0].disturbances[name] for name in ("tip_force", "joint_offsets"))
+    np.testing.assert_array_equal(again.disturbances[-1], [*force, *offsets])
+    np.testing.assert_array_equal(again.deviations[-1, :3], last[0].deviations["tip_force"])
+    assert again.disturbance_names[2:4] == ("tip_force.z", "joint_offsets.joint1")
+    low, high = last[0].interval("tip_force")
+    value, half, unit = again.report()["disturbances"]["tip_force.z"]
+    assert (value - half, value + half, unit) == pytest.approx((low[2], high[2], "N"))
+    rows = again.plot().axes
+    assert [axes.get_ylabel() for axes in rows[2:]] == ["estimated (N)", "estimated (rad)"]
+    np.testing.assert_array_equal(rows[2].lines[2].get_ydata()[-1], force[2])
