@@ -19,7 +19,17 @@ from softdyn.sensing.sensors import SUFFIXES
 
 FAR = 5.0  # times its bound; an input this large is probably in another unit
 SLOW = 0.5  # s between samples; with longer steps the times are probably milliseconds
-BESIDE = ("v.", "target.", "command.", "acting.", "q_seen.", "v_seen.", "task.", "reserve.")
+BESIDE = (
+    "v.",
+    "target.",
+    "command.",
+    "acting.",
+    "q_seen.",
+    "v_seen.",
+    "task.",
+    "goal.",
+    "reserve.",
+)
 GAPS = ("tip.", "length.", "point.", "pose.", READ)  # columns whose cells may be empty
 AXES = ("x", "y", "z")
 SHORTEST = 20  # least samples of a stretch; each stretch has its own unknown first state

@@ -8,6 +8,7 @@
 - `frames`: tasks of a link's frame: `PointTask`, `OrientationTask`, `PoseTask`, `AxisTask`;
 - `shape`: `ShapeTask`, `JointTask` and `StrainTask`, of the whole arm;
 - `targets`: targets and paths of them, stacked by the tasks' names;
+- `marks`: targets as rows of numbers, for logs, pages and the mouse;
 - `link_motion`: pose, Jacobian and J̇ q̇ of any link;
 - `rotations`: errors of angles and their derivatives.
 """

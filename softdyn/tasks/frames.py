@@ -6,7 +6,7 @@ All errors, targets and rates are in the world's axes; see `rotations` for those
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class FrameTask(Task):
     link: str
 
     suffix = ""
+    stated: ClassVar[TaskKind | None] = None  # its name in a robot's file
 
     def __post_init__(self) -> None:
         if not isinstance(self.link, str):
@@ -60,6 +61,7 @@ class PointTask(FrameTask):
 
     size = 3
     units = ("m",)
+    stated = TaskKind.POSITION
 
     def __post_init__(self) -> None:
         point = tuple(array("point", self.point, (3,)).tolist())
@@ -96,6 +98,7 @@ class OrientationTask(FrameTask):
     size = 3
     units = ("rad",)
     suffix = ".orientation"
+    stated = TaskKind.ORIENTATION
 
     def evaluate(self, state: State, target: Any) -> TaskError:
         """Error against a `Target` of shape (3, 3), a rotation with its ω and ω̇."""
@@ -124,6 +127,7 @@ class PoseTask(FrameTask):
     size = 6
     units = ("m", "m", "m", "rad")
     suffix = ".pose"
+    stated = TaskKind.POSE
 
     def __post_init__(self) -> None:
         point = tuple(array("point", self.point, (3,)).tolist())
@@ -161,6 +165,7 @@ class AxisTask(FrameTask):
     size = 3
     units = ("rad",)
     suffix = ".axis"
+    stated = TaskKind.AXIS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis", unit("axis", self.axis))
@@ -205,7 +210,5 @@ def tasks_of(model: SoftModel) -> list[Task]:
 
 
 OF_KIND: dict[TaskKind, type[PointTask | OrientationTask | PoseTask]] = {
-    TaskKind.POSITION: PointTask,
-    TaskKind.ORIENTATION: OrientationTask,
-    TaskKind.POSE: PoseTask,
+    one.stated: one for one in (PointTask, OrientationTask, PoseTask)
 }

@@ -83,7 +83,7 @@ class Track:
     ----------
     figure : int
         Index of the robot among the page's figures.
-    frames : ndarray, (N, 1 + nv + nu + 6)
+    frames : ndarray, (N, 1 + nv + nu + numbers + 6)
         Rows from `frames`; empty for a live robot.
     label, note : str
         Text in the legend; `note` says, for example, why the run failed.
@@ -211,16 +211,21 @@ def frames(
     u: np.ndarray,
     y: np.ndarray,
     y_ref: np.ndarray,
+    targets: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Frames (N, 1 + nv + nu + 6): time (s), joint coordinates, input, tip, reference (m).
+    """Frames (N, 1 + nv + nu + numbers + 6): time (s), coordinates, input, targets of tasks, tip,
+    reference (m).
 
     Parameters
     ----------
     q : ndarray, (N, nq)
         Configurations; the other arrays have one row for each of them.
+    targets : ndarray, (N, numbers), optional
+        The numbers of the targets of the figure's `marks`; none by default.
     """
     coordinates = np.array([model.coordinates(row) for row in q]).reshape(len(q), model.nv)
-    columns = (np.reshape(t, (-1, 1)), coordinates, u, y, y_ref)
+    goals = np.zeros((len(q), 0)) if targets is None else targets
+    columns = (np.reshape(t, (-1, 1)), coordinates, u, goals, y, y_ref)
     return np.concatenate(columns, axis=1, dtype=np.float32)
 
 

@@ -35,14 +35,22 @@ def rest_page(model: SoftModel) -> Page:
 
     A shape that cannot be shown gives a warning.
     """
-    figure = Figure.of(model)
+    figure = Figure.of(model, tasks=True)
     for problem in figure.problems:
         warnings.warn(problem, stacklevel=2)
     sweep = rest_sweep(model)
     moved = bool(sweep.u.any())
     track = Track(
         0,
-        frames(model, sweep.t, sweep.q, sweep.u, sweep.y, sweep.y),
+        frames(
+            model,
+            sweep.t,
+            sweep.q,
+            sweep.u,
+            sweep.y,
+            sweep.y,
+            np.full((len(sweep.t), figure.numbers), np.nan),
+        ),
         f"one {'input' if moved else 'joint'} after the other",
         aims=False,
         full=np.abs(sweep.u).max(axis=0) if moved else None,

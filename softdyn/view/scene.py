@@ -18,6 +18,8 @@ import pinocchio as pin
 from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
+from softdyn.tasks.frames import tasks_of
+from softdyn.tasks.marks import TaskMark, marks_of
 from softdyn.view.skin import skins
 from softdyn.view.tendon_paths import Path, fixed_path
 
@@ -64,7 +66,8 @@ class DrawnCable:
 class Figure:
     """All data that the viewer needs of a robot; `problems` name the shapes left out.
 
-    `scenery` are shapes around the robot, on the link `WORLD`.
+    `scenery` are shapes around the robot, on the link `WORLD`; `marks` are its tasks, whose targets
+    are in the frames.
     """
 
     model: SoftModel
@@ -72,10 +75,11 @@ class Figure:
     cables: tuple[DrawnCable, ...]
     problems: tuple[str, ...]
     scenery: tuple[Visual, ...] = ()
+    marks: tuple[TaskMark, ...] = ()
 
     @classmethod
-    def of(cls, model: SoftModel) -> Figure:
-        """The figure of a robot.
+    def of(cls, model: SoftModel, tasks: bool = False) -> Figure:
+        """The figure of a robot, on request with the tasks of its file.
 
         Raises
         ------
@@ -85,7 +89,13 @@ class Figure:
         shapes, problems = visuals(model.robot)
         if not shapes:
             shapes = tuple(_sticks(model.robot))
-        return cls(model, shapes, tuple(_cables(model, shapes)), problems)
+        marks = marks_of(tasks_of(model)) if tasks and model.robot.tasks else ()
+        return cls(model, shapes, tuple(_cables(model, shapes)), problems, marks=marks)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers the targets of all `marks` have."""
+        return sum(len(mark.columns) for mark in self.marks)
 
     @property
     def size(self) -> float:
@@ -115,6 +125,8 @@ class Figure:
             "links": len(self.links),
             "tip": links[robot.task],
             "dof": model.nv,
+            "marks": [{**mark.table, "link": links[mark.link]} for mark in self.marks],
+            "numbers": self.numbers,
             "floating": robot.floating,
             "root": links[robot.root],
             "joints": [

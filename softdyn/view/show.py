@@ -39,7 +39,7 @@ class View:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self._figure = check_model(model), Figure.of(model)
+        self.model, self._figure = check_model(model), Figure.of(model, tasks=True)
         self._server: Any = None
         self._shown = 0
         self.display()
@@ -98,8 +98,8 @@ class View:
         if self._server is None:
             from softdyn.view.server import Viewer  # a web server, imported only if needed
 
-            width = 1 + self.model.nv + self.model.nu + 6
-            self._server = Viewer(self._page(np.zeros((0, width)), live=True), port)
+            none = self._frame(0.0)[:0]
+            self._server = Viewer(self._page(none, live=True), port)
             self._push()
         if browser:
             self._server.open()
@@ -137,7 +137,8 @@ class View:
 
     def _frame(self, t: float) -> np.ndarray:
         y = self.model.state(self.q, np.zeros(self.model.nv)).y[None]
-        return frames(self.model, [t], self.q[None], self.u[None], y, y)
+        none = np.full((1, self._figure.numbers), np.nan)
+        return frames(self.model, [t], self.q[None], self.u[None], y, y, none)
 
 
 def show(model: SoftModel, q: Any = None, u: Any = None) -> View:

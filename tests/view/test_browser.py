@@ -12,6 +12,8 @@ import pytest
 import softdyn
 from softdyn import design
 from softdyn.description.rig import Sensor, SensorKind
+from softdyn.tasks import AxisTask, PoseTask, References
+from softdyn.tasks.marks import marks_of
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
@@ -105,6 +107,47 @@ def test_the_page_s_kinematics_and_cables_are_the_model_s(browser, logs, tmp_pat
         np.testing.assert_allclose(
             frame[1 + model.nv : 4 + model.nv], log.u[min(k, 299)], atol=1e-4
         )
+
+
+def test_targets_of_tasks_are_drawn_and_coincide_with_a_robot_that_fulfils_them(browser, tmp_path):
+    """A pose with an own origin, and a direction of another link, at q = 0 and while it falls."""
+    model = softdyn.load("finger")
+
+    class Idle:
+        tasks = (PoseTask("tip", (0.0, 0.02, 0.01)), AxisTask("link2", [1.0, 1.0, 0.0]))
+
+        def __call__(self, state, reference):
+            return np.zeros(model.nu)
+
+    poses = model.link_poses(model.q0)
+    marks = marks_of(Idle.tasks)
+    goal = References(
+        {mark.name: mark.target(mark.pose_numbers(poses[mark.link])) for mark in marks}
+    )
+    log = simulate(model, Idle(), goal, duration=0.2)
+    log.save(tmp_path / "run.npz")
+    replay(Log.load(tmp_path / "run.npz"), model).save(tmp_path / "tasks.html")
+    browser.open((tmp_path / "tasks.html").as_uri() + "#pause")
+    found = """softdyn.tracks[0].goals.marks.map(mark => [mark.object, mark.own].map(o => {
+      o.updateWorldMatrix(true, false);
+      return new T.Matrix4().copy(softdyn.stage.matrixWorld).invert().multiply(o.matrixWorld)
+        .elements; }).map(e => Array.from(e)))"""
+    (target, own), (way, along) = np.reshape(browser.run(found), (2, 2, 4, 4)).swapaxes(2, 3)
+    np.testing.assert_allclose(target, own, atol=1e-6)
+    np.testing.assert_allclose(way[:3, 2], along[:3, 2], atol=1e-6)
+    np.testing.assert_allclose(way[:3, 3], poses["link2"][:3, 3], atol=1e-6)
+    empty = "softdyn.tracks[0].goals.marks.forEach(m => { m.object.visible = false; }), 1"
+    before = browser.pixels("canvas")
+    browser.run(f"({empty}, softdyn.viewer.set_dirty(), 1)")
+    assert changed(before, browser.pixels("canvas")) > 300
+    browser.run("(softdyn.seek(0.2), 1)")
+    (target, own), (way, along) = np.reshape(browser.run(found), (2, 2, 4, 4)).swapaxes(2, 3)
+    frame = model.link_poses(log.q[-1])
+    np.testing.assert_allclose(own[:3, :3], frame["tip"][:3, :3], atol=1e-5)
+    np.testing.assert_allclose(own[:3, 3], (frame["tip"] @ [0, 0.02, 0.01, 1])[:3], atol=1e-5)
+    np.testing.assert_allclose(target[:3, 3], (poses["tip"] @ [0, 0.02, 0.01, 1])[:3], atol=1e-6)
+    np.testing.assert_allclose(way[:3, 3], frame["link2"][:3, 3], atol=1e-5)
+    assert browser.console == []
 
 
 def test_opacity_and_wireframe_show_what_links_hide(browser, tmp_path):

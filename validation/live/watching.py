@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from time import perf_counter_ns
 
 from softdyn.description.visuals import Visual
+from softdyn.tasks.marks import marks_of, target_row
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.loop.labels import controller_title
 from softdyn.validation.loop.log import Log
+from softdyn.validation.loop.record import tasks_in
 from softdyn.validation.studies import experiments
 from softdyn.view.live.channel import Channel
 from softdyn.view.live.frames import Columns
@@ -67,7 +69,7 @@ def open_watch_page(
     model, experiment = loop.model, loop.experiment
     on_ellipse = experiment and (experiment.theta, experiment.omega) != (None, None)
     robot = model.bundled or model.name
-    figure = Figure.of(model)
+    figure = replace(Figure.of(model), marks=marks_of(tasks_in(loop.controller)))
     obstacles = () if loop.surroundings is None else loop.surroundings.visuals(figure.size)
     figure = replace(figure, scenery=(*scenery, *obstacles))
     title = f"{robot}, {controller_title(loop.name)}"
@@ -77,7 +79,8 @@ def open_watch_page(
         figure, "watch", title=title, period=loop.grid.period,
         path=experiments.ellipse_points(model) if on_ellipse else None,
     )  # fmt: skip
-    return Channel(page, figure, replayed=Columns(model).replayed, title=robot, port=port)
+    replayed = Columns(model, figure.numbers).replayed
+    return Channel(page, figure, replayed=replayed, title=robot, port=port)
 
 
 def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, ViewerCost]:
@@ -97,7 +100,8 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
     tuple[Log, ViewerCost]
         The run, and the cost of showing it.
     """
-    model, columns, shown = loop.model, Columns(loop.model), 0
+    model, tasks, shown = loop.model, tasks_in(loop.controller), 0
+    columns = Columns(model, sum(len(mark.columns) for mark in marks_of(tasks)))
     clock = Clock(loop.grid.period, speed, keep=loop.grid.steps)
     channel.state({"law": controller_title(loop.name), "speed": speed})
     while True:
@@ -108,11 +112,11 @@ def watch(loop: ClosedLoop, channel: Channel, speed: float = 1.0) -> tuple[Log, 
         if step is None:
             break
         if clock.frame(RATE):
-            state, output = step.plant, step.output
+            state, output, goal = step.plant, step.output, loop.reference(step.t)
             channel.frame(
                 columns.frame(
                     t=step.t, q=model.coordinates(state.q), y=state.y,
-                    u=step.acting, y_ref=loop.reference(step.t).y,
+                    u=step.acting, targets=target_row(tasks, goal), y_ref=goal.y,
                     V=getattr(output, "V", float("nan")), misses=clock.misses, pace=clock.pace,
                     step_us=clock.worst_step, wake_us=clock.worst_wake,
                 )

@@ -13,6 +13,7 @@ import numpy as np
 
 from softdyn import InputError, SoftModel
 from softdyn.safety import Surroundings
+from softdyn.tasks.marks import TaskMark
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged
@@ -20,7 +21,7 @@ from softdyn.validation.loop.log_checks import ADDED, EXTRA, FORMAT, NAMES, SHAP
 from softdyn.validation.loop.log_csv import csv_text
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.loop.metrics import CM, SIGMAS, mean_square
-from softdyn.validation.loop.summary import summary_text
+from softdyn.validation.loop.summary import report, summary_text
 from softdyn.validation.loop.verdict import Verdict
 
 STEP_TIMES = {"median": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}  # percentiles
@@ -98,6 +99,8 @@ class Log:
         Of an observer of disturbances: their estimates and standard deviations.
     disturbance_names : tuple[str, ...]
         Their columns, e.g. ``tip_force.x``.
+    targets, marks : np.ndarray, (N + 1, numbers), or None; tuple[TaskMark, ...]
+        Of tasks of links' frames: the numbers of their targets, and what they are.
     command_units, sensor_units, task_units, disturbance_units : tuple[str, ...]
         The units of the columns of `command`, `measured`, `tasks` and `disturbances`.
     reserve : np.ndarray, (N + 1, barriers), or None
@@ -158,6 +161,8 @@ class Log:
     deviations: np.ndarray | None = None
     disturbance_names: tuple[str, ...] = ()
     disturbance_units: tuple[str, ...] = ()
+    targets: np.ndarray | None = None
+    marks: tuple[TaskMark, ...] = ()
     reserve: np.ndarray | None = None
     obstacles: dict[str, Any] | None = None
 
@@ -299,29 +304,7 @@ class Log:
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:
         """The run's figures with the keys of the commands' JSON; `tolerance` is in m."""
-        found, least = self.verdict(tolerance), self.least_reserve
-        return {
-            "robot": self.robot,
-            "controller": self.controller,
-            "kind": self.kind,
-            "final_error_cm": self.final_error_cm,
-            "mse_cm2": self.mse_cm2,
-            "failed": self.failed,
-            "reason": self.reason,
-            "steps": self.steps,
-            "step_us": self.step_times_us,
-            "not_solved": self.not_solved,
-            "fallbacks": self.fallbacks,
-            "max_bound_violation": self.max_bound_violation,
-            "verdict": "failed" if self.failed else ("reached" if found.reached else "not reached"),
-            **found.to_dict(),
-            **({"reserve_mm": {name: 1e3 * m for name, m in least.items()}} if least else {}),
-            **({"disturbances": self.disturbance_figures} if self.disturbance_names else {}),
-        } | (
-            {"tasks": self.task_figures, "missed_tasks": [*found.missed_tasks]}
-            if self.task_names
-            else {}
-        )
+        return report(self, tolerance)
 
     def summary(
         self, beside: Mapping[str, str] | None = None, tolerance: float | None = None
@@ -361,6 +344,7 @@ class Log:
         known = {*SHAPES, *EXTRA}
         about = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in known}
         about |= {"format": FORMAT, "source": asdict(self.source)}
+        about["marks"] = [mark.table for mark in self.marks]
         with atomic(path) as file:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **self._arrays())
 
@@ -395,5 +379,6 @@ class Log:
         about.pop("format")
         for name in ("joint_names", *NAMES):
             about[name] = tuple(about[name])
+        about["marks"] = tuple(TaskMark.of(table) for table in about["marks"])
         about["source"] = LoggedRobot(**about["source"])
         return cls(**content, **about)

@@ -11,6 +11,7 @@ import numpy as np
 from softdyn import InputError
 from softdyn.exceptions import errors_in
 from softdyn.safety import Surroundings
+from softdyn.tasks.marks import TaskMark
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.plain_data import LARGEST
 
@@ -44,15 +45,17 @@ RIGGED = {
 }
 # only from a controller of several tasks
 TASKED = {"tasks": ("samples", "columns")}
+# and of those, only from tasks of links' frames
+AIMED = {"targets": ("samples", "numbers")}
 # only from a run among obstacles
 SURROUNDED = {"reserve": ("samples", "barriers")}
 # only from an observer of disturbances
 ESTIMATED = dict.fromkeys(("disturbances", "deviations"), ("samples", "disturbances"))
-EXTRA = CERTIFIED | RIGGED | TASKED | SURROUNDED | ESTIMATED
+EXTRA = CERTIFIED | RIGGED | TASKED | AIMED | SURROUNDED | ESTIMATED
 # keys that older logs lack
 NAMES = (
     "sensor_names", "command_units", "sensor_units", "task_names", "task_units",
-    "disturbance_names", "disturbance_units",
+    "disturbance_names", "disturbance_units", "marks",
 )  # fmt: skip
 ADDED: dict[str, Any] = {"plant": None, "obstacles": None} | {name: [] for name in NAMES}
 
@@ -84,7 +87,7 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, f"a log of format {FORMAT}", _format(about) or "another format")
     if set(about) != names | {"format"}:
         raise InputError(where, f"entries {sorted(names)}", sorted(about))
-    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, SURROUNDED, ESTIMATED)
+    groups = (SHAPES, CERTIFIED, RIGGED, TASKED, AIMED, SURROUNDED, ESTIMATED)
     whole = [group for group in groups if group is SHAPES or not {*group}.isdisjoint(arrays)]
     if {name for group in whole for name in group} != set(arrays):
         raise InputError(where, f"arrays {', '.join(SHAPES)}", ", ".join(arrays))
@@ -95,10 +98,12 @@ def check(where: str, arrays: dict[str, np.ndarray], about: Any, names: set[str]
         raise InputError(where, "a reason only for a failed run", repr(about["reason"]))
     with errors_in(where):
         around = Surroundings.of(about["obstacles"] or {}, where)
+        goals = [name for mark in about["marks"] for name in TaskMark.of(mark).columns]
     sizes = {"nv": "joint_names", "sensors": "sensor_names", "columns": "task_names"}
     sizes |= {"disturbances": "disturbance_names"}
     lengths = {axis: len(about[name]) for axis, name in sizes.items()}
-    _check_shapes(where, arrays, lengths | {"barriers": len(around.names)})
+    lengths |= {"barriers": len(around.names), "numbers": len(goals)}
+    _check_shapes(where, arrays, lengths)
     _check_units(where, arrays, about)
     _check_values(where, arrays, about)
 
@@ -228,4 +233,5 @@ ENTRIES: dict[str, Callable[[Any], bool]] = {
     "source": _is_source,
     "plant": _or_none(_is_text),
     "obstacles": _or_none(lambda value: isinstance(value, dict)),
+    "marks": lambda value: isinstance(value, list),
 }

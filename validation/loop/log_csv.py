@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softdyn.description.robot import input_units
+from softdyn.description.stated_task import ROWS
 from softdyn.exceptions import InputError
 from softdyn.validation.loop.experiment import ROLLOUT
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 BASE = ("x", "y", "z", "qx", "qy", "qz", "qw")  # of a floating base, before the joints
 UNITS = {"prismatic": "m", "revolute": "rad", "continuous": "rad"}
+UNIT_OF = dict(zip(ROWS, ("m", "m", "m", "rad", "rad", "rad"), strict=True)) | dict.fromkeys(
+    ("dx", "dy", "dz"), ""
+)  # of a target's numbers
 RATES = {"rad": "rad/s", "m": "m/s", "": ""}
 
 
@@ -25,7 +29,7 @@ def csv_text(log: Log) -> str:
 
     A run with a rig has further columns: the commands, the inputs that act as forces, the sensors'
     readings, and the q and v that the controller saw. Estimated disturbances with their deviations,
-    errors of tasks and the reserves of barriers follow if there are any.
+    errors and targets (goal) of tasks and the reserves of barriers follow if there are any.
 
     The last row is the final state. No input begins there, so the row repeats the last input, the
     last command and the last state that the controller saw.
@@ -53,6 +57,9 @@ def csv_text(log: Log) -> str:
     )
     estimated = list(zip(log.disturbance_names, log.disturbance_units, strict=True))
     barriers = [(name, "m") for name in (log.surroundings.names if log.surroundings else ())]
+    goals = [
+        (name, UNIT_OF[name.rpartition(".")[2]]) for mark in log.marks for name in mark.columns
+    ]
     groups = [
         ("u", inputs, log.u), ("q", coordinates, log.q), ("v", rates, log.v), ("tip", axes, log.y),
         ("target", axes, None if log.kind == ROLLOUT else log.y_ref),
@@ -61,6 +68,7 @@ def csv_text(log: Log) -> str:
         ("q_seen", coordinates, log.q_seen), ("v_seen", rates, log.v_seen),
         ("estimated", estimated, log.disturbances), ("deviation", estimated, log.deviations),
         ("task", list(zip(log.task_names, log.task_units, strict=True)), log.tasks),
+        ("goal", goals, log.targets),
         ("reserve", barriers, log.reserve),
     ]  # fmt: skip
     there = [(kind, named, values) for kind, named, values in groups if values is not None]

@@ -18,6 +18,7 @@ from softdyn import InputError, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.controller import InputGuard
 from softdyn.controllers.qps.stacked_error import rows_of
+from softdyn.tasks.marks import marks_of, target_row
 from softdyn.tasks.task import Task, errors_along
 from softdyn.validation.loop.log_checks import CERTIFIED, EXTRA, SHAPES
 
@@ -138,9 +139,9 @@ class Recorder:
             self._extra[name][k] = _scalar(getattr(answer, name, None))
 
     def task_errors(self, steps: int, controller: object, reference: Any) -> dict[str, Any]:
-        """Errors of a controller's `tasks` at the finite samples, with their names and units."""
-        tasks = getattr(controller, "tasks", ())
-        if not (isinstance(tasks, tuple) and tasks and all(isinstance(one, Task) for one in tasks)):
+        """Errors of a controller's `tasks` at the finite samples, and the targets of the tasks."""
+        tasks = tasks_in(controller)
+        if not tasks:
             return {}
         t, q, v = (values[: steps + 1] for values in (self.t, self.q, self.v))
         known = np.isfinite(np.hstack((q, v))).all(axis=1)
@@ -150,7 +151,12 @@ class Recorder:
         units = {name: unit for part in parts for name, (unit, _) in part.items()}
         errors = np.full((len(t), len(units)), np.nan)
         errors[known] = np.column_stack([found[name] for name in units])
-        return {"tasks": errors, "task_names": (*units,), "task_units": (*units.values(),)}
+        made = {"tasks": errors, "task_names": (*units,), "task_units": (*units.values(),)}
+        marks = marks_of(tasks)
+        if not marks:
+            return made
+        rows = [target_row(tasks, reference(float(time))) for time in t]
+        return {**made, "targets": np.array(rows), "marks": marks}
 
     def arrays(self, steps: int) -> dict[str, np.ndarray]:
         """The arrays of a log of a run that did `steps` control steps."""
@@ -202,6 +208,13 @@ class Counts:
         """Largest violation of the bounds that the controller itself clipped."""
         name = "max_bound_violation"
         return number(f"the controller's {name}", getattr(self._source, name, 0.0), lower=0.0)
+
+
+def tasks_in(controller: object) -> tuple[Task, ...]:
+    """The `tasks` of a controller; none if it has something else of that name."""
+    tasks = getattr(controller, "tasks", ())
+    own = isinstance(tasks, tuple) and all(isinstance(one, Task) for one in tasks)
+    return tasks if own else ()
 
 
 def _scalar(value: Any) -> float:

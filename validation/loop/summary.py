@@ -1,10 +1,10 @@
-"""The figures of a run as text."""
+"""The figures of a run as text and as the commands' JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from softdyn.validation.loop import verdict as judged
 from softdyn.validation.loop.experiment import ROLLOUT
@@ -76,3 +76,31 @@ def _verdict_text(log: Log, found: Verdict) -> str:
     if found.missed_tasks:
         what += f"; beyond their tolerance: {', '.join(found.missed_tasks)}"
     return ("reached: " if found.reached else "not reached: ") + what
+
+
+def report(log: Log, tolerance: float | None) -> dict[str, Any]:
+    """The figures as JSON, see `Log.report`."""
+    found, least = log.verdict(tolerance), log.least_reserve
+    made = {
+        "robot": log.robot,
+        "controller": log.controller,
+        "kind": log.kind,
+        "final_error_cm": log.final_error_cm,
+        "mse_cm2": log.mse_cm2,
+        "failed": log.failed,
+        "reason": log.reason,
+        "steps": log.steps,
+        "step_us": log.step_times_us,
+        "not_solved": log.not_solved,
+        "fallbacks": log.fallbacks,
+        "max_bound_violation": log.max_bound_violation,
+        "verdict": "failed" if log.failed else ("reached" if found.reached else "not reached"),
+        **found.to_dict(),
+    }
+    if least:
+        made["reserve_mm"] = {name: 1e3 * m for name, m in least.items()}
+    if log.disturbance_names:
+        made["disturbances"] = log.disturbance_figures
+    if log.task_names:
+        made |= {"tasks": log.task_figures, "missed_tasks": [*found.missed_tasks]}
+    return made

@@ -9,6 +9,7 @@ import numpy as np
 
 from softdyn import SoftModel
 from softdyn.description.visuals import Visual
+from softdyn.tasks.marks import TaskMark
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.labels import controller_title, goal, labels_of
 from softdyn.validation.loop.log import Log
@@ -49,11 +50,16 @@ def replay(log: Log, model: SoftModel, around: Sequence[Visual] = ()) -> Page:
 
 def replays(logs: Sequence[Log], model: SoftModel, name: str, rate: float = RATE) -> Page:
     """One page with several runs of one robot, chosen from a list."""
+    marks = list(dict.fromkeys(log.marks for log in logs))
     runs = tuple(
-        PlayedRun(goal(log) + (" (failed)" if log.failed else ""), (track(log, model, rate=rate),))
+        PlayedRun(
+            goal(log) + (" (failed)" if log.failed else ""),
+            (track(log, model, marks.index(log.marks), rate=rate),),
+        )
         for log in logs
     )
-    return Page(name, (_figure(model, logs[:1]),), runs)
+    figure = _figure(model, logs[:1])
+    return Page(name, tuple(replace(figure, marks=each) for each in marks), runs)
 
 
 def comparison(
@@ -80,12 +86,10 @@ def comparison(
         When a log is another robot's.
     """
     labels = labels_of(logs) if labels is None else labels
-    figures = {
-        id(model): _figure(
-            model, [log for log, other in zip(logs, models, strict=True) if other is model]
-        )
-        for model in models
-    }
+    shared = dict[tuple[int, tuple[TaskMark, ...]], tuple[SoftModel, list[Log]]]()
+    for log, model in zip(logs, models, strict=True):
+        shared.setdefault((id(model), log.marks), (model, []))[1].append(log)
+    figures = {key: _figure(*pair) for key, pair in shared.items()}
     order = list(figures)
     # overlaid runs share the first one's obstacles
     again = not side_by_side and any(one.scenery for one in figures.values())
@@ -93,7 +97,8 @@ def comparison(
     x, tracks = 0.0, []
     for i, (log, model, label) in enumerate(zip(logs, models, labels, strict=True)):
         alone = i == 0 or side_by_side
-        number = order.index(id(model)) + (0 if alone or not again else len(order))
+        key = id(model), log.marks
+        number = order.index(key) + (0 if alone or not again else len(order))
         made = track(log, model, number, path=alone)
         tracks.append(
             replace(
@@ -105,7 +110,7 @@ def comparison(
                 offset=(x if side_by_side else 0.0, 0.0, 0.0),
             )
         )
-        x += GAP * figures[id(model)].size
+        x += GAP * figures[key].size
     goals = list(dict.fromkeys(goal(log) for log in logs))
     robots = list(dict.fromkeys(log.robot for log in logs))
     run = PlayedRun(" and ".join(goals), tuple(tracks), max(float(log.t[-1]) for log in logs))
@@ -113,8 +118,8 @@ def comparison(
 
 
 def _figure(model: SoftModel, logs: Sequence[Log]) -> Figure:
-    """A robot among the obstacles of the first log that has any."""
-    figure = Figure.of(model)
+    """A robot with the tasks of the first log, among the obstacles of the first that has any."""
+    figure = replace(Figure.of(model), marks=logs[0].marks)
     around = next((found for log in logs if (found := log.surroundings) is not None), None)
     return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
 
@@ -136,7 +141,15 @@ def track(
     said += [f"failed: {log.reason}"] if log.failed else []
     return Track(
         figure,
-        frames(model, t[kept], log.q[kept], u, log.y[kept], log.y_ref[kept]),
+        frames(
+            model,
+            t[kept],
+            log.q[kept],
+            u,
+            log.y[kept],
+            log.y_ref[kept],
+            None if log.targets is None else log.targets[kept],
+        ),
         controller_title(log.controller),
         note="; ".join(said),
         path=reference_path(log, model) if path else None,

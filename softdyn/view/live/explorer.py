@@ -53,7 +53,7 @@ class Explorer:
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self.model, self.columns = model, Columns(model)
+        self.model, self.columns = model, Columns(model, Figure.of(model, tasks=True).numbers)
         self.q, self.u, self.notice = model.q0, np.zeros(model.nu), ""
         self.rest: Equilibrium | None = None
         self.unstable: Equilibrium | None = None
@@ -120,10 +120,11 @@ def _along(here: Equilibrium, u: np.ndarray) -> Equilibrium | None:
 
 def open_explorer_page(model: SoftModel, port: int | None = None) -> Channel:
     """Serve the page of an explorer until the channel is closed."""
-    figure, title = Figure.of(model), model.bundled or model.name
+    figure, title = Figure.of(model, tasks=True), model.bundled or model.name
     return Channel(
-        live_page(figure, "explore", title=title), figure, replayed=Columns(model).replayed,
-        title=title, limits=Limits.of(model, (), figure.size), port=port,
+        live_page(figure, "explore", title=title), figure, title=title,
+        replayed=Columns(model, figure.numbers).replayed, limits=Limits.of(model, (), figure.size),
+        port=port,
     )  # fmt: skip
 
 

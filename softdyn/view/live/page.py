@@ -61,7 +61,7 @@ def live_page(
         "tension": [[stop, *rgb] for stop, rgb in TENSION],
         "figure": data,
         "links": figure.links,
-        "columns": Columns(model).data,
+        "columns": Columns(model, figure.numbers).data,
         "laws": list(laws),
         "open": OPEN_LOOP,
         "unit": input_unit(model.robot),

@@ -313,6 +313,91 @@ class Figure {
   }
 }
 
+// The tasks of a robot: each target, and thin on the robot the axes that shall come to it. A target
+// is a ball for a point, three axes for a rotation, an arrow for a direction.
+const AXES = [["#d3202f", 0], ["#1b8a3a", 1], ["#1f5fbf", 2]];
+
+class Goals {
+  constructor(figure, parent) {
+    const {size, marks} = figure.data;
+    this.figure = figure;
+    this.parent = parent;
+    let at = 0;
+    this.marks = marks.map(mark => {
+      const placed = mark.kind == "position" || mark.kind == "pose";
+      const made = {...mark, first: at, placed, turned: mark.kind == "pose" || mark.kind == "orientation"};
+      at += mark.kind == "pose" ? 6 : 3;
+      made.object = new T.Group();
+      made.own = new T.Group();
+      if (placed) made.own.position.set(...mark.vector);
+      if (mark.kind == "axis") made.way = new T.Vector3(...mark.vector);
+      if (placed) made.object.add(this.ball(0.014 * size));
+      if (made.turned) {
+        this.axes(made.object, 0.14 * size, 0.0035 * size);
+        this.axes(made.own, 0.1 * size, 0.0016 * size);
+      }
+      if (mark.kind == "axis") {
+        this.arrow(made.object, "#d3202f", 0.16 * size, 0.004 * size, 2);
+        this.arrow(made.own, TRAIL, 0.12 * size, 0.0025 * size, 2);
+        made.own.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), made.way);
+      }
+      figure.links[mark.link].add(made.own);
+      parent.add(made.object);
+      return made;
+    });
+    // a rotation or a direction stands where its link's target is, if there is one
+    for (const mark of this.marks) mark.host = mark.placed ? mark
+      : this.marks.find(other => other.placed && other.link == mark.link);
+  }
+  ball(radius) {
+    const ball = new T.Mesh(new T.SphereGeometry(radius, 24, 16), this.paint(TARGET));
+    ball.renderOrder = 1;
+    return ball;
+  }
+  paint(color) {  // never hidden
+    return new T.MeshPhongMaterial({color, opacity: 0.85, transparent: true, depthTest: false});
+  }
+  axes(group, length, radius) {
+    for (const [colour, axis] of AXES) this.arrow(group, colour, length, radius, axis);
+  }
+  arrow(group, colour, length, radius, axis) {
+    const way = new T.Vector3().setComponent(axis, 1), paint = this.paint(colour);
+    const rod = new T.Mesh(ROD, paint), head = new T.Mesh(new T.ConeGeometry(3 * radius, 9 * radius, 16), paint);
+    lay(rod, new T.Vector3(), way.clone().multiplyScalar(length), radius);
+    head.position.copy(way).multiplyScalar(length);
+    head.quaternion.setFromUnitVectors(UP, way);
+    for (const one of [rod, head]) {
+      one.renderOrder = 1;
+      group.add(one);
+    }
+  }
+  turn(mark, values) {
+    const [x, y, z] = values.subarray(mark.first + (mark.placed ? 3 : 0)), way = new T.Vector3(x, y, z);
+    if (!mark.turned) return new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), way.normalize());
+    const angle = way.length();
+    return new T.Quaternion().setFromAxisAngle(angle > 0 ? way.divideScalar(angle) : UP, angle);
+  }
+  place(mark, a, b, s) {
+    const at = mark.first, host = new T.Vector3(a[at], a[at + 1], a[at + 2]);
+    return host.lerp(new T.Vector3(b[at], b[at + 1], b[at + 2]), s);
+  }
+  // targets between two rows of numbers; a mark that `held` names stays
+  show(a, b, s, held) {
+    const home = this.parent.matrixWorld.clone().invert();
+    for (const mark of this.marks) {
+      mark.object.visible = Number.isFinite(a[mark.first]);
+      if (mark == held || !mark.object.visible) continue;
+      if (mark.host && Number.isFinite(a[mark.host.first]))
+        mark.object.position.copy(this.place(mark.host, a, b, s));
+      else mark.object.position.setFromMatrixPosition(this.figure.links[mark.link].matrixWorld)
+        .applyMatrix4(home);
+      if (mark.kind == "position") continue;
+      mark.object.quaternion.copy(this.turn(mark, a));
+      if (s > 0) mark.object.quaternion.slerp(this.turn(mark, b), s);
+    }
+  }
+}
+
 function geometryOf(mesh) {
   const packed = new Uint16Array(bytes(mesh.vertices)), vertices = new Float32Array(packed.length);
   for (let i = 0; i < packed.length; i++)

@@ -1,16 +1,16 @@
 "use strict";
 // Plays robots (figure.js) from a recording in the page, or live from a server. Meshcat's own
 // animations only move objects, but cables change shape and colour, and trails grow. Therefore
-// frames are (t, q, u, y, y_ref), and everything is drawn from them.
+// frames are (t, q, u, targets of tasks, y, y_ref), and everything is drawn from them.
 
 // One robot in one run: its frames, its trail and its target.
 class Track {
   constructor(data, figures, stage, unit) {
     Object.assign(this, data);
     this.figure = new Figure(figures[data.figure], data);
-    const {dof, inputs, size} = this.figure.data;
-    [this.dof, this.nu] = [dof, inputs.length];
-    this.stride = 1 + dof + this.nu + 6;
+    const {dof, inputs, size, numbers} = this.figure.data;
+    [this.dof, this.nu, this.numbers] = [dof, inputs.length, numbers];
+    this.stride = 1 + dof + this.nu + numbers + 6;
     this.object = new T.Group();
     this.object.position.set(...data.offset);
     this.object.add(this.figure.object);
@@ -21,6 +21,7 @@ class Track {
     this.target.renderOrder = 1;
     this.target.visible = data.aims;
     this.object.add(this.target);
+    this.goals = new Goals(this.figure, this.object);
     if (data.path) {
       const line = new Thread(this.object, PATH, 0.0018 * size, 1);
       data.path.forEach(point => line.add(new T.Vector3(...point)));
@@ -69,6 +70,8 @@ class Track {
     this.figure.pose(q, this.u);
     const [now, next] = [this.vector(a, 3), this.vector(b, 3)];
     this.target.position.set(...now.map((x, k) => x + s * (next[k] - x)));
+    const goals = 1 + this.dof + this.nu, row = f => f.subarray(goals, goals + this.numbers);
+    this.goals.show(row(a), row(b), s);
     this.trail.show(this.aims ? i : 0);
     this.now = this.error(s < 0.5 ? a : b);
   }

@@ -17,6 +17,7 @@ from softdyn.controllers import Impedance, Mpc
 from softdyn.description.robot import input_unit
 from softdyn.identification.data import read_csv
 from softdyn.tasks import AxisTask, PointTask
+from softdyn.tasks.marks import marks_of
 from softdyn.validation import Log, Rig, paper, simulate
 from softdyn.validation.loop.log_csv import csv_text
 from tests.support import micro, winched
@@ -288,7 +289,20 @@ def test_a_run_of_tasks_comes_back_and_its_csv_has_their_errors(tmp_path):
     again = Log.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.tasks, log.tasks)
     assert (again.task_names, again.task_units) == (("tip", "tip.axis"), ("m", "rad"))
-    assert csv_text(log).splitlines()[0].endswith(",task.tip (m),task.tip.axis (rad)")
+    goals = "goal.tip.x (m),goal.tip.y (m),goal.tip.z (m)"
+    ways = "goal.tip.axis.dx,goal.tip.axis.dy,goal.tip.axis.dz"
+    titles = csv_text(log).splitlines()[0]
+    assert titles.endswith(f",task.tip (m),task.tip.axis (rad),{goals},{ways}")
+    assert again.marks == log.marks == marks_of(tasks)
+    np.testing.assert_array_equal(again.targets[-1], [0.1, 0, -0.1, 1, 0, 0])
+    for broken in ({"link": 3}, {"kind": "way"}, {"vector": [0, np.nan, 0]}):
+        path = tmp_path / "marks.npz"
+        content = dict(np.load(tmp_path / "run.npz"))
+        about = json.loads(content.pop("about").item())
+        about["marks"][0] |= broken
+        np.savez(path, about=np.array(json.dumps(about)), **content)
+        with pytest.raises(InputError, match="mark"):
+            Log.load(path)
     replace(log, task_units=("m",)).save(tmp_path / "other.npz")
     with pytest.raises(InputError, match="task_units"):
         Log.load(tmp_path / "other.npz")

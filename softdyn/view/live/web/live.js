@@ -80,6 +80,7 @@ class Live {
     const look = {opacity: 1};
     this.figure = new Figure(scene.figure, look);
     this.stage.add(this.figure.object);
+    this.goals = new Goals(this.figure, this.stage);
     this.makeTarget();
     this.makeOverlays();
     this.makeCard();
@@ -216,6 +217,8 @@ class Live {
     this.fresh = false;
     const frame = this.last, u = Array.from(this.part(frame, "u"));
     this.figure.pose(Array.from(this.part(frame, "q")), u);
+    const targets = this.part(frame, "targets");
+    this.goals.show(targets, targets, 0);
     if (!this.gizmo.dragging) this.target.position.set(...this.part(frame, "y_ref"));
     this.target.visible = this.aims || this.scene.mode == "watch";
     const ghost = this.part(frame, "ghost");

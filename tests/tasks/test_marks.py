@@ -1,0 +1,71 @@
+"""Targets of tasks as numbers, in a log and on its page."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import softdyn
+from softdyn import InputError, Reference
+from softdyn.tasks import (
+    AxisTask,
+    JointTask,
+    OrientationTask,
+    PointTask,
+    PoseTask,
+    StackedReference,
+    Target,
+)  # fmt: skip
+from softdyn.tasks.marks import TaskMark, marks_of, target_row
+
+TIP = "tip"
+TASKS = [
+    PointTask(TIP, (0.01, 0.0, 0.02), name="point"), OrientationTask(TIP),
+    PoseTask(TIP, (0, 0.03, 0)), AxisTask(TIP, [1.0, -2.0, 0.5]), JointTask(["joint1"]),
+]  # fmt: skip
+
+
+def test_a_target_from_a_link_s_pose_is_fulfilled_there() -> None:
+    model = softdyn.load("finger")
+    marks = marks_of(TASKS)
+    assert [mark.name for mark in marks] == ["point", "tip.orientation", "tip.pose", "tip.axis"]
+    assert [len(mark.columns) for mark in marks] == [3, 3, 6, 3]
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        state = model.state(rng.uniform(model.lower, model.upper), np.zeros(model.nv))
+        pose = model.link_poses(state.q)[TIP]
+        rows = [mark.pose_numbers(pose) for mark in marks]
+        targets = {mark.name: mark.target(row) for mark, row in zip(marks, rows, strict=True)}
+        goal = StackedReference(targets)
+        for task in TASKS[:4]:
+            np.testing.assert_allclose(task(state, goal).error, 0, atol=1e-9)
+        np.testing.assert_allclose(target_row(TASKS, goal), np.concatenate(rows), atol=1e-9)
+        for mark, row in zip(marks, rows, strict=True):
+            mark.check(row, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("number", "values", "expected"),
+    [
+        (0, [0.0, 2.0, 0.0], "a point within 1 m"),
+        (1, [3.0, 1.0, 0.0], "at most pi"),
+        (2, [0.0, 0.0, -2.0, 0.0, 0.0, 0.0], "a point within 1 m"),
+        (2, [0.0, 0.0, 0.0, 0.0, 0.0, 4.0], "at most pi"),
+        (3, [0.0, 0.0, 0.0], "a unit vector"),
+        (3, [1.0, 1.0, 0.0], "a unit vector"),
+    ],
+)
+def test_numbers_that_no_mouse_drags_to_are_refused(
+    number: int, values: list[float], expected: str
+) -> None:
+    with pytest.raises(InputError, match=expected):
+        marks_of(TASKS)[number].check(np.array(values), 1.0)
+
+
+def test_a_mark_is_its_table() -> None:
+    for mark in marks_of(TASKS):
+        assert TaskMark.of(mark.table) == mark
+    with pytest.raises(InputError, match="mark"):
+        TaskMark.of({"name": "a", "link": "b", "kind": "axis"})
+    plain = StackedReference({"point": Reference(np.ones(3)), "tip.orientation": Target(np.eye(3))})
+    np.testing.assert_array_equal(target_row(TASKS[:2], plain), [1, 1, 1, 0, 0, 0])
