@@ -24,6 +24,9 @@ by the first controller: at the paper's set points, or for a user's robot at equ
 statics find. docs/real_time.md defines the figures, the floor and the paper's stack. The stack
 needs the extra bench (cvxpy, SCS) and is left out without it.
 
+--rows 6 12 times each controller also with the positions of 2 and 4 links, evenly from the tip to
+the base. The tip has the recorded reference, each other link its place at the end of its loop.
+
 --hostile times the slowest step instead. Every controller gets states and references full of NaN,
 infinities, huge and denormal numbers, singular Jacobians and input matrices
 (validation/timing/hostile.py), --rounds times each (5 by default). The figure is the processor time
@@ -52,6 +55,10 @@ parser.add_argument(
     "--rounds", type=cli.count, metavar="N", help="over all states (default: 10000 samples)"
 )
 parser.add_argument("--no-stack", action="store_true", help="leave the paper's stack out")
+parser.add_argument(
+    "--rows", nargs="+", type=cli.count, default=(), metavar="R",
+    help="also with R rows of tasks: the positions of R/3 links",
+)  # fmt: skip
 parser.add_argument("--hostile", action="store_true", help="the slowest step under hostile numbers")
 parser.add_argument("--throughput", action="store_true", help="also whole closed loops")
 parser.add_argument(
@@ -168,7 +175,9 @@ def step_times(arguments: cli.Arguments, models: dict[str, Any], makes: dict[str
             bar.set_description(name)
             _, drive = driver(model, makes)
             states = recorded(model, drive, arguments.states, out / "states", name)
-            report["rows"] += rows_of(name, model, makes, states.steps(), rounds, stack, bar.update)
+            report["rows"] += rows_of(
+                name, model, makes, states, rounds, stack, bar.update, arguments.rows
+            )
         if arguments.throughput:
             report["throughput"] = [
                 throughput(model, name, make=make)

@@ -374,8 +374,9 @@ def make_qp(
     """
     if not several_levels(error):
         return TaskQp(
-            model, gains, objective(gains), decrease=decrease, horizon=horizon, barriers=barriers
-        )
+            model, gains, objective(gains), decrease=decrease, horizon=horizon, barriers=barriers,
+            guess=isinstance(error, StackedError),
+        )  # fmt: skip
     if barriers is not None:
         raise InputError("tasks", "one level, beside barriers", "several")
     rest = objective(replace(gains, w1=0.0))

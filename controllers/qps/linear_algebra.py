@@ -117,7 +117,9 @@ def add_squares(
             g[i] += part * offset[x]
             for j in range(i + 1):
                 H[i, j] += part * rows[x, j]
-                H[j, i] = H[i, j]
+    for i in range(len(g)):
+        for j in range(i):
+            H[j, i] = H[i, j]
 
 
 @compiled
@@ -143,11 +145,13 @@ def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray
     """
     k, n = rows.shape
     left, along = rows.copy(), np.zeros(k)
-    basis = np.zeros((min(k, n), n))
+    basis, taken = np.zeros((min(k, n), n)), np.zeros(k, np.bool_)
     largest = 0.0
     for count in range(min(k, n)):
         pivot, square = 0, -1.0
         for i in range(k):
+            if taken[i]:
+                continue
             size = dot(left[i], left[i])
             if not size <= square:  # the first NaN stays chosen
                 pivot, square = i, size
@@ -157,10 +161,12 @@ def row_space(rows: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray
         if norm <= tolerance * largest:
             return basis[:count].copy()
         put(basis[count], left[pivot])
+        taken[pivot] = True
         project_out(basis[count], basis, count, along)
         divide(basis[count], np.sqrt(dot(basis[count], basis[count])))
         for i in range(k):
-            add(left[i], -dot(basis[count], left[i]), basis[count])
+            if not taken[i]:
+                add(left[i], -dot(basis[count], left[i]), basis[count])
     return basis
 
 

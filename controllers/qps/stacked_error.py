@@ -20,6 +20,7 @@ from softdyn.controllers.gains import Gains
 from softdyn.controllers.qps.clf import make_clf
 from softdyn.controllers.qps.linear_algebra import dot
 from softdyn.controllers.qps.tip_error import TipError
+from softdyn.tasks.frame_stack import KINDS, FrameStack
 from softdyn.tasks.frames import PointTask
 from softdyn.tasks.task import Task, TaskError
 
@@ -99,6 +100,10 @@ class StackedError:
         self.levels = tuple(slice(a, b) for a, b in pairwise(starts))
         self.rows = r
         self._levels = levels
+        both = list(zip(self.tasks, self.parts, strict=True))
+        framed: list[Any] = [each for each in both if type(each[0]) in KINDS]
+        self._framed = FrameStack(*zip(*framed, strict=True)) if framed else None
+        self._others = [each for each in both if type(each[0]) not in KINDS]
         weights = [
             np.broadcast_to(task.weight, size) for task, size in zip(self.tasks, sizes, strict=True)
         ]
@@ -109,16 +114,16 @@ class StackedError:
         P = clf.P_eps[::3, ::3]
         self._numbers = float(clf.eps), float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
         self._found = np.zeros((3, r)), np.zeros((r, n))
-        self._filled = np.zeros((4, r)), np.zeros((r, n)), np.zeros((2, len(order)))
+        self._filled = np.zeros((4, r)), np.zeros((r, n)), np.zeros(len(order))
         self._expose()
 
     def _expose(self) -> None:
-        vectors, J, sums = self._filled
+        vectors, J, self.bound = self._filled
         # kernels are compiled for read-only matrices, like a State's
         self.J, self.Jdot = J.view(), np.zeros_like(J)
         self.J.flags.writeable = self.Jdot.flags.writeable = False
         self.mu_ref, self.yddot, self.row, self.ydot = vectors
-        self.bound, self.V = sums[0], 0.0
+        self.V = 0.0
 
     def __getstate__(self) -> dict[str, Any]:
         views = ("J", "Jdot", "mu_ref", "yddot", "row", "ydot", "bound")
@@ -137,14 +142,15 @@ class StackedError:
             Whatever a task raises, or for a task's result of another shape.
         """
         values, jacobian = self._found
-        for task, part in zip(self.tasks, self.parts, strict=True):
+        if self._framed is not None:
+            self._framed.fill(state, reference, values, jacobian)
+        for task, part in self._others:
             found = evaluated(task, part.stop - part.start, state, reference)
             values[0, part], values[1, part], jacobian[part], values[2, part] = found
-        _stack(
+        self.V = _stack(
             values, jacobian, state.v, self.roots, self._Kp, self._levels, *self._numbers,
             *self._filled,
         )  # fmt: skip
-        self.V = float(self._filled[2][1].sum())
 
 
 def several_levels(error: TaskRows) -> bool:
@@ -214,9 +220,10 @@ def checked_tasks(model: SoftModel, tasks: Sequence[Task] | None) -> tuple[tuple
 
 
 @compiled
-def _stack(found, jacobian, v, root, Kp, levels, eps, P, Q, R, vectors, J, sums):
-    """Scale rows; fill (μ_ref, ÿ_ref, row, J q̇), J and, for each level, (bound, V)."""
-    sums[:] = 0.0
+def _stack(found, jacobian, v, root, Kp, levels, eps, P, Q, R, vectors, J, bounds):
+    """Scale rows; fill (μ_ref, ÿ_ref, row, J q̇), J and the levels' bounds; return V."""
+    bounds[:] = 0.0
+    total = 0.0
     for x in range(len(root)):
         e, edot = root[x] * found[0, x], root[x] * found[1, x]
         for k in range(len(v)):
@@ -226,5 +233,6 @@ def _stack(found, jacobian, v, root, Kp, levels, eps, P, Q, R, vectors, J, sums)
         vectors[2, x] = 2 * (Q * e + R * edot)
         vectors[3, x] = dot(J[x], v)
         V = e * (P * e + Q * edot) + edot * (Q * e + R * edot)
-        sums[1, levels[x]] += V
-        sums[0, levels[x]] -= V / eps + 2 * (P * e + Q * edot) * edot
+        total += V
+        bounds[levels[x]] -= V / eps + 2 * (P * e + Q * edot) * edot
+    return total

@@ -34,6 +34,8 @@ class FrameTask(Task):
 
     suffix = ""
     stated: ClassVar[TaskKind | None] = None  # its name in a robot's file
+    point = (0.0, 0.0, 0.0)
+    goal: ClassVar[tuple[str, tuple[int, ...]]] = ("a point", (3,))  # kind and shape of its target
 
     def __post_init__(self) -> None:
         if not isinstance(self.link, str):
@@ -42,9 +44,19 @@ class FrameTask(Task):
             object.__setattr__(self, "name", self.link + self.suffix)
         super().__post_init__()
 
-    def motion(self, state: State, point: tuple[float, ...] = (0.0, 0.0, 0.0)) -> LinkMotion:
-        """The motion of the link's frame, moved to a point of the link."""
-        return LinkKinematics.of(state.model)(state, self.link, point)
+    def motion(self, state: State) -> LinkMotion:
+        """The motion of the task's frame."""
+        return LinkKinematics.of(state.model)(state, self.link, self.point)
+
+    def check(self, target: Any) -> None:
+        """Refuse a target of another kind.
+
+        Raises
+        ------
+        InputError
+            It names the task, and says what its target must be.
+        """
+        check_target(self, target, *self.goal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +93,8 @@ class PointTask(FrameTask):
 
     def evaluate(self, state: State, target: Any) -> TaskError:
         """Error against a `Reference`, or a `Target` of shape (3,)."""
-        check_target(self, target, (3,), "a point")
-        at = self.motion(state, self.point)
+        self.check(target)
+        at = self.motion(state)
         return TaskError(
             at.position - target.y,
             at.velocity[:3] - target.ydot,
@@ -99,10 +111,11 @@ class OrientationTask(FrameTask):
     units = ("rad",)
     suffix = ".orientation"
     stated = TaskKind.ORIENTATION
+    goal = ("a rotation", (3, 3))
 
     def evaluate(self, state: State, target: Any) -> TaskError:
         """Error against a `Target` of shape (3, 3), a rotation with its ω and ω̇."""
-        check_target(self, target, (3, 3), "a rotation")
+        self.check(target)
         at = self.motion(state)
         found = _empty(3, state)
         orientation_terms(
@@ -128,6 +141,7 @@ class PoseTask(FrameTask):
     units = ("m", "m", "m", "rad")
     suffix = ".pose"
     stated = TaskKind.POSE
+    goal = ("a pose", (4, 4))
 
     def __post_init__(self) -> None:
         point = tuple(array("point", self.point, (3,)).tolist())
@@ -136,8 +150,8 @@ class PoseTask(FrameTask):
 
     def evaluate(self, state: State, target: Any) -> TaskError:
         """Error (6,), translation first, against a `Target` of shape (4, 4)."""
-        check_target(self, target, (4, 4), "a pose")
-        at = self.motion(state, self.point)
+        self.check(target)
+        at = self.motion(state)
         found = _empty(6, state)
         pose_terms(
             at.rotation, at.position, at.jacobian, at.velocity, at.drift,
@@ -166,6 +180,7 @@ class AxisTask(FrameTask):
     units = ("rad",)
     suffix = ".axis"
     stated = TaskKind.AXIS
+    goal = ("a direction", (3,))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis", unit("axis", self.axis))
@@ -173,12 +188,16 @@ class AxisTask(FrameTask):
             object.__setattr__(self, "target", Target(self.axis))
         super().__post_init__()
 
-    def evaluate(self, state: State, target: Any) -> TaskError:
-        """Error against a `Target` of shape (3,), a unit vector with its two rates."""
-        check_target(self, target, (3,), "a direction")
+    def check(self, target: Any) -> None:
+        """Refuse also a vector that is no unit vector."""
+        super().check(target)
         if not abs(target.y @ target.y - 1) < 1e-6:
             expected = "a unit vector"
             raise InputError(f"target of {self.name!r}", expected, repr(target.y.tolist()))
+
+    def evaluate(self, state: State, target: Any) -> TaskError:
+        """Error against a `Target` of shape (3,), a unit vector with its two rates."""
+        self.check(target)
         at = self.motion(state)
         found = _empty(3, state)
         axis_terms(

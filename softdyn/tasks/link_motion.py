@@ -22,8 +22,11 @@ from softdyn.checks import did_you_mean
 from softdyn.compiled import compiled
 from softdyn.dynamics.engine import joint_tree, moved_bodies
 from softdyn.dynamics.model import SoftModel, State
-from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.dynamics.projection import underlying_tree
 from softdyn.exceptions import InputError
+
+ZERO = np.zeros(3)
+ZERO.flags.writeable = False
 
 
 class LinkMotion(NamedTuple):
@@ -50,7 +53,7 @@ class LinkMotion(NamedTuple):
     drift: np.ndarray
 
 
-class _Bodies(NamedTuple):
+class BodyKinematics(NamedTuple):
     """Kinematics of all bodies of a tree at a State, in arrays of their own."""
 
     S: np.ndarray  # (n, 6)
@@ -60,7 +63,7 @@ class _Bodies(NamedTuple):
     accelerations: np.ndarray  # (bodies, 6)
 
 
-class _Place(NamedTuple):
+class FramePlace(NamedTuple):
     """A frame of a link in the moving body that carries it."""
 
     body: int
@@ -76,13 +79,23 @@ class LinkKinematics:
     ----------
     model : SoftModel
         The robot.
+
+    Attributes
+    ----------
+    S : ndarray, (nt, n), or None
+        The projection of a reduced model onto its tree's nt degrees of freedom.
+    columns : ndarray of int, (nt, 2)
+        See `softdyn.dynamics.engine.joint_tree`.
+    count : int
+        Number of bodies, the world included.
     """
 
     def __init__(self, model: SoftModel) -> None:
-        self._tree, self._S = underlying_tree(model)
+        self._tree, self.S = underlying_tree(model)
         self._moves = moved_bodies(self._tree.pin_model)
-        self._columns = joint_tree(self._tree.pin_model)
-        self._places: dict[tuple[str, tuple[float, ...]], _Place] = {}
+        self.columns = joint_tree(self._tree.pin_model)
+        self.count = self._moves.shape[1]
+        self._places: dict[tuple[str, tuple[float, ...]], FramePlace] = {}
         self._last = threading.local()
 
     @staticmethod
@@ -104,42 +117,76 @@ class LinkKinematics:
         InputError
             For a link that the robot does not have.
         """
-        place = self._places.get((link, point)) or self._find(link, point)
+        place = self.place(link, point)
+        bodies = self.bodies(state)
+        rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
+        rates = np.empty((2, 6))
+        frame_motion(*bodies, *place, rotation, position, six, rates)
+        if self._tree.chart.floating:
+            position += self.base(state)
+        if self.S is not None:
+            six = six @ self.S
+        return LinkMotion(rotation, position, six, rates[0], rates[1])
+
+    def place(self, link: str, point: tuple[float, ...]) -> FramePlace:
+        """Where a frame of a link, moved to `point` (m) of it, is in the body that carries it.
+
+        Raises
+        ------
+        InputError
+            For a link that the robot does not have.
+        """
+        return self._places.get((link, point)) or self._find(link, point)
+
+    def bodies(self, state: State) -> BodyKinematics:
+        """The kinematics of all bodies; another State's overwrite them."""
         last = self._last
         if getattr(last, "state", None) is not state:
             # the arrays of the State before are used again; the world's rows in them stay zero
             last.bodies = self._bodies(state, getattr(last, "bodies", None))
             last.state = state
-        bodies: _Bodies = last.bodies
-        rotation, position, six = np.empty((3, 3)), np.empty(3), np.empty((6, len(self._moves)))
-        rates = np.empty((2, 6))
-        _frame(*bodies, *place, rotation, position, six, rates)
-        if self._tree.chart.floating:
-            position += _tree_configuration(state)[:3]
-        if self._S is not None:
-            six = six @ self._S
-        return LinkMotion(rotation, position, six, rates[0], rates[1])
+        found: BodyKinematics = last.bodies
+        return found
 
-    def _bodies(self, state: State, bodies: _Bodies | None) -> _Bodies:
-        tree, v = self._tree, state.v if self._S is None else self._S @ state.v
-        found = tree.kinematics(_tree_configuration(state))
+    def engine(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Its tree's Jacobian columns, rotations and translations, views of the engine; then v."""
+        v = state.v if self.S is None else self.S @ state.v
+        S, rotations, translations = self._tree.kinematics(self._configuration(state))
+        return S, rotations, translations, v
+
+    def base(self, state: State) -> np.ndarray:
+        """The place (3,) of a floating base, which `bodies` leave out; else zero."""
+        if not self._tree.chart.floating:
+            return ZERO
+        return self._configuration(state)[:3]
+
+    def _configuration(self, state: State) -> np.ndarray:
+        """That of the tree."""
+        if self.S is None:
+            return state.q
+        model: Any = state.model
+        found: np.ndarray = model.expand(state.q)
+        return found
+
+    def _bodies(self, state: State, bodies: BodyKinematics | None) -> BodyKinematics:
+        S, rotations, translations, v = self.engine(state)
         if bodies is None:
-            count, n = len(found[2]), len(v)
-            bodies = _Bodies(
-                np.empty((n, 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
+            count = self.count
+            bodies = BodyKinematics(
+                np.empty((len(v), 6)), np.empty((count, 3, 3)), np.empty((count, 3)),
                 np.zeros((count, 6)), np.zeros((count, 6)),
             )  # fmt: skip
-        _kinematics(*found, self._columns, v, *bodies)
+        _kinematics(S, rotations, translations, self.columns, v, *bodies)
         return bodies
 
-    def _find(self, link: str, point: tuple[float, ...]) -> _Place:
+    def _find(self, link: str, point: tuple[float, ...]) -> FramePlace:
         names = [each.name for each in self._tree.robot.links]
         if link not in names:
             raise InputError("link", f"a link of {self._tree.name!r}", did_you_mean(link, names))
         model: Any = self._tree.pin_model
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         body, placement = frame.parentJoint, frame.placement
-        place = _Place(
+        place = FramePlace(
             body,
             np.ascontiguousarray(self._moves[:, body]),
             np.array(placement.rotation, order="C"),
@@ -149,26 +196,29 @@ class LinkKinematics:
         return place
 
 
-def _tree_configuration(state: State) -> np.ndarray:
-    model = state.model
-    return model.expand(state.q) if isinstance(model, Projection) else state.q
-
-
 @compiled
 def _kinematics(
     columns, rotations_in, translations_in, tree, v,
     S, rotations, translations, twists, accelerations,
 ):  # fmt: skip
     """Copy the engine's results; add the twists, and the accelerations at q̈ = 0."""
-    n = len(v)
     for b in range(len(translations)):
         for i in range(3):
             translations[b, i] = translations_in[b, i]
             for j in range(3):
                 rotations[b, i, j] = rotations_in[b, i, j]
-    for k in range(n):
+    for k in range(len(v)):
         for x in range(6):
             S[k, x] = columns[k, x]
+    body_rates(S, tree, v, twists, accelerations)
+
+
+@compiled
+def body_rates(S, tree, v, twists, accelerations):
+    """Write the twists and the accelerations at q̈ = 0, both (bodies, 6); the world's are zero."""
+    n = len(v)
+    for k in range(n):
+        for x in range(6):
             twists[tree[k, 0], x] = twists[tree[k, 1], x] + S[k, x] * v[k]
     for k in range(n):
         twist, rate = twists[tree[k, 0]], v[k]
@@ -184,7 +234,7 @@ def _kinematics(
 
 
 @compiled
-def _frame(
+def frame_motion(
     S, rotations, translations, twists, accelerations, body, moves, own, offset,
     rotation, position, jacobian, rates,
 ):  # fmt: skip

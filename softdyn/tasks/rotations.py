@@ -30,6 +30,8 @@ TURN = 1e-9  # rad; an angle this close to π counts as π
 
 # coefficients of c in θ²: 2 ζ(2k) / (2π)^(2k), k = 1, 2, …
 SERIES = 2 * zeta(2.0 * np.arange(1, 33)) / (2 * np.pi) ** (2 * np.arange(1, 33))
+# Gauss's series of θ / sin θ in sin² ½θ, its coefficients k! / (3/2)_k
+HALVES = np.cumprod([1.0, *(j / (j + 0.5) for j in range(1, 15))])
 
 
 @compiled
@@ -75,11 +77,17 @@ def _c(s, series):
     return c, c1, c2
 
 
+# Vectors inside the kernels are tuples, because an array of three costs more than its arithmetic.
+
+
 @compiled
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+def _vector(a):
+    return a[0], a[1], a[2]
+
+
+@compiled
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
@@ -88,47 +96,35 @@ def _dot3(a, b):
 
 
 @compiled
-def _relative(R, omega, drift, Rr, omega_r, alpha_r, E, Omega, rest):
-    """E, Ω, and Ω̇ without its part J_ω q̈."""
-    turned, across = np.empty(3), np.empty(3)
-    for i in range(3):
-        Omega[i], rest[i] = omega[i], drift[i]
-        for j in range(3):
-            E[i, j] = R[i, 0] * Rr[j, 0] + R[i, 1] * Rr[j, 1] + R[i, 2] * Rr[j, 2]
-    for i in range(3):
-        turned[i] = _dot3(E[i], omega_r)
-        Omega[i] -= turned[i]
-        rest[i] -= _dot3(E[i], alpha_r)
-    _cross(Omega, turned, across)
-    for i in range(3):
-        rest[i] -= across[i]
+def _plus(a, scale, b):
+    """a + scale b."""
+    return a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]
 
 
 @compiled
-def _apply(e, c, x, out):
+def _put(a, out):
+    out[0], out[1], out[2] = a
+
+
+@compiled
+def _turned(E, a):
+    """E a, of a matrix (3, 3) as an array."""
+    return _dot3(_vector(E[0]), a), _dot3(_vector(E[1]), a), _dot3(_vector(E[2]), a)
+
+
+@compiled
+def _apply(e, c, x):
     """A x = x - ½ e × x + c e × (e × x)."""
-    once, twice = np.empty(3), np.empty(3)
-    _cross(e, x, once)
-    _cross(e, once, twice)
-    for i in range(3):
-        out[i] = x[i] - 0.5 * once[i] + c * twice[i]
+    once = _cross(e, x)
+    return _plus(_plus(x, -0.5, once), c, _cross(e, once))
 
 
 @compiled
-def _apply_rate(e, edot, c, cdot, x, out):
+def _apply_rate(e, edot, c, cdot, x):
     """Ȧ x = -½ ė × x + ċ e × (e × x) + c (ė × (e × x) + e × (ė × x))."""
-    along, moving, work = np.empty(3), np.empty(3), np.empty(3)
-    _cross(e, x, along)
-    _cross(edot, x, moving)
-    _cross(e, along, work)
-    for i in range(3):
-        out[i] = -0.5 * moving[i] + cdot * work[i]
-    _cross(edot, along, work)
-    for i in range(3):
-        out[i] += c * work[i]
-    _cross(e, moving, work)
-    for i in range(3):
-        out[i] += c * work[i]
+    along, moving = _cross(e, x), _cross(edot, x)
+    found = _plus((-0.5 * moving[0], -0.5 * moving[1], -0.5 * moving[2]), cdot, _cross(e, along))
+    return _plus(_plus(found, c, _cross(edot, along)), c, _cross(e, moving))
 
 
 @compiled
@@ -152,31 +148,35 @@ def orientation_terms(
     error, rate, rows, rest : ndarray, (3,), (3,), (3, n), (3,)
         Filled: e, ė, and the two parts in ë = rows q̈ + rest.
     """
-    E, Omega, turning, column = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    _relative(R, omega, drift, Rr, omega_r, alpha_r, E, Omega, turning)
-    log3(E, error)
-    c, c1, _ = _c(_dot3(error, error), series)
-    _apply(error, c, Omega, rate)
-    _apply_rate(error, rate, c, 2 * c1 * _dot3(error, rate), Omega, rest)
-    _apply(error, c, turning, column)
+    E = np.empty((3, 3))
     for i in range(3):
-        rest[i] += column[i]
-    matrix, axis = np.empty((3, 3)), np.zeros(3)
-    for j in range(3):
-        axis[j] = 1.0
-        _apply(error, c, axis, column)
-        axis[j] = 0.0
-        for i in range(3):
-            matrix[i, j] = column[i]
-    _multiply(matrix, J, rows)
+        for j in range(3):
+            E[i, j] = R[i, 0] * Rr[j, 0] + R[i, 1] * Rr[j, 1] + R[i, 2] * Rr[j, 2]
+    turned = _turned(E, _vector(omega_r))
+    Omega = _plus(_vector(omega), -1.0, turned)
+    # Ω̇ without its part J q̈
+    turning = _plus(_vector(drift), -1.0, _turned(E, _vector(alpha_r)))
+    turning = _plus(turning, -1.0, _cross(Omega, turned))
+    log3(E, error)
+    e = _vector(error)
+    c, c1, _ = _c(_dot3(e, e), series)
+    edot = _apply(e, c, Omega)
+    bent = _apply_rate(e, edot, c, 2 * c1 * _dot3(e, edot), Omega)
+    _put(edot, rate)
+    _put(_plus(bent, 1.0, _apply(e, c, turning)), rest)
+    _multiply(
+        _apply(e, c, (1.0, 0.0, 0.0)), _apply(e, c, (0.0, 1.0, 0.0)), _apply(e, c, (0.0, 0.0, 1.0)),
+        J, rows,
+    )  # fmt: skip
 
 
 @compiled
-def _multiply(matrix, J, rows):
-    """rows = matrix J, of a matrix (3, 3)."""
+def _multiply(first, second, third, J, rows):
+    """rows = matrix J, of a matrix (3, 3) given by its columns."""
     for i in range(3):
+        a, b, c = first[i], second[i], third[i]
         for k in range(J.shape[1]):
-            rows[i, k] = matrix[i, 0] * J[0, k] + matrix[i, 1] * J[1, k] + matrix[i, 2] * J[2, k]
+            rows[i, k] = a * J[0, k] + b * J[1, k] + c * J[2, k]
 
 
 @compiled
@@ -200,78 +200,43 @@ def pose_terms(
     error, rate, rows, rest : ndarray, (6,), (6,), (6, n), (6,)
         Filled, as by `orientation_terms`; the translation comes first.
     """
-    e, edot = error[3:], rate[3:]
     orientation_terms(
         R, J[3:], twist[3:], drift[3:], pose_r[:3, :3], twist_r[3:], rate_r[3:], series,
-        e, edot, rows[3:], rest[3:],
+        error[3:], rate[3:], rows[3:], rest[3:],
     )  # fmt: skip
-    d, ddot, dddot = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        d[i] = p[i] - pose_r[i, 3]
-        ddot[i], dddot[i] = twist[i] - twist_r[i], drift[i] - rate_r[i]
+    e, edot = _vector(error[3:]), _vector(rate[3:])
+    d = p[0] - pose_r[0, 3], p[1] - pose_r[1, 3], p[2] - pose_r[2, 3]
+    ddot = _plus(_vector(twist), -1.0, _vector(twist_r))
+    dddot = _plus(_vector(drift), -1.0, _vector(rate_r))
     c, c1, c2 = _c(_dot3(e, e), series)
-    along, twice, moving, work = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    _cross(e, d, along)
-    _cross(e, along, twice)
-    _cross(edot, d, moving)
-    inward = _dot3(e, edot)
+    along = _cross(e, d)
+    twice, moving, inward = _cross(e, along), _cross(edot, d), _dot3(e, edot)
     # x = A d, ẋ = A ḋ + Ȧ d
-    _apply(e, c, d, work)
-    for i in range(3):
-        error[i] = work[i]
-    _apply(e, c, ddot, work)
-    for i in range(3):
-        rate[i] = work[i]
-    _apply_rate(e, edot, c, 2 * c1 * inward, d, work)
-    for i in range(3):
-        rate[i] += work[i]
+    _put(_apply(e, c, d), error)
+    _put(_plus(_apply(e, c, ddot), 1.0, _apply_rate(e, edot, c, 2 * c1 * inward, d)), rate)
     # ẍ = A d̈ + 2 Ȧ ḋ + Ä d; Ä d is linear in ë, see `_bend`, plus terms in ė²
-    _apply(e, c, dddot, work)
-    for i in range(3):
-        rest[i] = work[i]
-    _apply_rate(e, edot, c, 2 * c1 * inward, ddot, work)
-    for i in range(3):
-        rest[i] += 2 * work[i]
-    _cross(edot, along, work)
-    for i in range(3):
-        rest[i] += 4 * c1 * inward * work[i]
-        rest[i] += (4 * c2 * inward * inward + 2 * c1 * _dot3(edot, edot)) * twice[i]
-    _cross(e, moving, work)
-    for i in range(3):
-        rest[i] += 4 * c1 * inward * work[i]
-    _cross(edot, moving, work)
-    for i in range(3):
-        rest[i] += 2 * c * work[i]
-    _bend(e, d, along, twice, c, c1, rest[3:], work)
-    for i in range(3):
-        rest[i] += work[i]
-    matrix, turned, axis, column = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3), np.empty(3)
-    for j in range(3):
-        axis[j] = 1.0
-        _apply(e, c, axis, column)
-        _bend(e, d, along, twice, c, c1, axis, work)
-        axis[j] = 0.0
-        for i in range(3):
-            matrix[i, j], turned[i, j] = column[i], work[i]
-    _multiply(matrix, J, rows)
+    bent = _plus(_apply(e, c, dddot), 2.0, _apply_rate(e, edot, c, 2 * c1 * inward, ddot))
+    bent = _plus(bent, 4 * c1 * inward, _plus(_cross(edot, along), 1.0, _cross(e, moving)))
+    bent = _plus(bent, 4 * c2 * inward * inward + 2 * c1 * _dot3(edot, edot), twice)
+    bent = _plus(bent, 2 * c, _cross(edot, moving))
+    bent = _plus(bent, 1.0, _bend(e, d, along, twice, c, c1, _vector(rest[3:])))
+    _put(bent, rest)
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    _multiply(_apply(e, c, x), _apply(e, c, y), _apply(e, c, z), J, rows)
+    first, second = _bend(e, d, along, twice, c, c1, x), _bend(e, d, along, twice, c, c1, y)
+    third = _bend(e, d, along, twice, c, c1, z)
     for i in range(3):
         for k in range(J.shape[1]):
-            for j in range(3):
-                rows[i, k] += turned[i, j] * rows[3 + j, k]
+            rows[i, k] += first[i] * rows[3, k] + second[i] * rows[4, k] + third[i] * rows[5, k]
 
 
 @compiled
-def _bend(e, d, along, twice, c, c1, x, out):
+def _bend(e, d, along, twice, c, c1, x):
     """The part of Ä d that is linear in ë = x: -½ x × d + 2 c' (e·x) e × (e × d) + c (…)."""
-    moving, work = np.empty(3), np.empty(3)
-    _cross(x, d, moving)
-    _cross(x, along, work)
-    inward = 2 * c1 * _dot3(e, x)
-    for i in range(3):
-        out[i] = -0.5 * moving[i] + inward * twice[i] + c * work[i]
-    _cross(e, moving, work)
-    for i in range(3):
-        out[i] += c * work[i]
+    moving = _cross(x, d)
+    found = -0.5 * moving[0], -0.5 * moving[1], -0.5 * moving[2]
+    found = _plus(found, 2 * c1 * _dot3(e, x), twice)
+    return _plus(_plus(found, c, _cross(x, along)), c, _cross(e, moving))
 
 
 @compiled
@@ -293,79 +258,66 @@ def axis_terms(
     error, rate, rows, rest : ndarray, (3,), (3,), (3, n), (3,)
         Filled, as by `orientation_terms`.
     """
-    adot, addot, w = np.empty(3), np.empty(3), np.empty(3)
-    wdot, wddot, work, column = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    _cross(omega, a, adot)
-    _cross(drift, a, addot)
-    _cross(omega, adot, work)
-    for i in range(3):
-        addot[i] += work[i]
-    _cross(d, a, w)
+    a, d, ddot, dddot = _vector(a), _vector(d), _vector(ddot), _vector(dddot)
+    omega, drift = _vector(omega), _vector(drift)
+    adot = _cross(omega, a)
+    addot = _plus(_cross(drift, a), 1.0, _cross(omega, adot))
+    w = _cross(d, a)
     square, x = _dot3(w, w), _dot3(d, a)
     size = np.sqrt(square)
     if x < 0 and size < TURN:
         # w serves as n, and the target's own turn is d × ḋ
-        k = 0
-        for i in range(1, 3):
-            if abs(d[i]) < abs(d[k]):
-                k = i
-        work[:] = 0.0
-        work[k] = 1.0
-        _cross(d, work, w)
+        w = _cross(d, (1.0, 0.0, 0.0))
+        if abs(d[1]) < abs(d[0]) and abs(d[1]) <= abs(d[2]):
+            w = _cross(d, (0.0, 1.0, 0.0))
+        elif abs(d[2]) < abs(d[0]):
+            w = _cross(d, (0.0, 0.0, 1.0))
         size = np.sqrt(_dot3(w, w))
-        _cross(d, ddot, work)
-        _cross(d, dddot, column)
-        for i in range(3):
-            w[i] /= size
-        turn, turning = _dot3(w, omega) - _dot3(w, work), _dot3(w, drift) - _dot3(w, column)
+        w = w[0] / size, w[1] / size, w[2] / size
+        turn = _dot3(w, omega) - _dot3(w, _cross(d, ddot))
+        turning = _dot3(w, drift) - _dot3(w, _cross(d, dddot))
         for i in range(3):
             error[i], rate[i], rest[i] = np.pi * w[i], turn * w[i], turning * w[i]
         for j in range(J.shape[1]):
-            along = _dot3(w, J[:, j])
+            along = w[0] * J[0, j] + w[1] * J[1, j] + w[2] * J[2, j]
             for i in range(3):
                 rows[i, j] = along * w[i]
         return
     # e = φ(x) w with φ = θ / sin θ, w = d × a, x = d·a
     u = 0.5 * (1 - x)
     if u < 0.04:
-        # Gauss's series of θ / sin θ in sin² ½θ, its coefficients k! / (3/2)_k
         phi = by_u = by_uu = 0.0
-        for k in range(14, -1, -1):
-            share = 1.0
-            for j in range(1, k + 1):
-                share *= j / (j + 0.5)
+        for k in range(len(HALVES) - 1, -1, -1):
             by_uu = by_uu * u + 2 * by_u
             by_u = by_u * u + phi
-            phi = phi * u + share
+            phi = phi * u + HALVES[k]
         first, second = -0.5 * by_u, 0.25 * by_uu
     else:
         phi = np.arctan2(size, x) / size
         first = (x * phi - 1) / square
         second = (phi + 3 * x * first) / square
-    _cross(ddot, a, wdot)
-    _cross(d, adot, work)
-    xdot, xddot = _dot3(ddot, a) + _dot3(d, adot), _dot3(dddot, a) + 2 * _dot3(ddot, adot)
-    xddot += _dot3(d, addot)
+    wdot = _plus(_cross(ddot, a), 1.0, _cross(d, adot))
+    wddot = _plus(_plus(_cross(dddot, a), 2.0, _cross(ddot, adot)), 1.0, _cross(d, addot))
+    xdot = _dot3(ddot, a) + _dot3(d, adot)
+    xddot = _dot3(dddot, a) + 2 * _dot3(ddot, adot) + _dot3(d, addot)
     for i in range(3):
-        wdot[i] += work[i]
-    _cross(dddot, a, wddot)
-    _cross(ddot, adot, work)
-    for i in range(3):
-        wddot[i] += 2 * work[i]
-    _cross(d, addot, work)
-    for i in range(3):
-        wddot[i] += work[i]
         error[i] = phi * w[i]
         rate[i] = first * xdot * w[i] + phi * wdot[i]
         rest[i] = (second * xdot * xdot + first * xddot) * w[i]
         rest[i] += 2 * first * xdot * wdot[i] + phi * wddot[i]
-    matrix, axis = np.empty((3, 3)), np.zeros(3)
-    for j in range(3):
-        axis[j] = 1.0
-        _cross(axis, a, column)
-        axis[j] = 0.0
-        _cross(d, column, work)
-        along = first * _dot3(d, column)
-        for i in range(3):
-            matrix[i, j] = along * w[i] + phi * work[i]
-    _multiply(matrix, J, rows)
+    _multiply(
+        _swing(d, a, w, phi, first, (1.0, 0.0, 0.0)), _swing(d, a, w, phi, first, (0.0, 1.0, 0.0)),
+        _swing(d, a, w, phi, first, (0.0, 0.0, 1.0)), J, rows,
+    )  # fmt: skip
+
+
+@compiled
+def _swing(d, a, w, phi, first, omega):
+    """The rate of φ w while the direction turns at `omega`."""
+    moved = _cross(omega, a)
+    across, along = _cross(d, moved), first * _dot3(d, moved)
+    return (
+        along * w[0] + phi * across[0],
+        along * w[1] + phi * across[1],
+        along * w[2] + phi * across[2],
+    )

@@ -43,7 +43,7 @@ class ShapeTask(Task):
 
     def evaluate(self, state: State, target: Any) -> TaskError:
         """Error (3 k,) against a `Target` of shape (k, 3), the points' places."""
-        check_target(self, target, (len(self.arcs), 3), "a point of each arc length")
+        check_target(self, target, "a point of each arc length", (len(self.arcs), 3))
         places, kinematics = points_of_arm(state.model, self.arcs), LinkKinematics.of(state.model)
         motions = [kinematics(state, link, point) for link, point in places]
         return TaskError(
@@ -112,7 +112,7 @@ class JointTask(Task):
         for name in names:
             if name not in model.joint_names:
                 raise InputError("joints", "joints", did_you_mean(name, model.joint_names))
-        check_target(self, target, (len(names),), "joint coordinates")
+        check_target(self, target, "joint coordinates", (len(names),))
         rows = [model.joint_names.index(name) for name in names]
         kinds = {joint.name: joint.kind for joint in model.robot.joints}
         error = model.coordinates(state.q)[rows] - target.y
@@ -152,6 +152,6 @@ class StrainTask(Task):
             raise InputError("basis", expected, f"one of {len(self.basis.joints)} joints")
         inverse: np.ndarray = vars(self)["_inverse"]
         inverse = inverse[:, [self.basis.joints.index(name) for name in names]]
-        check_target(self, target, (len(inverse),), "reduced coordinates")
+        check_target(self, target, "reduced coordinates", (len(inverse),))
         xi = inverse @ state.model.coordinates(state.q)
         return TaskError(xi - target.y, inverse @ state.v - target.ydot, inverse, -target.yddot)

@@ -194,7 +194,7 @@ def errors_along(
     return {name: np.array(values) for name, values in found.items()}
 
 
-def check_target(task: Task, target: Any, shape: tuple[int, ...], what: str) -> None:
+def check_target(task: Task, target: Any, what: str, shape: tuple[int, ...]) -> None:
     """Refuse a target of another kind or shape.
 
     Raises

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SoftModel
+from softdyn import InputError, Reference, SetPoint, SoftModel
+from softdyn.tasks import LinkKinematics, PointTask, StackedReference
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, safe_filename
 from softdyn.validation.loop.experiment import Experiment
@@ -58,6 +59,27 @@ class RecordedStates:
         """(q, v, reference) of every state."""
         references = [Reference(*row) for row in zip(self.y, self.ydot, self.yddot, strict=True)]
         return list(zip(self.q, self.v, references, strict=True))
+
+    def task_steps(
+        self, model: SoftModel, tasks: Sequence[PointTask]
+    ) -> list[tuple[np.ndarray, np.ndarray, Reference]]:
+        """(q, v, references of points) of every state.
+
+        The first point has the state's own reference. Each other one has its place at the last
+        state of the same loop.
+        """
+        kinematics = LinkKinematics.of(model)
+        places: dict[str, dict[str, SetPoint]] = {}
+        for k in np.argsort(self.t):  # the last state of a loop stays
+            end = model.state(self.q[k], self.v[k])
+            places[self.loop[k]] = {
+                task.name: SetPoint(kinematics(end, task.link, task.point).position)
+                for task in tasks[1:]
+            }
+        return [
+            (q, v, StackedReference({tasks[0].name: reference} | places[loop]))
+            for (q, v, reference), loop in zip(self.steps(), self.loop, strict=True)
+        ]
 
     def save(self, path: Path) -> None:
         """Write an NPZ file, complete or not at all."""

@@ -27,6 +27,7 @@ STEP = (  # title, key, format
     ("ratio", "ratio", ".0f"),
     ("as a QP", "ratio_quadratic", ".0f"),
 )
+TASK_ROWS = (("task rows", "task_rows", ""), *STEP[2:10], ("× 3 rows", "tip_ratio", ".2f"))
 THROUGHPUT = (
     ("Robot", "robot", ""),
     ("simulated s", "simulated_s", ".0f"),
@@ -54,7 +55,9 @@ def machine() -> dict[str, Any]:
 
 def step_tables(report: dict[str, Any]) -> dict[str, Table]:
     """The tables of a report, by heading."""
-    found = {"One control step": Table.of(STEP, report["rows"])}
+    several = "tip_ratio" in report["rows"][0]
+    columns = (*STEP[:2], *TASK_ROWS) if several else STEP
+    found = {"One control step": Table.of(columns, report["rows"])}
     if "throughput" in report:
         found["Closed loops"] = Table.of(THROUGHPUT, report["throughput"])
     return found

@@ -13,17 +13,20 @@ import random
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter_ns, process_time
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from softdyn import Reference, SoftModel, State
+from softdyn import InputError, Reference, SoftModel, State
 from softdyn.compiled import COMPILES
 from softdyn.dynamics import tree as engine
 from softdyn.dynamics.projection import Projection, underlying_tree
+from softdyn.tasks import PointTask
 from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw
 from softdyn.validation.paper.solvers import Scs, Unsolved
+from softdyn.validation.timing.recording import RecordedStates
 
 SAMPLES = 10_000  # timed steps of a controller on a robot, for a 99.9th percentile of ten
 STACK_STATES = 12
@@ -268,22 +271,54 @@ def measure(
 def rows_of(
     robot: str,
     model: SoftModel,
-    makes: Mapping[str, Callable[[SoftModel], Any]],
-    steps: Sequence[Step],
+    makes: Mapping[str, Callable[..., Any]],
+    states: RecordedStates,
     rounds: int,
     stack: Callable[[Any], list[Law]] | None = None,
     tick: Callable[[], Any] = lambda: None,
+    rows: Sequence[int] = (),
 ) -> list[dict[str, Any]]:
     """The table of one robot: a row for each controller of `makes`, by name.
 
-    Other parameters are those of `Subject` and `measure`.
+    For each number in `rows` the controller has a further row, with that many rows of tasks; see
+    `spread_points`. Other parameters are those of `Subject` and `measure`.
+
+    Raises
+    ------
+    InputError
+        For a number of rows that is no multiple of 3, or more points than the robot has links.
     """
-    subjects = {law: Subject(model, make, steps, stack) for law, make in makes.items()}
-    size = {"n": model.nv, "m": model.nu}
-    return [
-        {"robot": robot, "controller": law, **size, **times.row()}
-        for law, times in measure(subjects, rounds, tick).items()
-    ]
+    subjects = {
+        (law, 3): Subject(model, make, states.steps(), stack) for law, make in makes.items()
+    }
+    for count in rows:
+        tasks = spread_points(model, count)
+        steps = states.task_steps(model, tasks)
+        for law, make in makes.items():
+            subjects[law, count] = Subject(model, partial(make, tasks=tasks), steps)
+    size, found = {"n": model.nv, "m": model.nu}, []
+    for (law, count), times in (all_times := measure(subjects, rounds, tick)).items():
+        row = {"robot": robot, "controller": law, "task_rows": count, **size, **times.row()}
+        if rows:
+            row["tip_ratio"] = float(np.median(times.step) / np.median(all_times[law, 3].step))
+        found.append(row)
+    return found
+
+
+def spread_points(model: SoftModel, rows: int) -> list[PointTask]:
+    """The positions of `rows` / 3 links, evenly from the tip to the base; the tip comes first.
+
+    Raises
+    ------
+    InputError
+        For a number of rows that is no multiple of 3, or more points than the robot has links.
+    """
+    tip = model.robot.task
+    links, (count, rest) = [joint.child for joint in model.robot.chain(tip)], divmod(rows, 3)
+    if rest or not 0 < count <= len(links):
+        expected = f"a multiple of 3, at most {3 * len(links)} on {model.name!r}"
+        raise InputError("rows", expected, rows)
+    return [PointTask(links[-1 - len(links) * k // count]) for k in range(count)]
 
 
 @contextmanager

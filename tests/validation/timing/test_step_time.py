@@ -15,7 +15,7 @@ from softdyn.validation import paper
 from softdyn.validation.paper.paper_qps import PAPER_QPS, PrintedLaw
 from softdyn.validation.paper.solvers import Scs
 from softdyn.validation.timing.recording import RecordedStates, record, recorded
-from softdyn.validation.timing.step_time import Subject, measure
+from softdyn.validation.timing.step_time import Subject, measure, spread_points
 from softdyn.validation.timing.throughput import throughput
 from tests.support import micro
 from tests.support.command import command
@@ -57,6 +57,38 @@ def test_the_command_times_the_states_it_finds(states, tmp_path):
         assert (row["states"], row["samples"]) == (25, 50)
     for name in ("step_time.pdf", "step_time.png", "step_time.md", "step_time.json"):
         assert (tmp_path / name).stat().st_size > 0
+
+
+def test_more_rows_of_tasks(states, tmp_path):
+    (tmp_path / "states").mkdir()
+    states.save(tmp_path / "states" / "finger.npz")
+    common = ("--robots", "finger", "--controllers", "soft-id-clf-qp", "--states", 25,
+              "--rounds", 1, "--no-stack", "--out", tmp_path, "--json", "-")  # fmt: skip
+    done = command("step-time", *common, "--rows", 6, 12)
+    assert done.code == 0, done.err
+    rows = json.loads(done.out)["rows"]
+    assert [row["task_rows"] for row in rows] == [3, 6, 12]
+    assert rows[0]["tip_ratio"] == 1
+    for row in rows[1:]:
+        assert row["tip_ratio"] == pytest.approx(row["median_us"] / rows[0]["median_us"])
+    code, _, err = command("step-time", *common, "--rows", 7)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "a multiple of 3" in err
+
+
+def test_the_reference_of_further_points_is_where_their_loop_ends(finger, states):
+    tip, middle = spread_points(finger, 6)
+    assert tip.link == "tip"
+    steps = states.task_steps(finger, [tip, middle])
+    for loop in set(states.loop):
+        own = np.flatnonzero(states.loop == loop)
+        end = finger.link_poses(states.q[own[states.t[own].argmax()]])[middle.link][:3, 3]
+        for k in own:
+            q, v, reference = steps[k]
+            assert (q == states.q[k]).all()
+            assert (v == states.v[k]).all()
+            assert (reference.targets["tip"].y == states.y[k]).all()
+            np.testing.assert_allclose(reference.targets[middle.name].y, end, atol=1e-12)
 
 
 def test_bad_input_is_one_line(tmp_path):
