@@ -11,7 +11,8 @@ only pulls, see `softdyn.actuation.winches`.
 The disturbances d act through E:
 
 - a force f at the tip, Jᵀ f; its Jacobian by q is f · (ω_j × J_k), joint j nearer to the base;
-- a payload m at the tip, by its weight alone, Jᵀ m γ;
+- a payload m at the tip, a point mass: the same derivatives of a robot of this mass alone, times m
+  (below zero by its weight alone, since an inertia below zero has no motion);
 - a factor 1 + s of the joint springs, -s K;
 - offsets o of the springs' rest positions, k o.
 """
@@ -37,7 +38,7 @@ class Disturbance(Enum):
     TIP_FORCE = "tip_force"
     """Force at the tip in the world's axes (N), three components."""
     PAYLOAD = "payload"
-    """Mass at the tip (kg), by its weight alone."""
+    """Mass at the tip (kg)."""
     STIFFNESS = "stiffness"
     """Relative change of all joint springs' stiffness."""
     JOINT_OFFSETS = "joint_offsets"
@@ -107,6 +108,8 @@ class ForceBalance:
         self._memory, self._in_view = memory(self._data)
         frame = self._engine.frames[self._engine.getFrameId(tree.robot.task, pin.FrameType.BODY)]
         tip = frame.parentJoint
+        self._point = _point_mass(self._engine, tip, frame.placement.translation)
+        self._point_data = self._point.createData()
         moves_tip = np.zeros(n, bool)
         for j in self._engine.supports[tip]:
             if j > 0:
@@ -119,7 +122,6 @@ class ForceBalance:
         tendons = tree.tendons
         self._constants: tuple[Any, ...] = (
             tip, np.array(frame.placement.translation), moves_tip,
-            self._engine.gravity.linear.copy(),
             np.column_stack((tree.stiffness, tree.rest, tree.damping)),
             np.column_stack((
                 tendons.offset, tree.tendon_stiffness, tree.tendon_rest, tree.tendon_damping,
@@ -136,6 +138,7 @@ class ForceBalance:
             np.zeros((n, tree.nu)), np.empty(tree.nu),
         )  # fmt: skip
         self._views: tuple[Any, ...] = ()
+        self._still = np.zeros(n)
 
     def __call__(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
@@ -163,17 +166,23 @@ class ForceBalance:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, commands: np.ndarray, d: np.ndarray
     ) -> tuple[Any, ...]:
         """Arguments of `balance_terms` at a point of the tree; the first seven are the results."""
-        data, held = self._data, self._memory
+        data, held, point = self._data, self._memory, self._point_data
         pin.computeRNEADerivatives(self._engine, data, q, v, a)
+        place = self._places[1]
+        if place >= 0:
+            moves = (v, a) if d[place] >= 0 else (self._still, self._still)
+            pin.computeRNEADerivatives(self._point, point, q, *moves)
         if not self._in_view:
             held.copy_from(data)
         if not self._views or not self._in_view:
-            by_q, by_v, M = (
-                np.reshape(block, (len(v), len(v)))
-                for block in (data.dtau_dq, data.dtau_dv, data.M.T)
-            )
+            whole, mass = (
+                (one.tau, *(
+                    np.reshape(block, (len(v), len(v)))
+                    for block in (one.dtau_dq, one.dtau_dv, one.M.T)
+                )) for one in (data, point)
+            )  # fmt: skip
             self._views = (
-                *self._results, data.tau, by_q, by_v, M, held.S, held.rotations, held.translations
+                *self._results, *whole, *mass, held.S, held.rotations, held.translations
             )  # fmt: skip
         coordinates = self._tree.chart.of(q)
         return (*self._views, v, coordinates, commands, d, self._places, *self._constants)
@@ -198,11 +207,22 @@ class ForceBalance:
         )  # fmt: skip
 
 
+def _point_mass(engine: pin.Model, joint: int, place: np.ndarray) -> pin.Model:
+    """The tree with a mass of 1 kg at a place of a joint, and no other."""
+    alone = engine.copy()
+    for k in range(len(alone.inertias)):
+        alone.inertias[k] = pin.Inertia.Zero()
+    alone.inertias[joint] = pin.Inertia(1.0, place, np.zeros((3, 3)))
+    alone.armature[:] = 0.0
+    return alone
+
+
 @compiled
 def balance_terms(
-    residual, by_q, by_v, by_a, by_d, by_commands, inputs, tau, tau_q, tau_v, M, S, rotations,
-    translations, v, coordinates, commands, d, places, tip, tip_offset, moves_tip, gravity, joints,
-    tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
+    residual, by_q, by_v, by_a, by_d, by_commands, inputs, tau, tau_q, tau_v, M, mass_tau, mass_q,
+    mass_v, mass_M, S, rotations, translations, v, coordinates, commands, d, places, tip,
+    tip_offset, moves_tip, joints, tendons, coefficients, actuators, actuated, bodies, offsets,
+    pairs, signs,
 ):  # fmt: skip
     """Fill in the `BalanceTerms`."""
     n = len(v)
@@ -212,17 +232,27 @@ def balance_terms(
             by_q[i, j] = tau_q[i, j]
             by_v[i, j] = tau_v[i, j]
             by_a[i, j] = M[i, j]
+    if places[1] >= 0:
+        mass, inertia = d[places[1]], max(d[places[1]], 0.0)
+        for i in range(n):
+            residual[i] += mass * mass_tau[i]
+            by_d[i, places[1]] = mass_tau[i]
+            for j in range(n):
+                by_q[i, j] += mass * mass_q[i, j]
+                by_v[i, j] += inertia * mass_v[i, j]
+                by_a[i, j] += inertia * mass_M[i, j]
     _joints(residual, by_q, by_v, by_d, v, coordinates, d, places, joints)
     if len(tendons) > 0:
         _tendons(
             residual, by_q, by_v, by_commands, inputs, S, rotations, translations, v, coordinates,
             commands, tendons, coefficients, actuators, actuated, bodies, offsets, pairs, signs,
         )  # fmt: skip
-    if places[0] >= 0 or places[1] >= 0:
+    if places[0] >= 0:
+        force = d[places[0] : places[0] + 3]
+        columns = by_d[:, places[0] : places[0] + 3]
         _tip_force(
-            residual, by_q, by_d, S, rotations, translations, d, places, tip, tip_offset,
-            moves_tip, gravity,
-        )  # fmt: skip
+            residual, by_q, columns, S, rotations, translations, force, tip, tip_offset, moves_tip
+        )
 
 
 @compiled
@@ -327,34 +357,24 @@ def directions(rotations, translations, bodies, offsets):
 
 @compiled
 def _tip_force(
-    residual, by_q, by_d, S, rotations, translations, d, places, tip, tip_offset, moves_tip,
-    gravity,
-):  # fmt: skip
-    """Subtract the force of a load and of a payload at the tip."""
-    n, force = len(residual), np.zeros(3)
-    y, J = np.empty(3), np.zeros((n, 3))
+    residual, by_q, by_force, S, rotations, translations, force, tip, tip_offset, moves_tip
+):
+    """Subtract a force at the tip."""
+    n, y = len(residual), np.empty(3)
+    J = np.zeros((n, 3))
     for x in range(3):
         y[x] = translations[tip, x]
         for i in range(3):
             y[x] += rotations[tip, x, i] * tip_offset[i]
-        if places[0] >= 0:
-            force[x] += d[places[0] + x]
-        if places[1] >= 0:
-            force[x] += d[places[1]] * gravity[x]
     for k in range(n):
         if not moves_tip[k]:
             continue
         J[k, 0] = S[k, 0] + S[k, 4] * y[2] - S[k, 5] * y[1]
         J[k, 1] = S[k, 1] + S[k, 5] * y[0] - S[k, 3] * y[2]
         J[k, 2] = S[k, 2] + S[k, 3] * y[1] - S[k, 4] * y[0]
-        weight = 0.0
         for x in range(3):
             residual[k] -= J[k, x] * force[x]
-            weight += J[k, x] * gravity[x]
-            if places[0] >= 0:
-                by_d[k, places[0] + x] = -J[k, x]
-        if places[1] >= 0:
-            by_d[k, places[1]] = -weight
+            by_force[k, x] = -J[k, x]
         a, b, c = J[k, 0], J[k, 1], J[k, 2]
         for j in range(k + 1):
             if moves_tip[j]:

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 import softdyn
 from softdyn.actuation import Winches
 from softdyn.description.rig import Sensor, SensorKind
+from softdyn.description.robot import Joint, Link
+from softdyn.description.urdf_writer import write as urdf
 from softdyn.dynamics.derivatives import residual_derivatives
 from softdyn.dynamics.projection import Projection
 from softdyn.estimation import Disturbance
@@ -19,6 +21,7 @@ from softdyn.estimation.balance import ForceBalance
 from softdyn.estimation.implicit_step import ImplicitStep, ImplicitStepResult
 from softdyn.estimation.readings import Reader
 from softdyn.estimation.second_order import second_order, sharp
+from softdyn.loading import load_text
 from softdyn.sensing import Sensors
 from tests.support.arms import PROJECTIONS
 from tests.support.micro import write
@@ -82,17 +85,25 @@ def test_balance(model):
 
 
 def test_disturbances_are_forces(model):
-    """A tip force is Jᵀ f, a payload a weight, and the springs' terms are the file's springs."""
+    """A tip force is Jᵀ f, a payload a link of the file, the springs' terms the file's springs."""
     q, v, a, commands, _ = case(model)
     state, none = model.state(q, v), ForceBalance(model)(q, v, a, commands, np.zeros(0))
     without = none.residual.copy()
     force, mass = np.array([0.3, -0.2, 0.5]), 0.04
     found = ForceBalance(model, ALL[:1])(q, v, a, commands, force)
     assert np.allclose(without - found.residual, state.J.T @ force)
-    found = ForceBalance(model, ALL[1:2])(q, v, a, commands, np.array([mass]))
-    assert np.allclose(without - found.residual, state.J[2] * -9.81 * mass)
+    found = ForceBalance(model, ALL[1:2])(q, v, a, commands, np.array([-mass]))
+    assert np.allclose(without - found.residual, state.J[2] * 9.81 * mass)
     if isinstance(model, Projection):
         return
+    robot = model.robot
+    links = (*robot.links, Link("payload", mass=mass))
+    fixed = Joint("held", "fixed", robot.task, "payload")
+    loaded = load_text(urdf(replace(robot, links=links, joints=(*robot.joints, fixed))), path=robot.path)
+    found = ForceBalance(model, ALL[1:2])(q, v, a, commands, np.array([mass]))
+    expected = ForceBalance(loaded)(q, v, a, commands, np.zeros(0))
+    for name in ("residual", "by_q", "by_v", "by_a"):
+        assert np.allclose(getattr(found, name), getattr(expected, name), atol=1e-12), name
     joints = tuple(
         replace(joint, stiffness=1.3 * joint.stiffness, rest=joint.rest + 0.1)
         if joint.kind in ("revolute", "prismatic") else joint for joint in model.robot.joints

@@ -18,11 +18,13 @@ to validation/studies/measured/forces.json; then `python -m tests.proof tables` 
 exit codes: 0 done; 2 bad input.
 """
 ROBOTS, POINTS = ("finger", "spirob"), (0.5, 1.0)
-KINDS = ("constant", "sine", "payload")
+CONSTANT = {"process": 0.2, "memory": 1e9, "longest": 5e-4}
+KINDS = {  # of EkfParameters
+    "constant": CONSTANT, "sine": CONSTANT | {"process": 0.05, "memory": 1.0}, "payload": CONSTANT,
+}  # fmt: skip
 LEAST, LARGEST, FREQUENCY, MASS = 0.1, 1.0, 0.5, 0.02  # N, N, Hz, kg
 NEAR, LIGHT = 0.1, 0.002  # of a force; kg
 LEVEL, SECONDS = 0.95, 4.0
-ASSUMED = {"process": 0.2, "longest": 5e-4}  # of EkfParameters
 SENSORS = "lengths=0.0005@1000,tip=0.001@60+0.03"
 MOVES = 1e-6  # of the largest singular value of J
 
@@ -72,7 +74,8 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     from softdyn.controllers import best
     from softdyn.estimation import Ekf, EkfParameters
     from softdyn.commands.observe import sensors_of
-    from softdyn.validation import Rig, paper, simulate
+    from softdyn.validation import Rig, paper
+    from softdyn.validation.loop.closed_loop import ClosedLoop
     from softdyn.validation.twin.plant_errors import PlantErrors
 
     model, rng = softdyn.load(robot), np.random.default_rng(seed)
@@ -84,14 +87,14 @@ def run(robot: str, theta: float, kind: str, seed: int) -> tuple[float, float, f
     turn, phase = (2 * np.pi * FREQUENCY, rng.uniform(0, 2 * np.pi)) if kind == "sine" else (0, 0)
     loaded, name = (True, "payload") if kind == "payload" else (False, "tip_force")
 
-    memory = 1.0 if kind == "sine" else 1e9
-    observer = Ekf(model, sensors, (name,), parameters=EkfParameters(memory=memory, **ASSUMED))
+    observer = Ekf(model, sensors, (name,), parameters=EkfParameters(**KINDS[kind]))
     rig = Rig(sensors=sensors, seed=seed, plant=PlantErrors(payload=MASS * loaded))
+    loop = ClosedLoop(
+        model, best(model), paper.set_point(robot, theta=theta), duration=SECONDS, rig=rig,
+        observer=observer,
+    )  # fmt: skip
     with pulling(lambda t: (not loaded) * np.cos(turn * t + phase) * force):
-        log = simulate(
-            model, best(model), paper.set_point(robot, theta=theta), duration=SECONDS,
-            rig=rig, observer=observer,
-        )  # fmt: skip
+        log = loop.run()
     error, covariance, size = log.disturbances[-1] - MASS, observer.covariance_of(name), MASS
     if not loaded:
         truth, size = np.cos(turn * log.t[-1] + phase) * force, np.linalg.norm(force)
