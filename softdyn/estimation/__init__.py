@@ -8,7 +8,7 @@
 - `ekf`, `parameters`: the extended Kalman filter, and the deviations that it assumes;
 - `estimate`: what it returns, and what an observer of a closed loop is;
 - `balance`, `implicit_step`: the prediction and its exact Jacobians;
-- `covariance`: prediction and updates of the covariance;
+- `covariance`, `drift`: prediction and updates of the covariance, with disturbances that change;
 - `readings`, `arrivals`, `second_order`: predicted readings, rates and latencies of sensors, and
   readings of a poorly known state;
 - `drives`: delay, rate and lag of motors;

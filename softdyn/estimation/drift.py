@@ -34,7 +34,7 @@ class DriftStep(NamedTuple):
     noise: np.ndarray
 
 
-class Drift:
+class DisturbanceDrift:
     """The processes of a filter's disturbances.
 
     Parameters

@@ -29,7 +29,7 @@ from softdyn.estimation.covariance import (
     update,
     usable,
 )
-from softdyn.estimation.drift import Drift
+from softdyn.estimation.drift import DisturbanceDrift
 from softdyn.estimation.drives import Drives
 from softdyn.estimation.estimate import StateEstimate
 from softdyn.estimation.implicit_step import ImplicitStep, onto_stops
@@ -131,7 +131,7 @@ class Ekf:
         self._first, self._force_noise, variances = self.parameters.variances(
             model, self.disturbances
         )
-        self._drift = Drift(model, self.disturbances, variances, self.parameters.memory)
+        self._drift = DisturbanceDrift(model, self.disturbances, variances, self.parameters.memory)
         self.reset()
 
     def reset(

@@ -49,7 +49,7 @@ class EkfParameters:
     spread: float = 0.01
     lost: float = 0.1
     process: float = 0.4
-    memory: float = 3.0
+    memory: float = 1.0
     tip_force: float = 1.0
     payload: float = 0.05
     stiffness: float = 0.2

@@ -163,7 +163,8 @@ def test_dense_reference_and_batch_smoother(tip):
         assert estimate.used == 2 + 3 * (len(parts) - 1)
         compared += estimate.used
         if tip:
-            assert np.allclose(estimate.disturbances["tip_force"], mean[2 * n : 2 * n + 3], atol=1e-7)
+            force = estimate.disturbances["tip_force"]
+            assert np.allclose(force, mean[2 * n : 2 * n + 3], atol=1e-7)
         u = rng.uniform(model.u_min, model.u_max)
     assert compared > 30
     assert ekf.counts.unmatched == 0

@@ -99,7 +99,8 @@ def test_disturbances_are_forces(model):
     robot = model.robot
     links = (*robot.links, Link("payload", mass=mass))
     fixed = Joint("held", "fixed", robot.task, "payload")
-    loaded = load_text(urdf(replace(robot, links=links, joints=(*robot.joints, fixed))), path=robot.path)
+    text = urdf(replace(robot, links=links, joints=(*robot.joints, fixed)))
+    loaded = load_text(text, path=robot.path)
     found = ForceBalance(model, ALL[1:2])(q, v, a, commands, np.array([mass]))
     expected = ForceBalance(loaded)(q, v, a, commands, np.zeros(0))
     for name in ("residual", "by_q", "by_v", "by_a"):

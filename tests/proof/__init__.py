@@ -15,5 +15,6 @@ of them.
 - `textbook`, `laws`: every controller against the paper's QPs as printed;
 - `compare_steps`, `scaling`, `timing`: step times compared with another checkout, and by the size
   of a robot;
-- `scenes`, `safety`: arms among obstacles, judged by MuJoCo's distances.
+- `scenes`, `safety`: arms among obstacles, judged by MuJoCo's distances;
+- `estimates`: forces that the observer estimates.
 """

@@ -325,8 +325,9 @@ class Log:
         """The last estimate of each disturbance, half its 95 % interval, and their unit."""
         if self.disturbances is None or self.deviations is None:
             return {}
-        ends = self.disturbances[-1].tolist(), (SIGMAS * self.deviations[-1]).tolist()
-        return dict(zip(self.disturbance_names, zip(*ends, self.disturbance_units), strict=True))
+        last, half = self.disturbances[-1].tolist(), (SIGMAS * self.deviations[-1]).tolist()
+        columns = zip(last, half, self.disturbance_units, strict=True)
+        return dict(zip(self.disturbance_names, columns, strict=True))
 
     @property
     def task_figures(self) -> dict[str, Any]:

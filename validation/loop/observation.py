@@ -82,8 +82,8 @@ class Observation:
             state = self._model.state(estimate.q, estimate.v)
         if self.units:
             try:
-                for row, name in zip(self.disturbances, ("disturbances", "deviations"), strict=True):
-                    np.concatenate([*getattr(estimate, name).values()], out=row)
+                np.concatenate([*estimate.disturbances.values()], out=self.disturbances[0])
+                np.concatenate([*estimate.deviations.values()], out=self.disturbances[1])
             except (AttributeError, TypeError, ValueError):
                 expected = f"disturbances and deviations of {len(self.units)} components"
                 raise InputError("the observer's estimate", expected, "others") from None

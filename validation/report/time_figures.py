@@ -71,8 +71,8 @@ def compare(logs: Sequence[Log], labels: Sequence[str]) -> Figure:
     """‖e‖ (cm, logarithmic) over time of every run, with every run's inputs below.
 
     Rollouts have the coordinates of the tip instead of ‖e‖. A run that diverged is drawn up to its
-    last finite sample. Runs with estimated disturbances have them with their 95 % intervals below, a
-    row per unit; runs among obstacles have the least reserve of their barriers at the bottom.
+    last finite sample. Estimated disturbances with their 95 % intervals are below, a row per unit.
+    Runs among obstacles have the least reserve of their barriers at the bottom.
     """
     estimated = [
         (log, label, unit)
@@ -129,7 +129,8 @@ def draw_reserves(axes: Axes, runs: Sequence[tuple[Log, str, np.ndarray]]) -> No
 
 def draw_disturbances(axes: Axes, log: Log, label: str, unit: str) -> None:
     """Draw the estimated disturbances of one unit, with their 95 % intervals."""
-    assert log.disturbances is not None and log.deviations is not None
+    assert log.disturbances is not None
+    assert log.deviations is not None
     columns = [k for k, of_column in enumerate(log.disturbance_units) if of_column == unit]
     t = log.t[: log.finite_samples]
     for i, k in enumerate(columns):

@@ -37,6 +37,7 @@ from softdyn.validation.studies.sweep_report import REST
 from softdyn.validation.tables import Table
 from tests.proof import poses
 from tests.proof.documents.settings import changes_table, gains_table
+from tests.proof.estimates import forces
 from tests.proof.safety import scenes
 
 MARKED = re.compile(
@@ -381,5 +382,6 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "reference-plant": _reference_plant,
     "hold": _hold,
     "statics": _statics,
+    "forces": lambda: Table.of(forces.COLUMNS, _rows("forces")).markdown(),
     "scenes": lambda: Table.of(scenes.COLUMNS, _rows("scenes")).markdown(),
 }
