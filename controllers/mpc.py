@@ -220,6 +220,11 @@ class Mpc(GuardedController):
         self._found = False
         self._follow.reset(self.period)
 
+    @property
+    def planning(self) -> bool:
+        """Whether targets or a plan are searched in the background."""
+        return self._follow.planning or (self._asked is not None and not self._asked.done())
+
     def follow(self, plan: Plan) -> None:
         """Follow a plan, then hold its target, as long as its goal is the reference."""
         self._goal, self._away, self._asked = plan.goal.copy(), 0.0, None

@@ -21,6 +21,10 @@ The plant runs in real time in this process, the pages' server in another. So a 
 frames, but delays nothing. The page lists its keys on "?". The printed address contains a random
 token. From another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. Ctrl-C ends it.
 
+--task pose has a target of three axes, --task axis an arrow; drag them, and turn them with t. A
+radian counts as much as the robot's length in a pose, and as a third of it for a direction. --task
+file has the <task>s of the robot's file. Controllers of your own then get tasks=[...].
+
 --measure S compares runs of S seconds: without pages, with two pages that read every frame and draw
 none, and with two windows of Chromium if it is installed. They take turns. The report has the times
 of the control step and the pace of the clock.
@@ -49,6 +53,10 @@ parser.add_argument(
 parser.add_argument(
     "--observer", nargs="?", const="", metavar="WHICH",
     help="estimate the state from the rig's sensors",
+)  # fmt: skip
+parser.add_argument(
+    "--task", choices=("pose", "axis", "file"),
+    help="drag the tip's pose, its position and direction, or the tasks of the robot's file",
 )  # fmt: skip
 parser.add_argument(
     "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
@@ -111,8 +119,20 @@ def make_session(arguments: cli.Arguments) -> Any:
         print(note, file=sys.stderr, flush=True)
     return Session(
         model, menu, law, period=arguments.period, target=arguments.target,
-        rig=rig, observer=observer,
+        rig=rig, observer=observer, tasks=tasks_for(model, arguments.task),
     )  # fmt: skip
+
+
+def tasks_for(model: Any, which: str | None) -> Any:
+    """The tasks to drag; the tip's position alone needs none."""
+    from softdyn.tasks import PoseTask, direction_tasks, tasks_of
+
+    if which == "pose":  # the robot's length counts as much as 1 rad
+        weight = [1.0] * 3 + [model.robot.length**2] * 3
+        return [PoseTask(model.robot.task, weight=weight)]
+    if which == "axis":
+        return direction_tasks(model)
+    return tasks_of(model) if which == "file" else ()
 
 
 def controllers_of(arguments: cli.Arguments, first: str) -> dict[str, Any]:

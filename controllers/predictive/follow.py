@@ -58,6 +58,11 @@ class PlanFollower:
         self._asked: Future[Plan | None] | None = None
         self._left = PLANS
 
+    @property
+    def planning(self) -> bool:
+        """Whether a plan is being made in the background."""
+        return self._asked is not None and not self._asked.done()
+
     def __call__(
         self,
         goal: np.ndarray | None,

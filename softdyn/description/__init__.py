@@ -6,6 +6,7 @@
 - `urdf_writer`: writes a robot as URDF text, the inverse of the parse;
 - `annotations`: softdyn's additions: a joint's spring (stiffness and rest), the ``<softdyn>`` block
   with armatures, tendons, actuators and tasks (`stated_task`), overlays;
+- `task_mark`: a task's link, kind and direction, for logs and pages;
 - `unknown_names`: misspelt and misplaced elements;
 - `robot`: the data: links, joints, tendons, and the tree that they span;
 - `rig`: the data of motors, winches and sensors; `rig_block` reads them from the block;

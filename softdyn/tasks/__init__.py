@@ -20,6 +20,7 @@ from softdyn.tasks.frames import (
     OrientationTask,
     PointTask,
     PoseTask,
+    direction_tasks,
     tasks_of,
 )
 from softdyn.tasks.link_motion import LinkKinematics, LinkMotion
@@ -38,6 +39,6 @@ from softdyn.tasks.task import Task, TaskError, errors_along
 __all__ = [
     "AxisTask", "FrameTask", "JointTask", "LinkKinematics", "LinkMotion", "OrientationTask",
     "PointTask", "PoseTask", "Poses", "References", "ShapeTask", "StackedReference", "StrainTask",
-    "Target", "Task", "TaskError", "Turns", "Waypoints", "errors_along", "recorded_paths",
-    "tasks_of",
+    "Target", "Task", "TaskError", "Turns", "Waypoints", "direction_tasks", "errors_along",
+    "recorded_paths", "tasks_of",
 ]  # fmt: skip

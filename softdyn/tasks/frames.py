@@ -228,6 +228,21 @@ def tasks_of(model: SoftModel) -> list[Task]:
     return found or [PointTask(model.robot.task)]
 
 
+def direction_tasks(model: SoftModel) -> list[Task]:
+    """The tip's position, and the arm's direction there; a third of its length counts as 1 rad.
+
+    Raises
+    ------
+    InputError
+        For a robot whose tip lies in its base.
+    """
+    tip = model.robot.task
+    offsets = [joint.origin.xyz for joint in model.robot.chain(tip) if any(joint.origin.xyz)]
+    if not offsets:
+        raise InputError("robot", "a tip away from its base", model.robot.name)
+    return [PointTask(tip), AxisTask(tip, offsets[-1], weight=0.1 * model.robot.length**2)]
+
+
 OF_KIND: dict[TaskKind, type[PointTask | OrientationTask | PoseTask]] = {
     one.stated: one for one in (PointTask, OrientationTask, PoseTask)
 }

@@ -16,10 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.description.robot import Joint, Robot, Tendon, levels, poses
+from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import BoxShape, CylinderShape, Mesh, SphereShape, Visual, visuals
 from softdyn.dynamics.model import SoftModel
 from softdyn.tasks.frames import tasks_of
-from softdyn.tasks.marks import TaskMark, marks_of
+from softdyn.tasks.marks import marks_of
 from softdyn.view.skin import skins
 from softdyn.view.tendon_paths import Path, fixed_path
 

@@ -67,12 +67,11 @@ def within(errors: Sequence[float], units: Sequence[str], limits: Mapping[str, f
 
 def tasks_for(model: Any, what: str) -> tuple[Any, ...]:
     """The tip's position, and its direction or the position of a link half-way."""
-    from softdyn.tasks import AxisTask, PointTask
+    from softdyn.tasks import PointTask, direction_tasks
 
+    if what == AXIS:
+        return tuple(direction_tasks(model))
     tip, chain = model.robot.task, model.robot.chain(model.robot.task)
-    if what == AXIS:  # the arm's direction at its tip; a third of its length counts as 1 rad
-        along = next(j.origin.xyz for j in reversed(chain) if any(j.origin.xyz))
-        return PointTask(tip), AxisTask(tip, along, weight=0.1 * model.robot.length**2)
     return PointTask(tip), PointTask(chain[len(chain) // 2].child)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import softdyn
 from softdyn import InputError, Reference
+from softdyn.description.task_mark import TaskMark
 from softdyn.tasks import (
     AxisTask,
     JointTask,
@@ -16,7 +17,7 @@ from softdyn.tasks import (
     StackedReference,
     Target,
 )  # fmt: skip
-from softdyn.tasks.marks import TaskMark, marks_of, target_row
+from softdyn.tasks.marks import marks_of, numbers_at, stacked, target_row
 
 TIP = "tip"
 TASKS = [
@@ -34,9 +35,8 @@ def test_a_target_from_a_link_s_pose_is_fulfilled_there() -> None:
     for _ in range(5):
         state = model.state(rng.uniform(model.lower, model.upper), np.zeros(model.nv))
         pose = model.link_poses(state.q)[TIP]
-        rows = [mark.pose_numbers(pose) for mark in marks]
-        targets = {mark.name: mark.target(row) for mark, row in zip(marks, rows, strict=True)}
-        goal = StackedReference(targets)
+        rows = [numbers_at(mark, pose) for mark in marks]
+        goal = stacked(marks, np.concatenate(rows))
         for task in TASKS[:4]:
             np.testing.assert_allclose(task(state, goal).error, 0, atol=1e-9)
         np.testing.assert_allclose(target_row(TASKS, goal), np.concatenate(rows), atol=1e-9)

@@ -13,7 +13,7 @@ import softdyn
 from softdyn import design
 from softdyn.description.rig import Sensor, SensorKind
 from softdyn.tasks import AxisTask, PoseTask, References
-from softdyn.tasks.marks import marks_of
+from softdyn.tasks.marks import marks_of, numbers_at, stacked
 from softdyn.validation import Log, paper, simulate
 from softdyn.validation.loop.logged_robot import LoggedRobot
 from softdyn.validation.report.replay import comparison, replay
@@ -121,10 +121,8 @@ def test_targets_of_tasks_are_drawn_and_coincide_with_a_robot_that_fulfils_them(
 
     poses = model.link_poses(model.q0)
     marks = marks_of(Idle.tasks)
-    goal = References(
-        {mark.name: mark.target(mark.pose_numbers(poses[mark.link])) for mark in marks}
-    )
-    log = simulate(model, Idle(), goal, duration=0.2)
+    goal = stacked(marks, np.concatenate([numbers_at(one, poses[one.link]) for one in marks]))
+    log = simulate(model, Idle(), References(goal.targets), duration=0.2)
     log.save(tmp_path / "run.npz")
     replay(Log.load(tmp_path / "run.npz"), model).save(tmp_path / "tasks.html")
     browser.open((tmp_path / "tasks.html").as_uri() + "#pause")

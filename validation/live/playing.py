@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from time import perf_counter, sleep
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
+from softdyn.tasks.task import Task
 from softdyn.validation.live.session import Make, Session, menu_of
 from softdyn.validation.loop.arguments import name_of
 from softdyn.validation.twin.rig import Rig
@@ -33,7 +34,8 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     port : int, optional
         By default a free one from 7000 on.
     """
-    figure, model = Figure.of(session.model), session.model
+    model = session.model
+    figure = replace(Figure.of(model), marks=session.limits.marks)
     title = model.bundled or model.name
     page = live_page(
         figure, "play", title=title, laws=session.limits.laws, period=session.period,
@@ -162,6 +164,9 @@ class Play:
         The first target (m).
     rig : Rig or str, optional
         The rig between controller and plant, as in `ClosedLoop`.
+    tasks : sequence of Task
+        Tasks of links' frames to drag, which the menu's controllers get; by default the tip's
+        position. A `controller` has its own.
     port : int, optional
         By default a free one from 7000 on.
     """
@@ -176,14 +181,17 @@ class Play:
         period: float | None = None,
         target: Any = None,
         rig: Rig | str | None = None,
+        tasks: Sequence[Task] = (),
         port: int | None = None,
     ) -> None:
         own: dict[str, Make] = {}
         if controller is not None:
             law = name or name_of(controller)
-            own[law] = lambda _model: controller
+            own[law] = lambda _model, **_tasks: controller
         menu = menu_of(model, own)
-        self.session = Session(model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig)
+        self.session = Session(
+            model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig, tasks=tasks
+        )
         self._channel = open_play_page(self.session, port)
         self.url = self._channel.url
         self._over, self._closed = threading.Event(), False

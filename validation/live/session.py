@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from softdyn import InputError, Reference, SetPoint, SoftdynError, SoftModel, State, statics
+from softdyn import InputError, SoftdynError, SoftModel, State, statics
 from softdyn.controllers import Mpc, registry
 from softdyn.controllers.controller import guard_of
 from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
+from softdyn.tasks.task import Task
+from softdyn.validation.live.dragged_targets import DraggedTargets
 from softdyn.validation.live.ghost import Ghost
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.observation import Observation
@@ -47,7 +49,8 @@ def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str
 class PageState:
     """The state of a session on its page, besides frames.
 
-    `notice` is the last error, `busy` the reason why the robot stands still at the moment.
+    `notice` is the last error, `busy` the reason why the robot stands still at the moment;
+    `planning`: the controller searches a way to the target in the background.
     """
 
     law: str
@@ -58,6 +61,7 @@ class PageState:
     ghost: bool = False
     notice: str = ""
     busy: str = ""
+    planning: bool = False
 
 
 class Session:
@@ -83,6 +87,8 @@ class Session:
         rig's, and its delay and noise replace the rig's unless they are 0.
     observer : Observer, optional
         It estimates the controller's states from the rig's sensors, and the ghost is its estimate.
+    tasks : sequence of Task
+        Tasks of links' frames, one of them with a position; by default the tip's position.
 
     Attributes
     ----------
@@ -98,7 +104,7 @@ class Session:
     Raises
     ------
     InputError
-        The first controller cannot be made.
+        The first controller cannot be made, or a task cannot be dragged.
     """
 
     def __init__(
@@ -111,14 +117,16 @@ class Session:
         target: Any = None,
         rig: Rig | str | None = None,
         observer: Observer | None = None,
+        tasks: Sequence[Task] = (),
     ) -> None:
         self.model, self._menu = model, dict(menu)
         self._wanted = rig_of(rig) or Rig(file=False)
         self.period = setup_of(model).period if period is None else period
         self._grid = TimeGrid.plan(self.period, self.period)
         size = Figure.of(model).size
-        self.limits = Limits.of(model, (*self._menu, OPEN_LOOP), size)
-        self.columns = Columns(model)
+        self._aim = DraggedTargets(model, tasks)
+        self.limits = Limits.of(model, (*self._menu, OPEN_LOOP), size, self._aim.marks)
+        self.columns = Columns(model, len(self._aim.row))
         try:
             self._rest = statics.rest(model).q
         except SoftdynError:
@@ -141,9 +149,7 @@ class Session:
         self._state = model.state(*self._q_v())
         if self._observe is not None:
             self._observe.reset()
-        if target is None:
-            target = self._state.y
-        self._reference: Reference = SetPoint(target)
+        self._aim.begin(self._state, target)
         self._choose(law)
 
     @property
@@ -171,8 +177,8 @@ class Session:
         raise InputError("do", "a message that a running robot can obey", name)
 
     @_do.register
-    def _(self, message: messages.SetTarget) -> None:
-        self._reference = SetPoint(message.y)
+    def _(self, message: messages.SetTarget | messages.SetTargets) -> None:
+        self._aim.move(message)
 
     @_do.register
     def _(self, message: messages.SetInputs) -> None:
@@ -259,13 +265,16 @@ class Session:
             if self._law is None:
                 self._u = self._by_hand
             else:
-                answer = self._law(seen, self._reference)
+                answer = self._law(seen, self._aim.reference)
                 self._u = self._guard.admit(getattr(answer, "u", answer))
                 self._V = getattr(answer, "V", np.nan)
         except Exception as error:  # a user's controller may raise anything
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
             return 0.0
         spent = (perf_counter_ns() - began) / 1e3
+        planning = getattr(self._law, "planning", False) is True
+        self.changed |= planning != self.shown.planning
+        self.shown.planning = planning
         self._advance()
         return spent
 
@@ -277,7 +286,8 @@ class Session:
         state = self._state
         values: dict[str, Any] = {
             "t": self.t, "q": self.model.coordinates(state.q), "y": state.y,
-            "u": self._rig.acting, "y_ref": self._reference.y, "V": self._V,
+            "u": self._rig.acting, "targets": self._aim.row, "y_ref": self._aim.reference.y,
+            "V": self._V,
         }  # fmt: skip
         if hand is not None:
             values |= {"force": hand.force, "point": hand.point}
@@ -346,14 +356,14 @@ class Session:
             self.shown.inputs = self._u.tolist()
         self._law, self._guard = law, guard_of(law, self.model)
         self._V = np.nan
-        self.shown.law, self.shown.notice = name, ""
+        self.shown.law, self.shown.notice, self.shown.planning = name, "", False
 
     def _made(self, name: str) -> Any:
         """A controller of the menu; ours compile their kernels here, before the first step."""
         make = self._menu[name]
 
         def made(cls: Any) -> Any:
-            law = registry.make_controller(name, self.model, cls=cls)
+            law = registry.make_controller(name, self.model, cls=cls, **self._aim.arguments)
             if isinstance(law, Mpc) and law.targets is not None:
                 law.targets.background = True  # a search takes seconds
             return law
@@ -361,7 +371,7 @@ class Session:
         if make in KNOWN:
             first = made(None)
             self._begin(first)
-            first(self._state, self._reference)
+            first(self._state, self._aim.reference)
         return made(make)
 
     def _begin(self, law: Any) -> None:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, SoftModel
+from softdyn.description.task_mark import TaskMark
 from softdyn.safety import Surroundings
-from softdyn.tasks.marks import TaskMark
 from softdyn.validation.arrays import read_npz
 from softdyn.validation.files import atomic, write_text
 from softdyn.validation.loop import verdict as judged

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError
+from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import errors_in
 from softdyn.safety import Surroundings
-from softdyn.tasks.marks import TaskMark
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.plain_data import LARGEST
 

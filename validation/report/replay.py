@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from softdyn import SoftModel
+from softdyn.description.task_mark import TaskMark
 from softdyn.description.visuals import Visual
-from softdyn.tasks.marks import TaskMark
 from softdyn.validation.loop.experiment import ROLLOUT
 from softdyn.validation.loop.labels import controller_title, goal, labels_of
 from softdyn.validation.loop.log import Log

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softdyn.checks import array, number
+from softdyn.description.task_mark import TaskMark
 from softdyn.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ class Limits:
         Bounds of the inputs.
     least, most : ndarray, (nv,)
         Limits of the joints.
+    marks : tuple of TaskMark
+        The tasks whose targets are dragged.
     """
 
     links: tuple[str, ...]
@@ -51,13 +54,17 @@ class Limits:
     upper: np.ndarray
     least: np.ndarray
     most: np.ndarray
+    marks: tuple[TaskMark, ...] = ()
 
     @classmethod
-    def of(cls, model: SoftModel, laws: tuple[str, ...], size: float) -> Limits:
+    def of(
+        cls, model: SoftModel, laws: tuple[str, ...], size: float, marks: tuple[TaskMark, ...] = ()
+    ) -> Limits:
         """The limits of a robot that fits in `size` (m)."""
         links = tuple(link.name for link in model.robot.links)
-        ends = (np.clip(ends, -1e3, 1e3) for ends in (model.lower, model.upper))
-        return cls(links, laws, FARTHEST * size, model.u_min, model.u_max, *ends)
+        least, most = (np.clip(ends, -1e3, 1e3) for ends in (model.lower, model.upper))
+        reach = FARTHEST * size
+        return cls(links, laws, reach, model.u_min, model.u_max, least, most, marks)
 
 
 Read = Callable[[Limits, str, Any], Any]
@@ -84,6 +91,15 @@ def _inputs(limits: Limits, name: str, value: Any) -> np.ndarray:
 
 def _joints(limits: Limits, name: str, value: Any) -> np.ndarray:
     return _within(name, value, limits.least, limits.most)
+
+
+def _targets(limits: Limits, name: str, value: Any) -> np.ndarray:
+    found, at = array(name, value, (sum(len(mark.columns) for mark in limits.marks),)), 0
+    for mark in limits.marks:
+        end = at + len(mark.columns)
+        mark.check(found[at:end], limits.reach)
+        at = end
+    return found
 
 
 def _within(name: str, value: Any, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -119,6 +135,13 @@ class SetTarget:
     """Moves the target of the tip to `y` (3,) in the world (m)."""
 
     y: np.ndarray = field(metadata=_by(_point))
+
+
+@dataclass(frozen=True, eq=False)
+class SetTargets:
+    """Sets the targets of all tasks: the numbers of each, see `TaskMark`, one after the other."""
+
+    values: np.ndarray = field(metadata=_by(_targets))
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,13 +245,14 @@ class Lead:
 
 
 Message = (
-    SetTarget | SetInputs | SetJoints | SetController | Mismatch | Push | Release | Pause
-    | SingleStep | Reset | SetSpeed | ShowGhost | RecordFrames | FindReach | Lead
+    SetTarget | SetTargets | SetInputs | SetJoints | SetController | Mismatch | Push | Release
+    | Pause | SingleStep | Reset | SetSpeed | ShowGhost | RecordFrames | FindReach | Lead
 )  # fmt: skip
-DRAGS = (SetTarget, SetInputs, SetJoints, Push)  # each replaces the one just before it
+DRAGS = (SetTarget, SetTargets, SetInputs, SetJoints, Push)  # each replaces the one just before it
 MESSAGES: dict[str, Callable[..., Message]] = {
-    "target": SetTarget, "inputs": SetInputs, "joints": SetJoints, "law": SetController,
-    "mismatch": Mismatch, "push": Push, "release": Release, "pause": Pause, "step": SingleStep,
+    "target": SetTarget, "targets": SetTargets, "inputs": SetInputs, "joints": SetJoints,
+    "law": SetController, "mismatch": Mismatch, "push": Push, "release": Release, "pause": Pause,
+    "step": SingleStep,
     "reset": Reset, "speed": SetSpeed, "ghost": ShowGhost, "record": RecordFrames,
     "reach": FindReach, "lead": Lead,
 }  # fmt: skip

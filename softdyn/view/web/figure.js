@@ -377,6 +377,24 @@ class Goals {
     const angle = way.length();
     return new T.Quaternion().setFromAxisAngle(angle > 0 ? way.divideScalar(angle) : UP, angle);
   }
+  numbers(quaternion, mark) {  // of a rotation, or of a direction
+    if (!mark.turned) return new T.Vector3(0, 0, 1).applyQuaternion(quaternion);
+    const {x, y, z, w} = quaternion, size = Math.hypot(x, y, z), sign = w < 0 ? -1 : 1;
+    return new T.Vector3(x, y, z).multiplyScalar(
+      size > 0 ? 2 * sign * Math.atan2(size, Math.abs(w)) / size : 0);
+  }
+  misses() {  // distance and angle of each target, as text
+    const home = this.parent.matrixWorld.clone().invert(), there = new T.Matrix4();
+    return this.marks.map(mark => {
+      const [place, turn, size] = [new T.Vector3(), new T.Quaternion(), new T.Vector3()];
+      there.multiplyMatrices(home, mark.own.matrixWorld).decompose(place, turn, size);
+      const goal = mark.object, angle = mark.turned ? turn.angleTo(goal.quaternion)
+        : this.numbers(turn, mark).angleTo(this.numbers(goal.quaternion, mark));
+      if (!goal.visible) return "–";
+      return [...mark.placed ? [`${(100 * place.distanceTo(goal.position)).toFixed(2)} cm`] : [],
+        ...mark.kind == "position" ? [] : [`${(180 / Math.PI * angle).toFixed(1)}°`]].join(", ");
+    });
+  }
   place(mark, a, b, s) {
     const at = mark.first, host = new T.Vector3(a[at], a[at + 1], a[at + 2]);
     return host.lerp(new T.Vector3(b[at], b[at + 1], b[at + 2]), s);

@@ -183,6 +183,12 @@ class Player {
       element(item, "i").style.background = track.colour || "#2b6f9e";
       element(item, "b", track.label);
       track.readout = element(item, "output");
+      track.misses = track.goals.marks.map(({name}) => {
+        const row = element(list, "li");
+        element(row, "i").style.visibility = "hidden";
+        element(row, "b", name);
+        return element(row, "output");
+      });
       if (track.note) element(list, "li", track.note, "note");
     }
     this.stateNote = element(list, "li", "", "note");
@@ -201,6 +207,7 @@ class Player {
     for (const track of this.tracks) {
       if (!track.aims || !track.readout || track.now === undefined) continue;
       const gone = this.time > track.failedAt + 1e-6;
+      track.goals.misses().forEach((text, i) => { track.misses[i].value = text; });
       track.readout.value = gone ? "ended" : `${(100 * track.now).toFixed(2)} cm`;
     }
   }

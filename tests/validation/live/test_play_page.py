@@ -12,6 +12,8 @@ from tornado.websocket import websocket_connect
 
 import softdyn
 from softdyn.controllers import SoftIdClfQp
+from softdyn.tasks import AxisTask, PoseTask
+from softdyn.tasks.targets import exp3
 from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -293,4 +295,52 @@ def test_sliders_keep_the_commands_while_a_lag_acts(other, tmp_path):
         acting = other.run(part.format("output"))
         np.testing.assert_allclose(asked, [0.0, 7.5], atol=1e-6)
         assert max(acting) < 5.0
+        assert other.console == []
+
+
+def test_a_pose_is_moved_and_turned_by_the_mouse(other):
+    """By its ball, then by a ring about its own axis; then another task's direction is turned."""
+    model = softdyn.load("finger")
+    tasks = [PoseTask("tip", name="hand"), AxisTask("link2", [1, 0, 0], weight=0.01)]
+    with play(model, law="soft-id-clf-qp", tasks=tasks) as live:
+        other.open(live.url, 1000, 700)
+        other.until("softdyn.leads && softdyn.frames > 5")
+        before = vector(other, "targets").astype(float)
+        goal = before[:3] + np.array([0.0, 0.0, 0.06])
+        other.drag(on_screen(other, before[:3]), on_screen(other, goal))
+        other.until(f"Math.abs(softdyn.part(softdyn.last, 'targets')[2] - {goal[2]}) < 0.006")
+        moved = vector(other, "targets")
+        np.testing.assert_allclose(moved[:3], goal, atol=0.006)
+        np.testing.assert_allclose(moved[3:], before[3:], atol=1e-6)
+
+        other.key("t")
+        other.until("softdyn.gizmo.mode == 'rotate'")
+        other.pixels("canvas")  # the rings are placed as they are drawn
+        ring = other.run("""(() => {
+          const g = softdyn.gizmo, c = g.worldPosition.clone().project(softdyn.viewer.camera);
+          const shape = innerHeight / innerWidth, found = [];
+          for (let r = 0.05; r < 0.4; r += 0.01) for (let a = 0; a < 6; a += 0.1) {
+            const x = c.x + r * Math.cos(a) * shape, y = c.y + r * Math.sin(a);
+            g.pointerHover({x, y, button: -1});
+            if (g.axis == "Y") found.push([(x + 1) / 2 * innerWidth, (1 - y) / 2 * innerHeight]);
+          }
+          return found; })()""")
+        other.drag(ring[-1], ring[len(ring) // 2])
+        other.until(f"Math.abs(softdyn.part(softdyn.last, 'targets')[4] - {moved[4]}) > 0.2")
+        turned = vector(other, "targets").astype(float)
+        np.testing.assert_allclose(turned[:3], moved[:3], atol=1e-6)
+        turn = exp3(turned[3:6]) @ exp3(moved[3:6].astype(float)).T
+        own = exp3(before[3:6])[:, 1]
+        np.testing.assert_allclose(turn @ own, own, atol=1e-4)  # about its own y
+        assert other.run("softdyn.readouts.goals[0].value").endswith("°")
+
+        other.key("n")
+        other.until("softdyn.aim.name == 'link2.axis' && softdyn.gizmo.mode == 'rotate'")
+        other.run("""(softdyn.target.quaternion.multiply(new T.Quaternion().setFromAxisAngle(
+          new T.Vector3(1, 0, 0), 0.5)), softdyn.gizmo.dispatchEvent({type: "objectChange"}), 1)""")
+        way = turned[6:]
+        other.until("Math.hypot(...softdyn.part(softdyn.last, 'targets').slice(6)"
+                    f".map((x, i) => x - {way.tolist()}[i])) > 0.4")  # fmt: skip
+        now = vector(other, "targets")[6:].astype(float)
+        assert now @ way == pytest.approx(np.cos(0.5), abs=1e-4)
         assert other.console == []

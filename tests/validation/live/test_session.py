@@ -11,6 +11,8 @@ import softdyn
 from softdyn import InputError, SetPoint, statics
 from softdyn.commands import play
 from softdyn.estimation import Ekf
+from softdyn.tasks import AxisTask, JointTask, PoseTask
+from softdyn.tasks.targets import exp3
 from softdyn.validation import Rig, Twin, simulate
 from softdyn.validation.live.playing import drive, period_note
 from softdyn.validation.live.session import Session, menu_of
@@ -108,6 +110,47 @@ def test_the_ghost_of_an_observer_is_its_estimate():
     run(session, 0.5)
     assert not session.shown.paused
     assert part(session, "gap") < 0.02
+
+
+def test_targets_of_tasks_are_set_and_a_plain_target_is_refused(model):
+    tasks = [PoseTask("tip", name="hand"), AxisTask("link2", [1, 0, 0], weight=0.01)]
+    session = Session(model, menu_of(model), "soft-id-clf-qp", tasks=tasks, target=[0.2, 0, -0.05])
+    poses, row = model.link_poses(session._rest), part(session, "targets")
+    np.testing.assert_allclose(row[:3], [0.2, 0, -0.05], atol=1e-7)
+    np.testing.assert_allclose(exp3(row[3:6].astype(float)), poses["tip"][:3, :3], atol=1e-6)
+    np.testing.assert_allclose(row[6:], poses["link2"][:3, 0], atol=1e-6)
+    with pytest.raises(InputError, match="do: expected targets, because the robot has tasks"):
+        session.apply(m.SetTarget(np.zeros(3)))
+    said = np.array([0.18, 0.0, -0.1, 0.0, 1.0, 0.0, 0.6, 0.0, -0.8])
+    session.apply(m.SetTargets(said))
+    np.testing.assert_allclose(part(session, "targets"), said, atol=1e-7)
+    np.testing.assert_allclose(part(session, "y_ref"), said[:3], atol=1e-7)
+    before = part(session, "y")
+    run(session, 0.3)
+    assert np.linalg.norm(part(session, "y") - said[:3]) < np.linalg.norm(before - said[:3])
+    session.apply(m.Reset())
+    session.apply(m.SetController("mpc"))
+    run(session, 0.1)
+    assert not session.shown.paused, session.shown.notice
+    with pytest.raises(InputError, match="do: expected target, because the robot has no tasks"):
+        make(model, "ic").apply(m.SetTargets(np.zeros(0)))
+    with pytest.raises(InputError, match="tasks: expected tasks of links' frames"):
+        Session(model, menu_of(model), "mpc", tasks=[JointTask(["joint1"])])
+    with pytest.raises(InputError, match="a target with a position"):
+        Session(model, menu_of(model), "mpc", tasks=tasks[1:])
+
+
+def test_a_controller_that_plans_says_so_on_the_page(model):
+    session = make(model, "ic")
+    session.changed = False
+    session._law.planning = True
+    run(session, session.period)
+    assert session.shown.planning
+    assert session.changed
+    session.changed, session._law.planning = False, np.ones(2)
+    run(session, session.period)
+    assert session.shown.planning is False
+    assert session.changed
 
 
 def test_law_and_plant_change_while_it_moves(model):
@@ -280,6 +323,16 @@ def test_a_period_that_the_machine_does_not_hold_is_told(pace, step, expected):
     note = period_note(2e-3, Kept(500, 400, {}, {"median": 1e6 * step}, pace))
     assert (note == "") == (expected == "")
     assert expected in note
+
+
+@pytest.mark.parametrize(
+    ("task", "names"), [("pose", ["tip.pose"]), ("axis", ["tip", "tip.axis"]), ("file", ["tip"])]
+)
+def test_play_drags_tasks_of_the_command_line(task, names):
+    words = ["finger", "open loop", "--task", task, "--target", "0.1", "0", "-0.1"]
+    session = play.make_session(play.parser.parse_args(words))
+    assert [mark.name for mark in session.limits.marks] == names
+    np.testing.assert_allclose(part(session, "y_ref"), [0.1, 0, -0.1], atol=1e-7)
 
 
 def test_play_takes_gains(tmp_path, monkeypatch):

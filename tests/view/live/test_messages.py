@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 
 import numpy as np
@@ -10,17 +11,23 @@ import pytest
 
 import softdyn
 from softdyn import InputError
+from softdyn.description.stated_task import TaskKind
+from softdyn.description.task_mark import TaskMark
 from softdyn.view.live import messages
 from softdyn.view.live.messages import MESSAGES, OPEN_LOOP, Limits, read
 
 
 @pytest.fixture(scope="module")
 def limits():
-    return Limits.of(softdyn.load("finger"), ("best", OPEN_LOOP), 0.25)
+    marks = (
+        TaskMark("hand", "tip", TaskKind.POSE), TaskMark("way", "tip", TaskKind.AXIS, (1, 0, 0))
+    )  # fmt: skip
+    return Limits.of(softdyn.load("finger"), ("best", OPEN_LOOP), 0.25, marks)
 
 
 GOOD = {
     "target": {"y": [0.1, 0.0, -0.1]},
+    "targets": {"values": [0.1, 0.0, -0.1, 0.0, 3.1, 0.0, 0.0, 0.6, 0.8]},
     "inputs": {"u": [0.5, -1]},
     "joints": {"x": [0.1, 0, 0, 0]},
     "law": {"name": "best"},
@@ -72,6 +79,14 @@ BAD = [
     (said("law", name="rm -rf"), "law.name: expected one of best, open loop"),
     (said("law", name=7), "law.name"),
     (said("mismatch", mass=0), "mismatch.mass: expected a number from 0.2 to 5"),
+    (said("targets", values=[0] * 8), "targets.values: expected finite numbers of shape (9,)"),
+    (said("targets", values=[0] * 9), "target of 'way': expected a unit vector"),
+    (said("targets", values=[9, *[0] * 7, 1]), "target of 'hand': expected a point within 0.75 m"),
+    (said("targets", values=[0, 0, 0, 3, 1, 1, 0, 0, 1]), "'hand': expected a turn of at most pi"),
+    (said("targets", values=[0, 0, 0, 1e308, 1e308, 0, 0, 0, 1]), "a turn of at most pi"),
+    (said("targets", values=[0, 0, 0, 0, 0, 0, 1e-200, 0, 0]), "a unit vector"),
+    (said("targets", values=[math.nan] * 9), "targets.values"),
+    (said("targets", values="000000001"), "targets.values"),
     (said("mismatch", contacts=1), "mismatch.contacts: expected true or false"),
     (said("mismatch", delay="0"), "mismatch.delay"),
     (said("push", link="no", at=[0, 0, 0], to=[0, 0, 0]), "push.link"),
@@ -120,6 +135,10 @@ def test_damaged_messages_are_messages_or_errors(limits):
         if isinstance(message, messages.SetTarget):
             assert np.isfinite(message.y).all()
             assert np.abs(message.y).max() <= limits.reach
+        if isinstance(message, messages.SetTargets):
+            assert np.abs(message.values[:3]).max() <= limits.reach
+            assert math.hypot(*message.values[3:6]) < math.pi + 1e-5
+            assert math.hypot(*message.values[6:]) == pytest.approx(1, abs=1e-5)
         if isinstance(message, messages.SetInputs):
             assert (message.u <= limits.upper).all()
             assert (message.u >= limits.lower).all()

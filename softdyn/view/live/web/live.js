@@ -11,10 +11,12 @@ const KEYS = [
   [" ", "space", "run or pause", "play"], [".", ".", "one control period", "step"],
   ["r", "r", "reset: at rest again", "reset"], ["v", "v", "record, and stop", "record"],
   ["g", "g", "model or estimate beside the plant", "ghost"], ["h", "h", "where the tip can rest", "reach"],
+  ["t", "t", "turn or move the target", "turn"], ["n", "n", "the next target"],
   ["o", "o", "open loop and back"], ["f", "f", "look at the robot"],
   ["+", "+ −", "faster, slower"], ["?", "?", "these keys", "ask"],
 ];
 const MOUSE = "Drag the target in the robot's plane; with Shift, in depth; by an arrow, along it. "
+  + "Turn it by its rings. "
   + "Drag a link to pull it. Drag beside the robot to turn, wheel to zoom.";
 const MISMATCH = [  // name, label, least, most, factor of what is shown, unit
   ["mass", "mass", 0.5, 2, 1, "×"], ["stiffness", "stiffness", 0.5, 2, 1, "×"],
@@ -218,8 +220,8 @@ class Live {
     const frame = this.last, u = Array.from(this.part(frame, "u"));
     this.figure.pose(Array.from(this.part(frame, "q")), u);
     const targets = this.part(frame, "targets");
-    this.goals.show(targets, targets, 0);
-    if (!this.gizmo.dragging) this.target.position.set(...this.part(frame, "y_ref"));
+    this.goals.show(targets, targets, 0, this.gizmo.dragging ? this.aim : null);
+    if (!this.gizmo.dragging) this.placeTarget(frame);
     this.target.visible = this.aims || this.scene.mode == "watch";
     const ghost = this.part(frame, "ghost");
     this.ghost.object.visible = Number.isFinite(ghost[0]);
@@ -257,11 +259,39 @@ class Live {
     this.gizmo.addEventListener("axis-changed", () => {
       if (this.gizmo.axis == "XYZ") this.gizmo.axis = this.shift ? "Y" : "XZ";
     });
-    this.gizmo.addEventListener("objectChange", () =>
-      this.often({do: "target", y: this.target.position.toArray()}));
+    this.gizmo.addEventListener("objectChange", () => this.often(this.aim ? this.aimed()
+      : {do: "target", y: this.target.position.toArray()}));
     this.gizmo.addEventListener("change", () => this.viewer.set_dirty());
     for (const kind of ["keydown", "keyup", "pointermove", "pointerdown"])
       addEventListener(kind, event => { this.shift = event.shiftKey; }, true);
+  }
+  placeTarget(frame) {
+    const {target, aim} = this;
+    if (!aim) return target.position.set(...this.part(frame, "y_ref"));
+    target.position.copy(aim.object.position);
+    // moved along the robot's axes, turned about its own
+    if (this.gizmo.mode == "rotate") target.quaternion.copy(aim.object.quaternion);
+    else target.quaternion.identity();
+  }
+  aimed() {  // the targets of all tasks, that of the dragged one as it is dragged
+    const {aim, target} = this, values = Array.from(this.part(this.last, "targets"));
+    if (this.gizmo.mode == "translate") {
+      aim.object.position.copy(target.position);
+      target.position.toArray(values, aim.first);
+    } else {
+      aim.object.quaternion.copy(target.quaternion);
+      this.goals.numbers(target.quaternion, aim).toArray(values, aim.first + (aim.placed ? 3 : 0));
+    }
+    return {do: "targets", values};
+  }
+  choose(mark, turn) {  // the task whose target the mouse drags
+    this.aim = mark;
+    this.gizmo.setMode(mark && (turn && mark.kind != "position" || !mark.placed) ? "rotate" : "translate");
+    this.find("goal").value = this.goals.marks.indexOf(mark);
+    this.find("turn").hidden = mark.kind != "pose";
+    this.find("turn").textContent = this.gizmo.mode == "rotate" ? "move it" : "turn it";
+    if (this.last) this.placeTarget(this.last);
+    this.viewer.set_dirty();
   }
   makeOverlays() {
     this.trail = new T.Line(new T.BufferGeometry(), new T.LineBasicMaterial({color: TRAIL}));
@@ -366,6 +396,13 @@ class Live {
         return;
       }
       if (this.scene.mode != "play") return;
+      const marks = this.goals.marks.map(mark => mark.object);
+      const mark = this.aims && aim(event).intersectObjects(marks)[0];
+      if (mark) {  // a click chooses a target
+        this.choose(this.goals.marks[marks.indexOf(mark.object.parent)], this.gizmo.mode == "rotate");
+        this.viewer.controls.enabled = false;
+        return;
+      }
       const hit = aim(event).intersectObjects(this.figure.shapes)[0];
       if (!hit) return;
       this.viewer.controls.enabled = false;
@@ -405,7 +442,8 @@ class Live {
     };
     this.readouts = this.scene.mode == "explore"
       ? {rest: row("rest"), tip: row("tip (m)"), compliance: row("softest (mm/N)")}
-      : {error: row("error"), tip: row("tip (m)"), time: row("time")};
+      : {error: row("error"), tip: row("tip (m)"), time: row("time"),
+        goals: this.goals.marks.map(({name}) => row(name))};
     this.inputs = this.scene.figure.inputs.map((input, i) => {
       const full = Math.max(-input.lower, input.upper) || 1;
       const made = slider(this.find("inputs"), input.name, Math.cbrt(input.lower / full),
@@ -444,6 +482,15 @@ class Live {
     if (this.scene.mode == "watch") this.find("overlays").style.display = "none";
     const law = this.find("law");
     for (const name of this.scene.laws) element(law, "option", name);
+    const goal = this.find("goal");
+    this.goals.marks.forEach(({name}, i) => { element(goal, "option", name).value = i; });
+    this.find("goal-row").hidden = !play || !this.goals.marks.length;
+    goal.onchange = () => { this.choose(this.goals.marks[goal.value], false); goal.blur(); };
+    this.find("turn").onclick = event => {
+      event.currentTarget.blur();
+      if (this.aim) this.choose(this.aim, this.gizmo.mode != "rotate");
+    };
+    if (play && this.goals.marks.length) this.choose(this.goals.marks.find(mark => mark.placed), false);
     law.onchange = () => {
       if (law.value != this.scene.open) this.closed = law.value;
       this.say({do: "law", name: law.value});
@@ -541,7 +588,10 @@ class Live {
       const known = KEYS.find(([key]) => key == event.key);
       const faster = {"+": 1, "=": 1, "-": -1}[event.key];
       if (event.key == "f") this.frameCamera();
-      else if (event.key == "o" && this.scene.mode == "play") {
+      else if (event.key == "n" && this.aim) {
+        const {marks} = this.goals;
+        this.choose(marks[(marks.indexOf(this.aim) + 1) % marks.length], false);
+      } else if (event.key == "o" && this.scene.mode == "play") {
         const {open} = this.scene, now = this.state.law;
         if (now != open) this.closed = now;
         this.say({do: "law", name: now == open ? this.closed || this.scene.laws[0] : open});
@@ -598,8 +648,9 @@ class Live {
     const error = 100 * Math.hypot(tip[0] - r[0], tip[1] - r[1], tip[2] - r[2]);
     readouts.error.value = this.target.visible ? `${error.toFixed(2)} cm` : "open loop";
     readouts.time.value = `${t.toFixed(2)} s`;
+    this.goals.misses().forEach((text, i) => { readouts.goals[i].value = text; });
     const wanted = this.state.speed || 1, slow = pace > 0 && pace < 0.95 * wanted;
-    this.find("clock").value = this.state.busy || (this.kept ? "over" : this.state.paused ? "paused"
+    this.find("clock").value = this.state.busy || (this.state.planning ? "planning… · " : "") + (this.kept ? "over" : this.state.paused ? "paused"
       : !Number.isFinite(pace) ? "" : `${pace.toFixed(2)} × real time` + (slow ? ": this machine cannot keep up" : ""))
       + (this.pages > 1 ? ` · ${this.pages} pages` : "")
       + (this.leads || this.scene.mode == "watch" ? "" : " · watching");
