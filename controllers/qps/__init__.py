@@ -7,9 +7,11 @@
 - `soft_inverse_dynamics`: the objective of (13) and (22) on the actuated rows (12), condensed;
 - `horizon`: M and h of the dynamics (1) at the end of a horizon instead of now;
 - `task_qp`: an objective in few unknowns, input bounds and the decrease row as one QP;
+- `stopped_step`: a step of the dynamics in which joints have stops, and the joints that these hold;
+- `relaxed_rows`: a QP with further rows on u, which are relaxed if they cannot all be met;
+- `mode_search`: the search for an input that meets the rows of the motion that it leads to;
 - `level_qp`: tasks in strict levels of priority, a QP for each level;
 - `least_norm`: bounded least squares, the minimiser of least norm, for CLF-QP and `allocate`;
-- `prediction`: the linear model and the condensed QP of predictive control;
 - `qp`: the solver, the only file that imports ProxSuite, with its own residuals and a clock;
 - `linear_algebra`: ranks, bases and small systems, in compiled loops.
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,15 +13,14 @@ from scipy.optimize import least_squares
 from softdyn import InputError, SetPoint, SoftModel, State
 from softdyn.controllers import SoftIdClfQp, Status
 from softdyn.controllers.barriers import (
-    ROOM,
     BarrierRows,
     HalfSpace,
     JointLimits,
     KeepOutSphere,
-    Rows,
     UnsafeStart,
-)  # fmt: skip
+)
 from softdyn.controllers.qps.horizon import Horizon
+from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.task_qp import BACKOFF
 from softdyn.validation import simulate
 from softdyn.validation.paper.solvers import SymbolicQp
@@ -142,12 +140,11 @@ def test_the_least_by_which_rows_give_way() -> None:
     rng = np.random.default_rng(6)
     for _ in range(5):
         span = 10.0 ** rng.uniform(-3, 3, 3)
-        rows = BarrierRows(SimpleNamespace(u_min=-span, u_max=span), (), TAU)  # type: ignore[arg-type]
         first = rng.normal(size=(2, 3)) / span
         matrix = np.vstack((first, -first[:1] - 0.1 * first[1:], rng.normal(size=3) / span))
         unit = 10.0 ** rng.uniform(-3, -1, 4)
         upper = np.array([-0.3, -0.4, -0.2, 5.0])
-        found, _ = rows._excess(Rows(matrix, upper, unit), np.zeros(3))
+        found, _ = RelaxedRows(-span, span).least_excess(Rows(matrix, upper, unit), np.zeros(3))
 
         # in u / span and s, with a weight on u far below the tested accuracy
         scaled, bound = matrix * span / unit[:, None], upper / unit

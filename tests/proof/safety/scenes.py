@@ -5,14 +5,14 @@ A scene has a half-space, a ball and a box where the free arm's links pass on th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from softdyn import Reference, SoftModel, statics
+from softdyn import Reference, SoftModel, State, statics
 from softdyn.controllers import Gains, SoftIdClfQp
 from softdyn.safety import HalfSpace, KeepOutBox, KeepOutSphere, Surroundings
 from softdyn.safety.obstacles import Obstacle
@@ -22,6 +22,7 @@ from softdyn.validation.studies.experiments import setup_of
 DURATION, ARRIVAL = 3.0, 2.0  # s
 CLEAR = 0.03  # of the arm's length: least distance of every obstacle at the start
 FAR = 10.0  # m
+TRIES = 100  # places of an obstacle; a target without a place is left out
 DEEP = 1e-4  # m: a penetration that counts
 
 
@@ -74,23 +75,36 @@ def scenes(model: SoftModel, gains: Gains | None, count: int, seed: int) -> Iter
     """Seeded scenes of three obstacles each; all are clear of the arm at rest.
 
     A target is the tip of a stable equilibrium under random inputs. Each obstacle is near a link
-    at some time of the run without barriers.
+    at some time of the run without barriers. An arm that moves along itself leaves no clear place.
     """
     rng, start = np.random.default_rng(seed), statics.rest(model)
     state = model.state(start.q, np.zeros(model.nv))
-    for rest in statics.spread_rests(model, count, seed):
+    rests = (rest for k in range(TRIES) for rest in statics.spread_rests(model, count, seed + k))
+    for rest in rests:
         target = Approach(state.y, rest.y)
         law = SoftIdClfQp.among((), model, gains)
         free = simulate(model, law, target, duration=DURATION, period=setup_of(model).period,
                         q0=start.q)  # fmt: skip
-        made: list[Obstacle] = []
-        for kind in (wall, ball, crate):
-            while True:
-                obstacle = kind(rng, *on_the_way(model, free, rng), model.robot.length)
-                if obstacle.reserve(state) > CLEAR * model.robot.length:
-                    made.append(obstacle)
-                    break
-        yield Scene(target, Surroundings(made), free)
+        found = [_placed(model, state, kind, free, rng) for kind in (wall, ball, crate)]
+        made = [obstacle for obstacle in found if obstacle is not None]
+        if len(made) == len(found):
+            yield Scene(target, Surroundings(made), free)
+            count -= 1
+        if not count:
+            return
+
+
+def _placed(
+    model: SoftModel, start: State, kind: Callable[..., Obstacle], free: Log,
+    rng: np.random.Generator,
+) -> Obstacle | None:  # fmt: skip
+    """An obstacle in the way that is clear of the arm at the start; None if none is found."""
+    length = model.robot.length
+    for _ in range(TRIES):
+        obstacle = kind(rng, *on_the_way(model, free, rng), length)
+        if obstacle.reserve(start) > CLEAR * length:
+            return obstacle
+    return None
 
 
 def on_the_way(
@@ -150,12 +164,14 @@ def run(model: SoftModel, gains: Gains | None, scene: Scene) -> dict[str, Any]:
     )
     return {
         "free_mm": 1e3 * free, "least_mm": 1e3 * made[0].least, "relaxed": rows.relaxed,
+        "braked": rows.braked,
         "reserve_mm": 1e3 * min(log.least_reserve.values()),
         "relaxation": rows.relaxation, "outside": rows.outside, "fallbacks": log.fallbacks,
         "error_cm": log.final_error_cm, "free_error_cm": scene.free.final_error_cm,
         "step_us": float(np.median(log.step_us)),
         "p99_us": float(np.percentile(log.step_us, 99)),
         "free_step_us": float(np.median(scene.free.step_us)), "failed": log.failed,
+        "steps": log.steps,
         "reason": log.reason,
     }  # fmt: skip
 
@@ -169,6 +185,7 @@ COLUMNS = (
     ("their depth, at most (mm)", "deepest_mm", ".2f"),
     ("runs with relaxed rows", "relaxed", "d"),
     ("their depth, at most (mm)", "relaxed_mm", ".2f"),
+    ("steps without rows over the horizon (%)", "braked_percent", ".1f"),
     ("lost", "lost", "d"),
     ("error, median (cm)", "error_cm", ".2f"),
     ("free", "free_error_cm", ".2f"),
@@ -190,5 +207,6 @@ def summary(robot: str, runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "free_mm": float(np.median([-run["free_mm"] for run in runs])),
         "deeper": sum(depth > 1e3 * DEEP for depth in whole),
         "deepest_mm": max(whole, default=None), "relaxed_mm": max(relaxed, default=None),
+        "braked_percent": 100 * float(np.mean([run["braked"] / run["steps"] for run in runs])),
         "lost": sum(not np.isfinite(run["error_cm"]) for run in runs), "runs": list(runs),
     } | medians  # fmt: skip
