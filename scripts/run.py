@@ -60,8 +60,8 @@ is behind a safety filter: its input is changed as little as the barriers requir
 The run has reached a set point if |e| is within --tolerance, both as rms over the last tenth of the
 run and at its end. It has reached a trajectory if the rms of |e| over the last cycle is within
 --tolerance. Every task of the robot's file has to be as near: errors in rad within the angle by
-which a straight robot turns when its tip moves by --tolerance. If a set point is not reached,
-statics searches for a few seconds the nearest equilibrium of the tip.
+which a straight robot turns when its tip moves by --tolerance. If a set point or tasks are missed,
+statics searches for a few seconds the equilibrium nearest to the last targets.
 
 exit codes: 0 reached (--no-verdict: not failed); 1 not reached, failed or diverged; 2 bad input.
 """
@@ -184,9 +184,11 @@ def command(arguments: cli.Arguments) -> int:
         replay(log, model, scenery_of(plant)).save(arguments.html)
     text = log.summary(paper.beside(log), arguments.tolerance)
     report = log.report(arguments.tolerance)
-    alone = log.tasks is None
-    if alone and log.complete and not report["reached"] and not arguments.no_verdict:
-        line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
+    if log.complete and not report["reached"] and not arguments.no_verdict:
+        if log.tasks is None:
+            line, report["nearest_rest_cm"] = nearest_rest(model, log, arguments.tolerance)
+        else:
+            line, report["nearest_rest"] = nearest_to_tasks(loop, log, arguments.tolerance)
         text = f"{text}\n{line}".rstrip()
     text = "\n".join(filter(None, [cli.best_note(model, log.controller, arguments.gains), text]))
     if plant is not None:
@@ -219,6 +221,44 @@ def nearest_rest(model: SoftModel, log: Log, tolerance: float | None) -> tuple[s
         f"softdyn statics: the nearest equilibrium found in {PATIENCE:g} s is {100 * away:.3f} cm "
         f"from the target: {reach}",
         100 * away,
+    )
+
+
+def nearest_to_tasks(
+    loop: ClosedLoop, log: Log, tolerance: float | None
+) -> tuple[str, dict[str, Any] | None]:
+    """The equilibrium nearest to tasks that were missed: a line, its errors by task."""
+    from types import SimpleNamespace
+
+    import numpy as np
+
+    from softdyn import SoftdynError, statics
+    from softdyn.tasks import errors_along
+    from softdyn.validation.loop import verdict as judged
+    from softdyn.validation.loop.record import tasks_in
+
+    if log.t[-1] < TRANSIENT:
+        return "", None
+    model, tasks, end = loop.model, tasks_in(loop.controller), float(log.t[-1])
+    try:
+        found = statics.inputs_for_tasks(model, tasks, loop.reference(end), seconds=PATIENCE)
+    except SoftdynError as error:
+        return f"statics: {error}", None
+    rest = found.nearest
+    here = SimpleNamespace(t=[end], q=[rest.q], v=[np.zeros(model.nv)])
+    errors = np.hstack([*errors_along(model, tasks, here, loop.reference).values()])
+    within = log.verdict(tolerance).tolerance
+    missed = judged.missed_tasks(
+        log.task_names, log.task_units, errors.tolist(), within, log.length
+    )
+    figures = judged.task_figures(log.task_names, log.task_units, errors[None])
+    by_task = {name: {"error": one["last"], "unit": one["unit"]} for name, one in figures.items()}
+    said = ", ".join(f"{name} {x['error']:.3f} {x['unit']}" for name, x in by_task.items())
+    reach = "they may be out of reach" if missed else "they are within reach"
+    return (
+        f"softdyn statics: the nearest equilibrium found in {PATIENCE:g} s misses the last targets "
+        f"by {said}: {reach}",
+        by_task,
     )
 
 

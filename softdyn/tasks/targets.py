@@ -18,6 +18,7 @@ from softdyn.references import Reference
 from softdyn.tasks.rotations import log3
 
 ORTHONORMAL = 1e-6  # largest entry of RᵀR - I of a rotation
+POINT, TURN = ["x", "y", "z"], ["rx", "ry", "rz"]  # parts of columns
 TANGENT = {(3, 3): (3,), (4, 4): (6,)}  # shapes of rates, if not those of the value
 
 
@@ -276,6 +277,12 @@ class Poses:
     points: Motion
     rotations: Motion
 
+    @property
+    def times(self) -> np.ndarray:
+        """Times (s) of the waypoints of `points`."""
+        found: np.ndarray = self.points.times  # type: ignore[attr-defined]
+        return found
+
     def __call__(self, t: float) -> Target:
         """The pose at time `t` (s)."""
         point, turn = self.points(t), self.rotations(t)
@@ -305,11 +312,11 @@ def _times(times: Any) -> np.ndarray:
     return found
 
 
-def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns]:
+def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns | Poses]:
     """Paths of tasks from a CSV file, for `References`; its columns are ``t`` and those of tasks.
 
-    NAME.x, NAME.y and NAME.z are a point, NAME.rx, NAME.ry and NAME.rz a rotation vector (rad),
-    NAME.dx, NAME.dy and NAME.dz a direction, and NAME.0, NAME.1, … coordinates.
+    NAME.x, NAME.y and NAME.z are a point, NAME.rx, NAME.ry and NAME.rz a rotation vector (rad), all
+    six a pose, NAME.dx, NAME.dy and NAME.dz a direction, and NAME.0, NAME.1, … coordinates.
 
     Raises
     ------
@@ -329,23 +336,24 @@ def recorded_paths(path: str | Path) -> dict[str, Waypoints | Turns]:
 
 def _paths(
     file: str, times: np.ndarray, table: dict[str, np.ndarray]
-) -> dict[str, Waypoints | Turns]:
+) -> dict[str, Waypoints | Turns | Poses]:
     groups: dict[str, dict[str, np.ndarray]] = {}
     for name, values in table.items():
         task, _, part = name.rpartition(".")
         groups.setdefault(task, {})[part] = values
-    found: dict[str, Waypoints | Turns] = {}
+    found: dict[str, Waypoints | Turns | Poses] = {}
     for task, parts in groups.items():
         numbered = [str(k) for k in range(len(parts))]
-        for wanted in (["x", "y", "z"], ["rx", "ry", "rz"], ["dx", "dy", "dz"], numbered):
+        for wanted in (POINT, TURN, [*POINT, *TURN], ["dx", "dy", "dz"], numbered):
             if task and set(parts) == set(wanted):
                 break
         else:
-            expected = f"{task}.x .y .z, .rx .ry .rz, .dx .dy .dz or .0 .1 …"
+            expected = f"{task}.x .y .z, .rx .ry .rz, all six, .dx .dy .dz or .0 .1 …"
             raise InputError(file, expected, ", ".join(parts))
         values = np.column_stack([parts[part] for part in wanted])
-        if wanted[0] == "rx":
-            found[task] = Turns(times, [exp3(turn) for turn in values])
-        else:
+        turns = Turns(times, [exp3(turn) for turn in values[:, -3:]]) if "rx" in parts else None
+        if turns is None:
             found[task] = Waypoints(times, values, unit=wanted[0] == "dx")
+        else:
+            found[task] = turns if wanted == TURN else Poses(Waypoints(times, values[:, :3]), turns)
     return found

@@ -518,6 +518,17 @@ def test_targets_of_the_files_tasks(tmp_path):
     code, out, _ = command("run", *given, "--no-verdict")
     assert code == 0
     assert re.search(r"^way +error from 90\.000 to .* degrees$", out, re.M)
+    # a path from the robot's pose to a point out of reach: not failed, but missed by all equilibria
+    paths = [paths[0], "0,0.24,0,0,1,0,0", "1,0.3,0,-0.3,1,0,0"]
+    (tmp_path / "paths.csv").write_text("\n".join(paths), "utf-8")
+    code, out, _ = command("run", *given, "--period", "0.005", "--json", "-")
+    report = json.loads(out)
+    assert (code, report["verdict"]) == (1, "not reached")
+    nearest = report["nearest_rest"]
+    assert [one["unit"] for one in nearest.values()] == ["cm", "degrees"]
+    # the straight finger, 24 cm long, points at a target in its plane
+    assert 18.3 < nearest["tip"]["error"] < 25
+    assert 0 <= nearest["way"]["error"] < 46
     (tmp_path / "paths.csv").write_text("t,way.dx,way.dy,way.dz\n0,1,0,0\n1,1,0,0", "utf-8")
     code, _, error = command("run", *given)
     assert (code, error.count("\n")) == (2, 1)

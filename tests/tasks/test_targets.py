@@ -88,15 +88,19 @@ def test_a_recorded_path_is_read_back(tmp_path):
     turns = RNG.normal(size=(4, 3))
     table = np.column_stack((TIMES, POINTS, turns, 2 * POINTS))
     joints = RNG.normal(size=(4, 2))
-    table = np.column_stack((table, joints))
-    np.savetxt(file, table, "%.17g", ",", header=f"{names},joints.0,joints.1", comments="")
+    table = np.column_stack((table, joints, turns, POINTS))
+    names += ",joints.0,joints.1,pose.rx,pose.ry,pose.rz,pose.x,pose.y,pose.z"
+    np.savetxt(file, table, "%.17g", ",", header=names, comments="")
     paths = recorded_paths(file)
-    assert set(paths) == {"tip", "hand", "tip.axis", "joints"}
+    assert set(paths) == {"tip", "hand", "tip.axis", "joints", "pose"}
+    np.testing.assert_array_equal(paths["pose"].times, TIMES)
     for t, point, turn, row in zip(TIMES, POINTS, turns, joints, strict=True):
         assert paths["tip"](t).y == pytest.approx(point)
         assert paths["hand"](t).y == pytest.approx(exp3(turn))
         assert paths["tip.axis"](t).y == pytest.approx(point / np.linalg.norm(point))
         assert paths["joints"](t).y == pytest.approx(row)
+        assert paths["pose"](t).y[:3, 3] == pytest.approx(point)
+        assert paths["pose"](t).y[:3, :3] == pytest.approx(exp3(turn))
     References(paths)(0.4)
 
 

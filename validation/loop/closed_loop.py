@@ -71,7 +71,7 @@ class ClosedLoop:
     - an answer is not a finite (nu,) array, or a count of the controller is not a number,
     - the plant diverges: a state that is not finite, a MuJoCo warning, or a tip farther from its
       reference than twice the robot's length (each of these ends the run and is in the log), or
-    - the final ‖e‖ is not below the initial one (and not below a micrometre either).
+    - the final ‖e‖ of the tip alone is not below the initial one (nor below a micrometre).
 
     Parameters
     ----------
@@ -268,8 +268,8 @@ class ClosedLoop:
             return None
         seen = state if self._rig is None else self._see(k, state)
         if k == self.grid.steps:
-            initial, final = (float(np.linalg.norm(record.error[i])) for i in (0, k))
-            self._end(verdict.not_converged(initial, final) if self.aims else None, complete=True)
+            fault = verdict.not_converged(record.error[0], record.error[k], target)
+            self._end(fault if self.aims else None, complete=True)
             return None
         if self._observe is not None:
             spent = self._observe.nanoseconds

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from softdyn.checks import number
+from softdyn.references import Reference
+from softdyn.tasks import StackedReference
 from softdyn.validation.loop.metrics import CM, mean_square
 
 DIVERGED = 2.0  # ‖e‖ in robot lengths
@@ -55,9 +57,13 @@ def tip_diverged(t: float, distance: float, length: float) -> str | None:
     )
 
 
-def not_converged(initial: float, final: float) -> str | None:
-    """The reason text of a complete run that failed, from its first and last ‖e‖ (m), else None."""
-    if final < initial or final <= RESOLUTION:
+def not_converged(first: np.ndarray, last: np.ndarray, target: Reference) -> str | None:
+    """The reason text of a complete run that failed, from its first and last e (3,) (m), else None.
+
+    Paths of tasks usually begin at the robot, so they are judged by the verdict alone.
+    """
+    initial, final = float(np.linalg.norm(first)), float(np.linalg.norm(last))
+    if isinstance(target, StackedReference) or final < initial or final <= RESOLUTION:
         return None
     return (
         f"no convergence: the final error of {100 * final:.3g} cm is not below "
@@ -135,7 +141,10 @@ def goal_text(theta: float | None, omega: float | None, y_ref: np.ndarray) -> st
         return f"set point at {theta:g} pi"
     if omega is not None:
         return f"tracking at {omega:g} pi rad/s"
-    return "set point at " + " ".join(f"{x:g}" for x in y_ref[0]) + " m"
+    first, last = (
+        " ".join(f"{round(x, 6) + 0.0:g}" for x in point) for point in (y_ref[0], y_ref[-1])
+    )
+    return f"path from {first} to {last} m" if moves(y_ref) else f"set point at {first} m"
 
 
 def task_figures(
