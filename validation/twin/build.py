@@ -21,6 +21,7 @@ from softdyn.validation.twin.cable_friction import add_guides
 from softdyn.validation.twin.settings import STIFF_SOLIMP, STIFF_SOLREF, Settings
 
 TASK_SITE = "task"
+ROUNDING = 1e-12  # m, and of a quaternion: frames this close are the same
 
 
 def build(
@@ -210,6 +211,7 @@ def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree, rig: bool) -> np.nd
             model.jnt_range[model.joint(joint.name).id] = joint.lower, joint.upper
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
+    keep_small_offsets(model)
     start = model.qpos0.copy()
     for body in tree.bodies:
         if body.joint is not None and body.joint.leader is not None:
@@ -218,6 +220,34 @@ def _finish(model: mujoco.MjModel, robot: Robot, tree: Tree, rig: bool) -> np.nd
     mujoco.mj_fwdPosition(model, data)
     drives.finish(model, robot, data.ten_length, rig)
     return start
+
+
+def keep_small_offsets(model: mujoco.MjModel) -> None:
+    """Let offsets and turns of sites and inertias count, however small.
+
+    `mj_setConst` marks a frame within 1e-6 of its body's, or of its inertia's, as the same. The
+    engine then ignores the difference.
+    """
+    same = mujoco.mjtSameFrame
+    rotation_only = {
+        same.mjSAMEFRAME_BODY: same.mjSAMEFRAME_BODYROT,
+        same.mjSAMEFRAME_INERTIA: same.mjSAMEFRAME_INERTIAROT,
+    }
+    own = np.zeros((model.nbody, 3)), np.tile((1.0, 0.0, 0.0, 0.0), (model.nbody, 1))
+    inertial = model.body_ipos, model.body_iquat
+    for codes, frame, bodies in (
+        (model.site_sameframe, (model.site_pos, model.site_quat), model.site_bodyid),
+        (model.body_sameframe, inertial, np.arange(model.nbody)),
+    ):
+        for k, (code, body) in enumerate(zip(codes.tolist(), bodies, strict=True)):
+            other = own if code in (same.mjSAMEFRAME_BODY, same.mjSAMEFRAME_BODYROT) else inertial
+            moved, turned = (
+                np.abs(a[k] - b[body]).max() > ROUNDING for a, b in zip(frame, other, strict=True)
+            )
+            if turned:
+                codes[k] = same.mjSAMEFRAME_NONE
+            elif moved:
+                codes[k] = rotation_only.get(code, code)
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

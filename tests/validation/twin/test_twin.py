@@ -191,6 +191,16 @@ def test_spatial_tendon_rests_at_its_length_at_zero(tmp_path):
     np.testing.assert_array_equal(twin.model.actuator_ctrlrange[0], [0, 5])
 
 
+def test_offsets_below_a_micrometre_count(tmp_path):
+    body = link("base") + link("arm", 2.0, "1 1 1", com="3e-07 0 0") + joint("j", "base", "arm")
+    path = '<site link="base" xyz="0.3 0 0"/><site link="arm" xyz="3e-07 0 0"/>'
+    twin = Twin(urdf(tmp_path, body, f'<tendon name="t">{path}</tendon>'))
+    twin.set_state([0.0], [0.0])
+    assert twin.data.ten_length[0] == pytest.approx(0.3 - 3e-7, rel=1e-15)
+    weight = -twin.model.opt.gravity[2] * 2.0
+    assert twin.data.qfrc_bias[0] == pytest.approx(-3e-7 * weight, rel=1e-12)
+
+
 def test_input_is_a_force_along_the_tendon_held_to_its_bounds(tmp_path):
     block = '<tendon name="t"><joint name="j" coef="2"/></tendon>'
     block += '<actuator name="u" tendon="t" gear="-3" lower="-1" upper="4"/>'
