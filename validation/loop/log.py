@@ -264,6 +264,12 @@ class Log:
             return dict.fromkeys(STEP_TIMES)
         return {name: float(np.percentile(self.step_us, p)) for name, p in STEP_TIMES.items()}
 
+    @property
+    def moving(self) -> bool:
+        """Whether the reference, or the target of a task of a link's frame, is a trajectory."""
+        parts = [self.y_ref] if self.targets is None else [self.y_ref, self.targets]
+        return judged.moves(np.hstack(parts))
+
     def verdict(self, tolerance: float | None = None) -> Verdict:
         """Whether the run reached its reference, with settling time, effort and missed deadlines.
 
@@ -280,15 +286,21 @@ class Log:
         wanted = judged.tolerance_of(self.length, self.error, tolerance)
         cycle = 2 / self.omega if self.omega else None
         within, since, steady = not self.failed, None, math.nan
-        off: tuple[str, ...] = ()
+        off: tuple[str, ...] | None = None
         if self.complete:
-            steady = judged.steady_error(self.t, self.error, self.y_ref, cycle)
+            moving = self.moving
+            steady = judged.steady_error(self.t, self.error, moving, cycle)
             columns = [] if self.tasks is None else [np.outer(e, [1, 0, 0]) for e in self.tasks.T]
-            each = [judged.steady_error(self.t, e, self.y_ref, cycle) for e in columns]
+            each = [
+                max(judged.steady_error(self.t, e, moving, cycle), 0.0 if moving else e[-1, 0])
+                for e in columns
+            ]
             off = judged.missed_tasks(self.task_names, self.task_units, each, wanted, self.length)
             since = judged.settling_time(self.t, self.error, wanted)
-            within &= steady <= wanted and (since is not None or judged.moves(self.y_ref))
-            within &= not off
+            if off is None:
+                within &= steady <= wanted and (since is not None or moving)
+            else:
+                within &= not off
         known = np.isfinite(self.step_us).all()
         last = self.finite_samples
         return Verdict(
@@ -299,7 +311,8 @@ class Log:
             judged.overshoot(self.y[:last], self.y_ref[:last]) if last else None,
             *judged.activity(self.t, self.u, self.u_min, self.u_max),
             int((self.step_us > 1e6 * self.period).sum()) if known else None,
-            off,
+            off or (),
+            off is not None,
         )
 
     def report(self, tolerance: float | None = None) -> dict[str, Any]:

@@ -67,14 +67,15 @@ def _verdict_text(log: Log, found: Verdict) -> str:
         return "not reached: the run is not over"
     first, last = (CM * math.dist(log.y[i], log.y_ref[i]) for i in (0, -1))
     wanted, steady = (f"{CM * x:.3g} cm" for x in (found.tolerance, found.steady_error))
-    if judged.moves(log.y_ref):
+    if found.by_tasks:
+        missed = ", ".join(found.missed_tasks)
+        what = f"beyond their tolerance: {missed}" if missed else "all tasks within their tolerance"
+    elif log.moving:
         what = f"rms error of {steady} over the last cycle, tolerance {wanted}"
     else:
         what = f"|e| fell from {first:.3f} to {last:.3f} cm, tolerance {wanted}"
         if found.settling_time is not None:
             what += f", within it since {found.settling_time:.3g} s"
-    if found.missed_tasks:
-        what += f"; beyond their tolerance: {', '.join(found.missed_tasks)}"
     return ("reached: " if found.reached else "not reached: ") + what
 
 

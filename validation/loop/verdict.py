@@ -84,8 +84,9 @@ class Verdict:
     Attributes
     ----------
     reached : bool
-        The run did not fail, both its steady error and, at a set point, its final one are within
-        the tolerance, and no task is missed.
+        The run did not fail, and both its steady error and, at a set point, its final one are
+        within the tolerance. In a run of tasks with errors in m or rad, these errors count instead
+        of the tip's.
     tolerance : float
         Tolerance (m).
     steady_error : float
@@ -106,7 +107,9 @@ class Verdict:
     missed : int or None
         Number of steps that took longer than the period; None without recorded times.
     missed_tasks : tuple[str, ...]
-        The tasks whose own steady error is beyond the tolerance, see `missed_tasks`.
+        The tasks whose own steady or final error is beyond the tolerance, see `missed_tasks`.
+    by_tasks : bool
+        Whether tasks count instead of the tip.
     """
 
     reached: bool
@@ -119,6 +122,7 @@ class Verdict:
     effort: float | None
     missed: int | None
     missed_tasks: tuple[str, ...] = ()
+    by_tasks: bool = False
 
     def to_dict(self) -> dict[str, object]:
         """The same figures with the keys of the commands' JSON."""
@@ -166,11 +170,11 @@ def task_figures(
 def missed_tasks(
     names: Sequence[str],
     units: Sequence[str],
-    steady: Sequence[float],
+    errors: Sequence[float],
     tolerance: float,
     length: float | None,
-) -> tuple[str, ...]:
-    """The names of the tasks whose steady error is beyond the tolerance.
+) -> tuple[str, ...] | None:
+    """The names of the tasks whose error is beyond the tolerance; None if no task is judged.
 
     An error in m has the tip's tolerance. An error in rad has the angle by which a straight robot
     turns when its tip moves by that tolerance. Errors in other units are not judged.
@@ -179,17 +183,19 @@ def missed_tasks(
     ----------
     names, units : sequence of str
         The tasks and the units of their errors.
-    steady : sequence of float
-        Their steady errors.
+    errors : sequence of float
+        The larger of their steady error and, at a set point, their final one.
     tolerance : float
         Tolerance of the tip (m).
     length : float or None
         The robot's length (m).
     """
     allowed = {"m": tolerance, "rad": tolerance / length if length else TOLERANCE}
+    if not any(unit in allowed for unit in units):
+        return None
     return tuple(
         name
-        for name, unit, error in zip(names, units, steady, strict=True)
+        for name, unit, error in zip(names, units, errors, strict=True)
         if unit in allowed and not error <= allowed[unit]
     )
 
@@ -215,19 +221,19 @@ def tolerance_of(length: float | None, error: np.ndarray, asked: float | None = 
     return TOLERANCE * (length or float(np.linalg.norm(error[0]))) or RESOLUTION
 
 
-def steady_error(t: np.ndarray, error: np.ndarray, y_ref: np.ndarray, cycle: float | None) -> float:
+def steady_error(t: np.ndarray, error: np.ndarray, moving: bool, cycle: float | None) -> float:
     """Root mean square of ‖e‖ (m) over the last `cycle` (s), or the last tenth of the run.
 
     Without a cycle, a reference that moves is judged over the last half.
     """
-    share = 0.5 if moves(y_ref) else STEADY
+    share = 0.5 if moving else STEADY
     span = share * t[-1] if cycle is None else min(cycle, float(t[-1]))
     return math.sqrt(mean_square(t, error, start=max(0.0, float(t[-1]) - span)))
 
 
-def moves(y_ref: np.ndarray) -> bool:
-    """Whether a reference is a trajectory."""
-    return bool(np.ptp(y_ref, axis=0).max() > RESOLUTION)
+def moves(targets: np.ndarray) -> bool:
+    """Whether a reference, or the numbers (N + 1, k) of targets, are a trajectory."""
+    return bool(np.ptp(targets, axis=0).max(initial=0.0) > RESOLUTION)
 
 
 def settling_time(t: np.ndarray, error: np.ndarray, tolerance: float) -> float | None:

@@ -13,15 +13,16 @@ import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint
-from softdyn.controllers import Impedance, Mpc
+from softdyn.controllers import Impedance, Mpc, SoftIdClfQp
 from softdyn.description.robot import input_unit
 from softdyn.identification.data import read_csv
-from softdyn.tasks import AxisTask, PointTask
+from softdyn.tasks import AxisTask, PointTask, References
 from softdyn.tasks.marks import marks_of
 from softdyn.validation import Log, Rig, paper, simulate
 from softdyn.validation.loop.log_csv import csv_text
 from tests.support import micro, winched
 from tests.support.cart import TARGET, steer
+from tests.support.logs import make_log
 
 
 @pytest.fixture
@@ -310,9 +311,46 @@ def test_a_run_of_tasks_comes_back_and_its_csv_has_their_errors(tmp_path):
     assert "tip.x" in read_csv(tmp_path / "run.csv", model).names
     assert log.verdict().missed_tasks == ("tip",)
     assert log.report()["missed_tasks"] == ["tip"]
-    assert log.summary().endswith("; beyond their tolerance: tip")
+    assert log.summary().endswith("not reached: beyond their tolerance: tip")
     close = np.full_like(log.tasks, 0.9 * log.verdict().tolerance)  # m, and 0.9 % of a radian
     close[:, 1] /= log.length
     assert replace(log, tasks=close).verdict().missed_tasks == ()
+    assert replace(log, tasks=close).verdict().reached  # although the tip alone does not count
+    assert replace(log, tasks=close).summary().endswith("reached: all tasks within their tolerance")
     close = close * [1, 1.2]
     assert replace(log, tasks=close).verdict().missed_tasks == ("tip.axis",)
+
+
+def test_a_task_counts_at_the_end_too_and_a_task_that_moves_over_the_last_half():
+    t = np.linspace(0, 10, 1001)
+    late = np.zeros((1001, 2))
+    late[-3:, 1] = 0.05  # beyond the tolerance at the end, within it as rms of the last tenth
+    log = make_log(
+        t, np.full((1001, 3), 0.1), length=0.5, tasks=late, task_names=("mid", "mid.axis"),
+        task_units=("m", "rad"), targets=np.zeros((1001, 6)),
+    )  # fmt: skip
+    assert not log.moving
+    assert log.verdict().missed_tasks == ("mid.axis",)
+    turning = np.column_stack((np.zeros((1001, 4)), np.sin(t), np.cos(t)))  # the axis alone moves
+    moving = replace(log, targets=turning)
+    assert moving.moving
+    assert moving.verdict().reached
+    half = np.where(t > 5, 0.02, 0.0)[:, None] * [0, 1]  # the first of the judged half
+    half[t > 9] = 0.0
+    assert replace(moving, tasks=half).verdict().missed_tasks == ("mid.axis",)
+    assert replace(log, tasks=half).verdict().reached
+    own = replace(log, task_units=("", "kg"))  # no unit to judge them by: the tip counts
+    assert not own.verdict().by_tasks
+    assert not own.verdict().reached
+
+
+def test_without_the_tips_place_as_a_task_its_error_may_grow():
+    model = softdyn.load("finger")
+    link = model.robot.chain("tip")[3].child
+    goal = SetPoint(model.link_poses(model.q0)[link][:3, 3] + [0.02, 0, 0])
+    controller = SoftIdClfQp(model, tasks=[PointTask(link)])
+    log = simulate(model, controller, References({link: goal}), duration=0.2)
+    distance = np.linalg.norm(log.error, axis=1)  # of the tip from the other link's target
+    assert distance[-1] > distance[0]
+    assert not log.failed
+    assert log.verdict().missed_tasks == (link,)
