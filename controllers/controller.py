@@ -94,7 +94,8 @@ class Controller(Protocol):
 
     It may keep a warm start and counters, but never the robot's state. It may also have
     ``reset(period)``, which `validation.simulate` calls once before a run with the control period
-    (s). It sets there everything that depends on the period or on an earlier run.
+    (s). It sets there everything that depends on the period or on an earlier run. A `SafetyFilter`
+    that changes its input calls its ``applied(u)``, if it has one, with the input that acts.
     """
 
     def __call__(self, state: State, reference: Reference | SetPoint) -> Command:

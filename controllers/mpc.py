@@ -213,6 +213,7 @@ class Mpc(GuardedController):
         self._filter.reset(self.period)
         if self._pull is not None:
             self._pull.reset(self.period)
+        self._present: tuple[State, Linearisation, np.ndarray] | None = None
         self._goal = np.full(3, np.nan)
         self._weighed = not self._aim.tasks
         self._away = 0.0  # s
@@ -299,17 +300,27 @@ class Mpc(GuardedController):
         present: Linearisation,
     ) -> Command:  # fmt: skip
         """The command that is sent, within its bounds; it also predicts the next state."""
-        command, acting = self.guard.accept(asked, V, np.nan), self.actuation.acting
-        mean = self.actuation.send(command.u)
+        command, self._present = self.guard.accept(asked, V, np.nan), None
+        if command.status is Status.OK:
+            self._present = state, present, self.actuation.acting
+        self._expect(self.actuation.send(command.u))
         if self._pulls.rubs and command.status is Status.OK:
             command = replace(command, u=self._pulls(command.u, state, self._filter.force))
         if target is not None:
             command = replace(command, distance=target.distance)
-        if command.status is Status.OK:
-            change = (mean - acting)[None]
-            p, speed, matrix = ahead(*present, change, self.period)
-            self._filter.expect(self._model.integrate(state.q, p), speed, matrix)
         return command
+
+    @SILENT
+    def applied(self, u: np.ndarray) -> None:
+        """The input u (nu,) was sent instead of the last command's."""
+        self._expect(self.actuation.send_instead(self._pulls.inputs(u)))
+
+    def _expect(self, mean: np.ndarray) -> None:
+        """Predict the next state from the mean input (nu,) of this period."""
+        if self._present is not None:
+            state, present, acting = self._present
+            p, speed, matrix = ahead(*present, (mean - acting)[None], self.period)
+            self._filter.expect(self._model.integrate(state.q, p), speed, matrix)
 
     def _target_of(
         self,
@@ -357,6 +368,7 @@ class Mpc(GuardedController):
         return pace
 
     def _fall_back(self, status: Status) -> Command:
+        self._present = None
         self._filter.forget()
         if not np.isfinite(self._filter.force).all():
             self._filter.reset(self.period)

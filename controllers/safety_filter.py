@@ -27,7 +27,7 @@ class SafetyFilter(GuardedController):
     that meets every row passes unchanged. If no admissible input meets them, the rows are relaxed.
 
     `SoftIdClfQp` has barriers of its own: it finds the best input among the safe ones, not the one
-    nearest to an unsafe input. `Mpc` and `best` take a changed input for an unmodelled force.
+    nearest to an unsafe input.
 
     Parameters
     ----------
@@ -101,6 +101,9 @@ class SafetyFilter(GuardedController):
         given = QpSolution(wanted, np.zeros(nu), 0.0, 0.0, 0.0)
         found = self.barrier_rows.enforce(nearest, given, state, *self._horizon(state))
         u = wanted if found is None else found.x[:nu]
-        self.changed += not np.array_equal(u, wanted)
+        if not np.array_equal(u, wanted):
+            self.changed += 1
+            if hasattr(self.inner, "applied"):
+                self.inner.applied(u)
         command = self.guard.accept(u, np.nan, np.nan, clamped=True)
         return replace(answer, u=command.u) if isinstance(answer, Command) else command

@@ -64,6 +64,7 @@ class Actuation:
         self._spans = np.full(count, period)
         self._spans[:1] = rest or period
         self._first = rest
+        self._before = self.acting, self._waiting
         self.kept = math.exp(-period / self.lag) if self.lag > 0 else 0.0
 
     def over_delay(self, longest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -86,6 +87,7 @@ class Actuation:
 
     def send(self, command: np.ndarray) -> np.ndarray:
         """A period goes by with this command sent at its begin; the mean input (nu,) of it."""
+        self._before = self.acting, self._waiting
         sent = np.vstack((self._waiting, command))
         spans = np.array([self._first, self.period - self._first])
         acts = sent[:2] if self._first > 0 else sent[:1]
@@ -93,6 +95,11 @@ class Actuation:
         self._waiting = sent[1:]
         mean: np.ndarray = means[0]
         return mean
+
+    def send_instead(self, command: np.ndarray) -> np.ndarray:
+        """As `send`, for a command that was sent instead of the last one."""
+        self.acting, self._waiting = self._before
+        return self.send(command)
 
 
 @compiled

@@ -114,6 +114,10 @@ class Compensated(GuardedController):
         link.send(command.u)
         return replace(command, u=self._pulls(command.u, state)) if self._pulls.rubs else command
 
+    def applied(self, u: np.ndarray) -> None:
+        """The input u (nu,) was sent instead of the last command's."""
+        self.actuation.send_instead(self._pulls.inputs(u))
+
     def _predicted(self, state: State) -> tuple[State, np.ndarray]:
         """The state and the acting input (nu,) after the delay."""
         model, link = self._model, self.actuation

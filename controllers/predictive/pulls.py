@@ -64,7 +64,7 @@ class FrictionPulls:
         self.rubs = len(self._capstan.tendon) > 0
         self._tendon = underlying_tree(model)[0].actuated
         self._springs = np.array(model.stiffness)
-        self._compliance = np.empty((0, 0))
+        self._compliance, self._shares = np.empty((0, 0)), np.ones(model.nu)
         if self.rubs:
             self._compliance = np.linalg.inv(stiffness_at_rest(model, HORIZON)[1])
 
@@ -92,9 +92,15 @@ class FrictionPulls:
             _ordered(state.M, state.D, self._springs, force, v), -np.sign(guides.pull(u)),
             state.moment_arms, self._compliance, REST,
         )  # fmt: skip
-        pulls: np.ndarray = np.clip(u * shares[self._tendon], model.u_min, model.u_max)
+        self._shares = shares[self._tendon]
+        pulls: np.ndarray = np.clip(u * self._shares, model.u_min, model.u_max)
         pulls.flags.writeable = False
         return pulls
+
+    def inputs(self, pulls: np.ndarray) -> np.ndarray:
+        """The inputs (nu,) that act under pulls (nu,), with the r of the last call."""
+        r = self._shares
+        return np.divide(pulls, r, out=np.array(pulls, float), where=r > 0)
 
 
 @compiled

@@ -37,3 +37,16 @@ def test_a_command_for_an_input_brings_it_there(lag: float) -> None:
     path.reset(0.004, np.array([0.3, 0.1]))
     path.send(path.command_for(wanted, path.acting))
     np.testing.assert_allclose(path.acting, wanted)
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.0, 0.02), (0.012, 0.02)])
+def test_a_command_that_was_sent_instead_counts(delay: float, lag: float) -> None:
+    one, two = Actuation(delay, lag), Actuation(delay, lag)
+    rng = np.random.default_rng(5)
+    for link in (one, two):
+        link.reset(0.005, np.zeros(2))
+    for _ in range(5):
+        asked, sent = rng.normal(size=(2, 2))
+        one.send(asked)
+        np.testing.assert_array_equal(one.send_instead(sent), two.send(sent))
+        np.testing.assert_array_equal(one.acting, two.acting)

@@ -52,6 +52,8 @@ def test_the_factors_are_the_least_squares_of_the_joint_forces(name: str) -> Non
             factor = np.linalg.lstsq((root @ rubbed)[:, None], root @ wanted, rcond=None)[0][0]
             expected = min(max(factor * u[k], model.u_min[k]), model.u_max[k])
             assert found[k] == pytest.approx(expected, rel=1e-9)
+            if model.u_min[k] < found[k] < model.u_max[k] and found[k] != 0:
+                assert pulls.inputs(found)[k] == pytest.approx(u[k])
 
 
 def test_a_robot_at_rest_gets_what_was_asked_for_and_motion_gets_more() -> None:

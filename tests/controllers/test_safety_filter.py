@@ -37,12 +37,19 @@ def test_a_controller_without_barriers_keeps_clear(name):
     assert least[1] > -1e-4
     assert laws[1].barrier_rows.relaxed == 0
     assert 0 < laws[1].changed <= log.steps
+    if name == "best":  # 5.96 cm off, and 0.39 mm clear, if it takes a changed input for a force
+        assert log.final_error_cm < 3
+        assert least[1] > 1e-3
 
 
 def test_a_stop_that_is_met_within_a_period():
     # a joint meets its stop at 2 rad/s and pushes the others: 2.4 mm deep while rows ignored it
     model = softdyn.load("finger")
-    law = SafetyFilter(best(model), model, FLOOR.barriers, horizon=0.1)
+    pushing = best(model)  # it is not told which input acts
+    pushing.reset(0.005)
+    law = SafetyFilter(
+        lambda state, reference: pushing(state, reference), model, FLOOR.barriers, horizon=0.1
+    )
     log = simulate(model, law, GOAL, duration=2.0, period=0.005, surroundings=FLOOR)
     assert np.abs(log.q).max() > 1.57
     assert log.least_reserve["floor"] > -1e-4
