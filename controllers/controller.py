@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from threading import RLock
@@ -14,6 +15,7 @@ from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import array
 from softdyn.compiled import COMPILES, compiled
 from softdyn.description.robot import Robot
+from softdyn.dynamics.model import check_model
 from softdyn.tasks.task import Task
 
 SILENT = np.errstate(all="ignore")  # a decorator: overflow gives no warning
@@ -141,6 +143,49 @@ class GuardedController(ABC):
     @abstractmethod
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         """The controller's own computation; if it uses NumPy's arithmetic, decorate it `SILENT`."""
+
+
+class WrappingController(GuardedController):
+    """A controller that changes the input of another one, maybe a user's own.
+
+    Parameters
+    ----------
+    controller : Callable[[State, Reference], Command]
+        The other controller.
+    model : SoftModel
+        The robot.
+    name : str
+        The name; ``{}`` stands for the other one's.
+
+    Attributes
+    ----------
+    inner : Callable[[State, Reference], Command]
+        The other controller.
+
+    Raises
+    ------
+    InputError
+        A controller that cannot be called.
+    """
+
+    def __init__(self, controller: Callable[..., Any], model: SoftModel, name: str) -> None:
+        if not callable(controller) or isinstance(controller, type):
+            raise InputError("controller", "a callable (state, reference) -> command", controller)
+        self.guard = InputGuard(check_model(model).u_min, model.u_max, model.robot)
+        self.inner, self.tasks = controller, getattr(controller, "tasks", ())
+        self.name = name.format(getattr(controller, "name", type(controller).__name__))
+        self._admit = guard_of(controller, model).admit
+
+    @property
+    def gains(self) -> Any:
+        """The other controller's gains or parameters."""
+        return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
+
+    def reset(self, period: float) -> None:
+        """Begin a run with a control period (s)."""
+        self.guard.reset()
+        if hasattr(self.inner, "reset"):
+            self.inner.reset(period)
 
 
 def no_arguments(state: Any, reference: Any, guard: InputGuard) -> InputError:

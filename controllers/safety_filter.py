@@ -11,15 +11,14 @@ import numpy as np
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
 from softdyn.checks import number
 from softdyn.controllers.barriers import BarrierRows, ControlBarrier
-from softdyn.controllers.controller import Command, GuardedController, InputGuard, guard_of
+from softdyn.controllers.controller import Command, WrappingController
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
-from softdyn.dynamics.model import check_model
 
 HORIZON = 0.02  # s
 
 
-class SafetyFilter(GuardedController):
+class SafetyFilter(WrappingController):
     """A controller whose input is changed as little as the barriers require.
 
     It is the filter of Ames et al. 2017: min ‖(u - u_c) / range‖² over the rows of the barriers
@@ -42,8 +41,6 @@ class SafetyFilter(GuardedController):
 
     Attributes
     ----------
-    inner : Callable[[State, Reference], Command]
-        The controller.
     barrier_rows : BarrierRows
         The rows, and the counts of states outside and of relaxed rows.
     changed : int
@@ -63,34 +60,22 @@ class SafetyFilter(GuardedController):
         *,
         horizon: float = HORIZON,
     ) -> None:
-        if not callable(controller) or isinstance(controller, type):
-            raise InputError("controller", "a callable (state, reference) -> command", controller)
+        super().__init__(controller, model, "{} among obstacles")
         if not barriers:
             raise InputError("barriers", "at least one", "none")
         horizon = number("horizon", horizon, lower=0.0)
-        self.inner, self.changed = controller, 0
-        self.guard = InputGuard(check_model(model).u_min, model.u_max, model.robot)
+        self.changed = 0
         self.barrier_rows = BarrierRows(model, barriers, horizon)
-        self.tasks = getattr(controller, "tasks", ())
-        self.name = f"{getattr(controller, 'name', type(controller).__name__)} among obstacles"
         self._horizon = Horizon(model, horizon)
-        self._admit = guard_of(controller, model).admit
         span = model.u_max - model.u_min
         self._weight = 1 / np.where(span > 0, span, 1.0) ** 2
         self._H, self._A = np.diag(self._weight), np.eye(model.nu)
 
-    @property
-    def gains(self) -> Any:
-        """The controller's own gains or parameters."""
-        return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
-
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s)."""
-        self.guard.reset()
+        super().reset(period)
         self.barrier_rows.reset(period)
         self.changed = 0
-        if hasattr(self.inner, "reset"):
-            self.inner.reset(period)
 
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:
         answer = self.inner(state, reference)

@@ -310,9 +310,15 @@ def make_rig(said: str | None) -> Any:
 
 def make_surroundings(file: str | None) -> Surroundings | None:
     """The obstacles of a TOML file."""
+    from softdyn import InputError
     from softdyn.safety import Surroundings
 
-    return None if file is None else Surroundings.of(cli.read_toml(file), file)
+    if file is None:
+        return None
+    around = Surroundings.of(cli.read_toml(file), file)
+    if not around.barriers:
+        raise InputError(file, "at least one obstacle", "none")
+    return around
 
 
 def make_controller(

@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.controllers.controller import SILENT, Command, GuardedController, InputGuard, guard_of
+from softdyn.controllers.controller import SILENT, Command, WrappingController
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.prediction import ahead
 from softdyn.controllers.predictive.pulls import FrictionPulls
 from softdyn.controllers.predictive.stops import JointStops
 from softdyn.dynamics.derivatives import tangent_dynamics
-from softdyn.dynamics.model import check_model
 
 STEP = 2e-3  # s; the longest step of the prediction
 
 
-class Compensated(GuardedController):
+class Compensated(WrappingController):
     """A controller that gets the state at which its command will begin to act.
 
     The state is predicted over the delay by backward Euler, with the dynamics linearised at the
@@ -48,11 +47,6 @@ class Compensated(GuardedController):
     friction : float or array_like, (tendons,), optional
         Coefficients of the cables' friction; by default those of the robot's file.
 
-    Attributes
-    ----------
-    inner : Callable[[State, Reference], Command]
-        The controller.
-
     Raises
     ------
     InputError
@@ -68,30 +62,18 @@ class Compensated(GuardedController):
         delay: float | None = None,
         friction: np.ndarray | float | None = None,
     ) -> None:
-        if not callable(controller) or isinstance(controller, type):
-            raise InputError("controller", "a callable (state, reference) -> command", controller)
-        self.actuation = Actuation.of(check_model(model), delay, lag)
+        super().__init__(controller, model, "compensated {}")
+        self.actuation = Actuation.of(model, delay, lag)
         self._pulls = FrictionPulls(model, friction)
-        self.inner, self._model, self._stops = controller, model, JointStops(model)
-        self.guard = InputGuard(model.u_min, model.u_max, model.robot)
-        self.tasks = getattr(controller, "tasks", ())
+        self._model, self._stops = model, JointStops(model)
         if self.tasks and self.actuation.delay > 0:  # it moves one reference only
             raise InputError("controller", "best or mpc, for tasks behind a delay", controller)
-        self._admit = guard_of(controller, model).admit
-        self.name = f"compensated {getattr(controller, 'name', type(controller).__name__)}"
         self.reset(STEP)
-
-    @property
-    def gains(self) -> Any:
-        """The controller's own gains or parameters."""
-        return getattr(self.inner, "gains", getattr(self.inner, "parameters", None))
 
     def reset(self, period: float) -> None:
         """Begin a run with a control period (s)."""
-        self.guard.reset()
+        super().reset(period)
         self.actuation.reset(period, self.guard.held)
-        if hasattr(self.inner, "reset"):
-            self.inner.reset(period)
 
     @SILENT
     def _command(self, state: State, reference: Reference | SetPoint) -> Command:

@@ -138,3 +138,7 @@ def test_run_takes_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     (tmp_path / "scene.toml").write_text("[[box]]\nsize = 3\n")
     assert run.main(["finger", "ic", "--theta", "1", *told]) == 2
     assert "scene.toml: [[box]] 1" in capsys.readouterr().err
+    (tmp_path / "scene.toml").write_text("")
+    for controller in ("ic", "soft-id-clf-qp"):
+        assert run.main(["finger", controller, "--theta", "1", *told]) == 2
+        assert "scene.toml: expected at least one obstacle, got none" in capsys.readouterr().err
