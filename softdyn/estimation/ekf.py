@@ -313,7 +313,8 @@ class Ekf:
             self._drift.moving, *self._drift.over(step),
         )  # fmt: skip
         self._q[:], self._v[:], self._held[:] = found.q, found.v, found.held
-        self._drift.move(self._drifting, step)
+        if len(self._drifting):
+            self._drift.move(self._drifting, step)
         self._inputs[:] = found.inputs
         return True
 
