@@ -29,6 +29,8 @@ BESIDE = (
     "task.",
     "goal.",
     "reserve.",
+    "estimated.",
+    "deviation.",
 )
 GAPS = ("tip.", "length.", "point.", "pose.", READ)  # columns whose cells may be empty
 AXES = ("x", "y", "z")

@@ -12,6 +12,7 @@ from softdyn import InputError, SetPoint
 from softdyn.controllers import best
 from softdyn.description.urdf_writer import write
 from softdyn.estimation import Ekf
+from softdyn.identification.data import read_csv
 from softdyn.validation import Log, Rig, paper, simulate
 from tests.support.command import command as run
 from tests.support.sensed import sensed
@@ -125,6 +126,7 @@ def test_the_command(tmp_path):
             assert "estimated      tip_force.x" in done.out
             with open(table, encoding="utf-8") as rows:
                 assert "estimated.tip_force.x (N)" in rows.readline()
+            assert read_csv(table, softdyn.load(file)).t[-1] == pytest.approx(0.1)
     assert "tip_force or payload" in done.err
     assert run(*begin, "--observer").code == 2
 
