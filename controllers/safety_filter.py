@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from softdyn.controllers.barriers import BarrierRows, ControlBarrier
 from softdyn.controllers.controller import Command, WrappingController
 from softdyn.controllers.qps.horizon import Horizon
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
+from softdyn.controllers.soft_id_clf_qp import SoftIdClfQp
+from softdyn.safety import Surroundings
 
 HORIZON = 0.02  # s
 
@@ -92,3 +95,25 @@ class SafetyFilter(WrappingController):
                 self.inner.applied(u)
         command = self.guard.accept(u, np.nan, np.nan, clamped=True)
         return replace(answer, u=command.u) if isinstance(answer, Command) else command
+
+
+def among(make: Callable[..., Any], around: Surroundings | None) -> Callable[..., Any]:
+    """`make`, a class or another callable, whose controllers keep clear of obstacles if any.
+
+    `SoftIdClfQp` gets barriers of its own, any other controller a filter.
+    """
+    if around is None:
+        return make
+    if make is SoftIdClfQp:
+        return partial(SoftIdClfQp.among, around.barriers)
+    return partial(_filtered, make, around.barriers)
+
+
+def _filtered(
+    make: Callable[..., Any],
+    barriers: Sequence[ControlBarrier],
+    model: SoftModel,
+    *arguments: Any,
+    **options: Any,
+) -> SafetyFilter:
+    return SafetyFilter(make(model, *arguments, **options), model, barriers)

@@ -25,6 +25,9 @@ token. From another machine: ssh -L PORT:127.0.0.1:PORT, and the same address. C
 radian counts as much as the robot's length in a pose, and as a third of it for a direction. --task
 file has the <task>s of the robot's file. Controllers of your own then get tasks=[...].
 
+--obstacles FILE is as for run: all controllers of the menu keep clear of them, and the page shows
+them.
+
 --measure S compares runs of S seconds: without pages, with two pages that read every frame and draw
 none, and with two windows of Chromium if it is installed. They take turns. The report has the times
 of the control step and the pace of the clock.
@@ -58,6 +61,9 @@ parser.add_argument(
     "--task", choices=("pose", "axis", "file"),
     help="drag the tip's pose, its position and direction, or the tasks of the robot's file",
 )  # fmt: skip
+parser.add_argument(
+    "--obstacles", metavar="FILE", help="obstacles around the robot, a TOML file as for run"
+)
 parser.add_argument(
     "--measure", type=cli.positive, metavar="S", help="measure the cost of pages, S s each"
 )
@@ -99,19 +105,21 @@ def warn(text: str) -> None:
 
 def make_session(arguments: cli.Arguments) -> Any:
     """Make the session for the command line."""
-    from softdyn.commands.run import make_rig
+    from softdyn.commands.run import make_rig, make_surroundings
     from softdyn.validation import paper
-    from softdyn.validation.live.session import Session, menu_of
+    from softdyn.validation.live.menu import menu_of
+    from softdyn.validation.live.session import Session
     from softdyn.validation.loop.observation import make_observer
     from softdyn.view.live.messages import OPEN_LOOP
 
     model = cli.load_robot(arguments)
     first = arguments.controllers[0] if arguments.controllers else "best"
     law = first if model.nu else OPEN_LOOP
-    own = controllers_of(arguments, first)
+    around = make_surroundings(arguments.obstacles)
+    own = controllers_of(arguments, first, around)
     if arguments.target is not None:
         paper.check_reach(model, arguments.target)
-    menu, rig, observer = menu_of(model, own), make_rig(arguments.rig), None
+    menu, rig, observer = menu_of(model, own, around), make_rig(arguments.rig), None
     if arguments.observer is not None:
         observer = make_observer(model, rig, arguments.observer)
     note = cli.best_note(model, law, arguments.gains)
@@ -119,7 +127,7 @@ def make_session(arguments: cli.Arguments) -> Any:
         print(note, file=sys.stderr, flush=True)
     return Session(
         model, menu, law, period=arguments.period, target=arguments.target,
-        rig=rig, observer=observer, tasks=tasks_for(model, arguments.task),
+        rig=rig, observer=observer, tasks=tasks_for(model, arguments.task), surroundings=around,
     )  # fmt: skip
 
 
@@ -135,15 +143,16 @@ def tasks_for(model: Any, which: str | None) -> Any:
     return tasks_of(model) if which == "file" else ()
 
 
-def controllers_of(arguments: cli.Arguments, first: str) -> dict[str, Any]:
+def controllers_of(arguments: cli.Arguments, first: str, around: Any = None) -> dict[str, Any]:
     """Controllers of the command line by name, each made as ``make(model)``."""
     from softdyn import InputError
     from softdyn.controllers.registry import find_controller
+    from softdyn.controllers.safety_filter import among
     from softdyn.view.live.messages import OPEN_LOOP
 
     said = (*arguments.controllers, *([first] if arguments.gains else []))
     names = [name for name in dict.fromkeys(said) if name != OPEN_LOOP]
-    own = {name: find_controller(name) for name in names}
+    own = {name: among(find_controller(name), around) for name in names}
     if arguments.gains is None:
         return own
     table = cli.read_toml(arguments.gains)

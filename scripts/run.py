@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
@@ -325,16 +324,13 @@ def make_controller(
     model: SoftModel, name: str, file: str | None, around: Surroundings | None = None, **more: Any
 ) -> Any:
     """A controller by its command-line name, with the parameters of a file if there is one."""
-    from softdyn.controllers import SafetyFilter, SoftIdClfQp, registry
+    from softdyn.controllers import registry
+    from softdyn.controllers.safety_filter import among
 
-    cls = registry.find_controller(name)
-    if around is not None and cls is SoftIdClfQp:
-        cls, around = partial(SoftIdClfQp.among, around.barriers), None
+    cls = among(registry.find_controller(name), around)
     if file is None:
-        controller = registry.make_controller(name, model, cls=cls, **more)
-    else:
-        controller = cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
-    return controller if around is None else SafetyFilter(controller, model, around.barriers)
+        return registry.make_controller(name, model, cls=cls, **more)
+    return cli.make_controller(name, model, cli.read_toml(file), cls, file, **more)
 
 
 main = cli.program(parser, command, __name__)

@@ -10,8 +10,11 @@ from time import perf_counter, sleep
 from typing import Any
 
 from softdyn import InputError, SoftdynError, SoftModel
+from softdyn.controllers.safety_filter import among
+from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
-from softdyn.validation.live.session import Make, Session, menu_of
+from softdyn.validation.live.menu import Make, menu_of
+from softdyn.validation.live.session import Session
 from softdyn.validation.loop.arguments import name_of
 from softdyn.validation.twin.rig import Rig
 from softdyn.view.live.channel import Channel
@@ -34,8 +37,7 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
     port : int, optional
         By default a free one from 7000 on.
     """
-    model = session.model
-    figure = replace(Figure.of(model), marks=session.limits.marks)
+    model, figure = session.model, figure_of(session)
     title = model.bundled or model.name
     page = live_page(
         figure, "play", title=title, laws=session.limits.laws, period=session.period,
@@ -45,6 +47,13 @@ def open_play_page(session: Session, port: int | None = None) -> Channel:
         page, figure, replayed=session.columns.replayed, title=title, limits=session.limits,
         port=port,
     )  # fmt: skip
+
+
+def figure_of(session: Session) -> Figure:
+    """The robot of a session with its tasks and the obstacles around it."""
+    figure = replace(Figure.of(session.model), marks=session.limits.marks)
+    around = session.surroundings
+    return figure if around is None else replace(figure, scenery=around.visuals(figure.size))
 
 
 def period_note(period: float, kept: Kept) -> str:
@@ -167,6 +176,8 @@ class Play:
     tasks : sequence of Task
         Tasks of links' frames to drag, which the menu's controllers get; by default the tip's
         position. A `controller` has its own.
+    surroundings : Surroundings, optional
+        Obstacles in plant and page, of which all controllers keep clear.
     port : int, optional
         By default a free one from 7000 on.
     """
@@ -182,16 +193,18 @@ class Play:
         target: Any = None,
         rig: Rig | str | None = None,
         tasks: Sequence[Task] = (),
+        surroundings: Surroundings | None = None,
         port: int | None = None,
     ) -> None:
         own: dict[str, Make] = {}
         if controller is not None:
             law = name or name_of(controller)
-            own[law] = lambda _model, **_tasks: controller
-        menu = menu_of(model, own)
+            own[law] = among(lambda _model, **_tasks: controller, surroundings)
+        menu = menu_of(model, own, surroundings)
         self.session = Session(
-            model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig, tasks=tasks
-        )
+            model, menu, law or OPEN_LOOP, period=period, target=target, rig=rig, tasks=tasks,
+            surroundings=surroundings,
+        )  # fmt: skip
         self._channel = open_play_page(self.session, port)
         self.url = self._channel.url
         self._over, self._closed = threading.Event(), False

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
-from functools import singledispatchmethod
+from functools import partial, singledispatchmethod
 from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
 
 from softdyn import InputError, SoftdynError, SoftModel, State, statics
-from softdyn.controllers import Mpc, registry
 from softdyn.controllers.controller import guard_of
 from softdyn.estimation import Observer
 from softdyn.exceptions import one_line
+from softdyn.safety import Surroundings
 from softdyn.tasks.task import Task
 from softdyn.validation.live.dragged_targets import DraggedTargets
 from softdyn.validation.live.ghost import Ghost
+from softdyn.validation.live.menu import Make, make_law
 from softdyn.validation.live.push import Hand, hand_stiffness
 from softdyn.validation.loop.observation import Observation
 from softdyn.validation.loop.time_grid import TimeGrid
@@ -33,16 +34,8 @@ from softdyn.view.live.frames import Columns
 from softdyn.view.live.messages import OPEN_LOOP, Limits, Message
 from softdyn.view.scene import Figure
 
-Make = Callable[[SoftModel], Any]
-KNOWN = (*registry.CONTROLLERS.values(), *registry.BEYOND.values())
 # of the robot's length: the pull by the mouse does not grow beyond this distance
 LONGEST_PULL = 0.5
-
-
-def menu_of(model: SoftModel, own: Mapping[str, Make] | None = None) -> dict[str, Make]:
-    """Controllers by name: a user's own and the registry's."""
-    known = {**registry.CONTROLLERS, **registry.BEYOND} if model.nu else {}
-    return {**(own or {}), **{k: v for k, v in known.items() if k not in (own or {})}}
 
 
 @dataclass
@@ -89,6 +82,8 @@ class Session:
         It estimates the controller's states from the rig's sensors, and the ghost is its estimate.
     tasks : sequence of Task
         Tasks of links' frames, one of them with a position; by default the tip's position.
+    surroundings : Surroundings, optional
+        Obstacles in the plant. Controllers keep clear of them if the menu makes such.
 
     Attributes
     ----------
@@ -118,8 +113,9 @@ class Session:
         rig: Rig | str | None = None,
         observer: Observer | None = None,
         tasks: Sequence[Task] = (),
+        surroundings: Surroundings | None = None,
     ) -> None:
-        self.model, self._menu = model, dict(menu)
+        self.model, self._menu, self.surroundings = model, dict(menu), surroundings
         self._wanted = rig_of(rig) or Rig(file=False)
         self.period = setup_of(model).period if period is None else period
         self._grid = TimeGrid.plan(self.period, self.period)
@@ -272,7 +268,7 @@ class Session:
             self._fault(f"{self.shown.law}: {type(error).__name__}: {error}")
             return 0.0
         spent = (perf_counter_ns() - began) / 1e3
-        planning = getattr(self._law, "planning", False) is True
+        planning = getattr(getattr(self._law, "inner", self._law), "planning", False) is True
         self.changed |= planning != self.shown.planning
         self.shown.planning = planning
         self._advance()
@@ -337,7 +333,8 @@ class Session:
     ) -> tuple[RiggedPlant, StateMap]:
         """A new plant in a given state, whose input u has been held for long."""
         wanted = _changed(self._wanted, said)
-        rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep)
+        options = {} if self.surroundings is None else {"obstacles": self.surroundings.obstacles}
+        rig = RiggedPlant(wanted, self.model, self.period, timestep=self._grid.timestep, **options)
         if self._observer is not None:
             self._observe = Observation(self._observer, self.model, rig)
         states = StateMap(self.model, rig.twin)
@@ -360,19 +357,13 @@ class Session:
 
     def _made(self, name: str) -> Any:
         """A controller of the menu; ours compile their kernels here, before the first step."""
-        make = self._menu[name]
-
-        def made(cls: Any) -> Any:
-            law = registry.make_controller(name, self.model, cls=cls, **self._aim.arguments)
-            if isinstance(law, Mpc) and law.targets is not None:
-                law.targets.background = True  # a search takes seconds
-            return law
-
-        if make in KNOWN:
-            first = made(None)
-            self._begin(first)
-            first(self._state, self._aim.reference)
-        return made(make)
+        making = partial(make_law, name, self._menu[name], self.model, **self._aim.arguments)
+        law, ours = making()
+        if ours:
+            self._begin(law)
+            law(self._state, self._aim.reference)
+            law, _ = making()
+        return law
 
     def _begin(self, law: Any) -> None:
         """Reset a controller, if it can be reset."""

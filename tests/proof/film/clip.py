@@ -15,8 +15,9 @@ from PIL import Image, ImageDraw
 import softdyn
 from softdyn.controllers.staged import Staged
 from softdyn.validation import paper
+from softdyn.validation.live.menu import menu_of
 from softdyn.validation.live.playing import open_play_page
-from softdyn.validation.live.session import Session, menu_of
+from softdyn.validation.live.session import Session
 from softdyn.view.live import messages
 from softdyn.view.live.channel import Channel
 from tests.proof.film.chromium import Browser

@@ -17,8 +17,9 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 import softdyn
+from softdyn.validation.live.menu import menu_of
 from softdyn.validation.live.playing import drive, open_play_page
-from softdyn.validation.live.session import Session, menu_of
+from softdyn.validation.live.session import Session
 from softdyn.view.live.messages import OPEN_LOOP
 from softdyn.view.live.pacing import Clock
 

@@ -14,8 +14,9 @@ from softdyn.estimation import Ekf
 from softdyn.tasks import AxisTask, JointTask, PoseTask
 from softdyn.tasks.targets import exp3
 from softdyn.validation import Rig, Twin, simulate
-from softdyn.validation.live.playing import drive, period_note
-from softdyn.validation.live.session import Session, menu_of
+from softdyn.validation.live.menu import menu_of
+from softdyn.validation.live.playing import drive, figure_of, period_note
+from softdyn.validation.live.session import Session
 from softdyn.validation.live.watching import watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.twin.plant_errors import PlantErrors
@@ -110,6 +111,33 @@ def test_the_ghost_of_an_observer_is_its_estimate():
     run(session, 0.5)
     assert not session.shown.paused
     assert part(session, "gap") < 0.02
+
+
+def test_controllers_keep_clear_of_obstacles(model, tmp_path):
+    file = tmp_path / "scene.toml"
+    lid = 'links = "tip"\nname = "lid"\n'
+    file.write_text(f"[[half_space]]\nnormal = [0, 0, -1]\noffset = 0.12\n{lid}")
+    words = ["finger", "mpc", "--target", "0.2", "0", "-0.05"]
+    free, safe = (
+        play.make_session(play.parser.parse_args([*words, *more]))
+        for more in ([], ["--obstacles", str(file)])
+    )
+    lid = safe.surroundings
+    for law in ("mpc", "soft-id-clf-qp"):
+        least = []
+        for session in (free, safe):
+            session.apply(m.Reset())
+            session.apply(m.SetController(law))
+            reserves = []
+            for _ in range(120):
+                session.step()
+                reserves.append(lid.reserve(session._state)[0])
+            assert not session.shown.paused, session.shown.notice
+            least.append(min(reserves))
+        assert least[0] < -0.02
+        assert least[1] > -1e-4
+    assert safe._rig.twin.obstacles == lid.obstacles
+    assert [len(figure_of(session).scenery) for session in (free, safe)] == [0, 1]
 
 
 def test_targets_of_tasks_are_set_and_a_plain_target_is_refused(model):

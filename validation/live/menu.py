@@ -1,0 +1,31 @@
+"""The controllers that a page offers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from softdyn import SoftModel
+from softdyn.controllers import Mpc, registry
+from softdyn.controllers.safety_filter import among
+from softdyn.safety import Surroundings
+
+Make = Callable[[SoftModel], Any]
+
+
+def menu_of(
+    model: SoftModel, own: Mapping[str, Make] | None = None, around: Surroundings | None = None
+) -> dict[str, Make]:
+    """Controllers by name: a user's own, and the registry's, which keep clear of obstacles."""
+    ours = {**registry.CONTROLLERS, **registry.BEYOND} if model.nu else {}
+    known = {name: among(make, around) for name, make in ours.items()}
+    return {**(own or {}), **{k: v for k, v in known.items() if k not in (own or {})}}
+
+
+def make_law(name: str, make: Make, model: SoftModel, **arguments: Any) -> tuple[Any, bool]:
+    """A controller of the menu, and whether it is ours. It searches ways in the background."""
+    law = registry.make_controller(name, model, cls=make, **arguments)
+    inner = getattr(law, "inner", law)
+    if isinstance(inner, Mpc) and inner.targets is not None:
+        inner.targets.background = True  # a search takes seconds
+    return law, type(inner).__module__.startswith("softdyn.")
