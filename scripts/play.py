@@ -105,7 +105,7 @@ def warn(text: str) -> None:
 
 def make_session(arguments: cli.Arguments) -> Any:
     """Make the session for the command line."""
-    from softdyn.commands.run import make_rig, make_surroundings
+    from softdyn.commands.run import make_rig, make_surroundings, naming
     from softdyn.validation import paper
     from softdyn.validation.live.menu import menu_of
     from softdyn.validation.live.session import Session
@@ -122,13 +122,15 @@ def make_session(arguments: cli.Arguments) -> Any:
     menu, rig, observer = menu_of(model, own, around), make_rig(arguments.rig), None
     if arguments.observer is not None:
         observer = make_observer(model, rig, arguments.observer)
+    with naming(model):
+        session = Session(
+            model, menu, law, period=arguments.period, target=arguments.target,
+            rig=rig, observer=observer, tasks=tasks_for(model, arguments.task), surroundings=around,
+        )  # fmt: skip
     note = cli.best_note(model, law, arguments.gains)
     if note:
         print(note, file=sys.stderr, flush=True)
-    return Session(
-        model, menu, law, period=arguments.period, target=arguments.target,
-        rig=rig, observer=observer, tasks=tasks_for(model, arguments.task), surroundings=around,
-    )  # fmt: skip
+    return session
 
 
 def tasks_for(model: Any, which: str | None) -> Any:

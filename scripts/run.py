@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import sys
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from softdyn.commands import cli
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from softdyn import SoftModel
     from softdyn.description.visuals import Visual
@@ -127,6 +128,7 @@ cli.add_json(parser)
 
 def command(arguments: cli.Arguments) -> int:
     """Build, simulate and report."""
+    from softdyn import Reference
     from softdyn.controllers.registry import one_line_errors
     from softdyn.validation import paper
     from softdyn.validation.loop.closed_loop import ClosedLoop
@@ -134,20 +136,28 @@ def command(arguments: cli.Arguments) -> int:
     model = cli.load_robot(arguments)
     more, target = dict[str, Any](), arguments.target
     if arguments.targets is not None:
-        from softdyn.tasks import References, recorded_paths, tasks_of
+        from softdyn.exceptions import errors_in
+        from softdyn.tasks import tasks_of
+        from softdyn.tasks.marks import recorded_targets
 
-        paths = recorded_paths(arguments.targets)
-        reference, more["tasks"] = References(paths), tasks_of(model)
+        more["tasks"] = tasks_of(model)
+        reference = recorded_targets(arguments.targets, more["tasks"])
+        times = sorted({t for path in reference.motions.values() for t in path.times.tolist()})
+        for t, name in ((t, name) for t in times for name in reference.motions):
+            goal = reference.motions[name](t)
+            if goal.y.shape == (4, 4) or isinstance(goal, Reference):
+                with errors_in(f"{arguments.targets}: {name} at {t:g} s"):
+                    paper.check_reach(model, goal.y[:3, 3] if goal.y.ndim == 2 else goal.y)
         target = reference(0.0).y
     experiment = paper.experiment(
         model, theta=arguments.theta, omega=arguments.omega, target=target, period=arguments.period
     )
     if arguments.targets is not None:
-        end = max(float(path.times[-1]) for path in paths.values())
-        experiment = replace(experiment, reference=reference, duration=end)
+        experiment = replace(experiment, reference=reference, duration=times[-1])
     plant = make_plant(model, arguments)
     around = make_surroundings(arguments.obstacles)
-    controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
+    with naming(model):
+        controller = make_controller(model, arguments.controller, arguments.gains, around, **more)
     if arguments.certify:
         from softdyn.controllers import Certified
 
@@ -318,6 +328,20 @@ def make_surroundings(file: str | None) -> Surroundings | None:
     if not around.barriers:
         raise InputError(file, "at least one obstacle", "none")
     return around
+
+
+@contextmanager
+def naming(model: SoftModel) -> Iterator[None]:
+    """Add the robot's file to an error about its tasks."""
+    from softdyn import InputError
+
+    try:
+        yield
+    except InputError as error:
+        if error.name not in ("tasks", "targets"):
+            raise
+        where = f"{model.robot.path}: {error.name}"
+        raise InputError(where, error.expected, error.got) from None
 
 
 def make_controller(

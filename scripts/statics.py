@@ -156,15 +156,16 @@ def hold_pose(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any
 
     from softdyn import SetPoint, statics
     from softdyn.tasks import OrientationTask, PointTask, StackedReference, Target
-    from softdyn.tasks.targets import exp3
+    from softdyn.tasks.targets import turned
     from softdyn.validation import paper
     from softdyn.validation.crosschecks.rest_report import CM, HeldRest
 
     point, turn = np.array(arguments.pose[:3]), np.array(arguments.pose[3:])
     paper.check_reach(model, point)
+    rotation = turned("--pose", turn)
     tip = model.robot.task
     tasks = [PointTask(tip, weight=model.robot.length**-2), OrientationTask(tip, name="turn")]
-    goal = StackedReference({tip: SetPoint(point), "turn": Target(exp3(turn))})
+    goal = StackedReference({tip: SetPoint(point), "turn": Target(rotation)})
     found = statics.inputs_for_tasks(model, tasks, goal, rays=arguments.rays, seed=arguments.seed)
     robot, lines = model.bundled or model.name, list[str]()
     report: dict[str, Any] = {"robot": robot, "pose": arguments.pose}

@@ -53,7 +53,8 @@ class Certified:
     def __init__(self, law: Any) -> None:
         gains: list[Any] = [getattr(each, "gains", None) for each in getattr(law, "stages", [law])]
         if not all(isinstance(each, Gains) for each in gains):
-            raise InputError("law", "one with softdyn.controllers.Gains", repr(law))
+            expected = "one with softdyn.controllers.Gains, to certify it"
+            raise InputError("controller", expected, type(law).__name__)
         self.law, self.gains, self.guard, self.name = law, law.gains, law.guard, law.name
         self.tasks = getattr(law, "tasks", ())
         self._clf = {each.eps: make_clf(each.eps) for each in gains}

@@ -27,6 +27,7 @@ from softdyn.description.robot import (
     Robot,
     Site,
     Tendon,
+    moving_link_of,
     poses,
 )
 from softdyn.description.stated_task import StatedTask, only_the_tip, read_tasks
@@ -182,7 +183,23 @@ def _site(element: Element, links: dict[str, Link]) -> Site:
     return Site(element.one_of("link", links, A_LINK), element.vector("xyz"))
 
 
-def check_paths(block: Element, robot: Robot) -> None:
+def check_placement(block: Element, robot: Robot) -> None:
+    """Refuse cables without a direction somewhere, and tasks of links that cannot move.
+
+    Raises
+    ------
+    UrdfError
+        It names the element.
+    """
+    _check_paths(block, robot)
+    carriers = moving_link_of(robot)
+    for element in block.children("task"):
+        frame = element.text("frame")
+        if robot.moving_joints and carriers[frame] == robot.root and not robot.floating:
+            raise element.error("a link that a joint moves", repr(frame))
+
+
+def _check_paths(block: Element, robot: Robot) -> None:
     """Refuse consecutive sites at one point, where the cable has no direction.
 
     On one link it needs none, unless it rubs there.

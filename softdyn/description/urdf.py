@@ -19,7 +19,7 @@ from softdyn.checks import flag
 from softdyn.description.annotations import (
     BLOCK,
     AnnotationBlock,
-    check_paths,
+    check_placement,
     read_block,
     read_springs,
 )
@@ -169,7 +169,7 @@ def _robot(
         mended=bool(repairs),
     )
     if element is not None:
-        check_paths(element, robot)
+        check_placement(element, robot)
     return replace(robot, warnings=(*repairs, *_check_bodies(root, robot)))
 
 

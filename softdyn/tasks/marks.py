@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from softdyn.checks import did_you_mean
 from softdyn.description.stated_task import TaskKind
 from softdyn.description.task_mark import TaskMark
-from softdyn.references import SetPoint
+from softdyn.exceptions import InputError, errors_in
+from softdyn.references import Reference, SetPoint
 from softdyn.tasks.frames import FrameTask
 from softdyn.tasks.rotations import log3
-from softdyn.tasks.targets import StackedReference, Target, exp3
+from softdyn.tasks.targets import References, StackedReference, Target, exp3, recorded_paths
 from softdyn.tasks.task import Task, unit
 
 
@@ -59,6 +62,45 @@ def numbers_at(mark: TaskMark, pose: np.ndarray) -> np.ndarray:
     if mark.kind is TaskKind.POSITION:
         return frame[:3, 3]
     return numbers(frame if mark.kind is TaskKind.POSE else frame[:3, :3])
+
+
+def recorded_targets(path: str | Path, tasks: Sequence[Task]) -> References:
+    """`recorded_paths` for given tasks: each path is of a task, and of its kind.
+
+    Raises
+    ------
+    InputError
+        It names the file, and the task. A task without a path must have an own target.
+    """
+    file, paths = str(path), recorded_paths(path)
+    names = [task.name for task in tasks]
+    for name in paths:
+        if name not in names:
+            expected = f"one of the tasks {', '.join(names)}"
+            raise InputError(f"{file}: {name}", expected, did_you_mean(name, names))
+    for mark in marks_of(tasks):
+        if mark.name not in paths:
+            continue
+        kind = _kind_of(paths[mark.name](0.0))
+        if kind is not mark.kind:
+            raise InputError(
+                f"{file}: {mark.name}", f"columns {', '.join(mark.columns)}", kind.value
+            )
+    for task in tasks:
+        if task.name not in paths and task.target is None:
+            expected = f"columns of task {task.name!r}"
+            raise InputError(file, expected, f"those of {', '.join(paths)}")
+    first = min(float(path.times[0]) for path in paths.values())
+    if first < 0:
+        raise InputError(f"{file}: t", "times from 0 on", f"{first:g} s")
+    with errors_in(file):
+        return References(paths)
+
+
+def _kind_of(target: Any) -> TaskKind:
+    shapes = {(3, 3): TaskKind.ORIENTATION, (4, 4): TaskKind.POSE}
+    plain = TaskKind.POSITION if isinstance(target, Reference) else TaskKind.AXIS
+    return shapes.get(target.y.shape, plain)
 
 
 def target_of(mark: TaskMark, values: np.ndarray) -> SetPoint | Target:

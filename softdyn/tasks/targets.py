@@ -19,6 +19,9 @@ from softdyn.tasks.rotations import log3
 
 ORTHONORMAL = 1e-6  # largest entry of RᵀR - I of a rotation
 POINT, TURN = ["x", "y", "z"], ["rx", "ry", "rz"]  # parts of columns
+FULL_TURN = 2 * math.pi + 1e-6  # rad
+OPPOSITE = -1 + 1e-6  # cosine of two directions from which none of those between is unique
+LARGEST = 1e6  # m, rad; of a recorded number
 TANGENT = {(3, 3): (3,), (4, 4): (6,)}  # shapes of rates, if not those of the value
 
 
@@ -190,6 +193,8 @@ class Waypoints:
         shape = np.shape(values)
         values = array("values", values, (len(self.times), *shape[1:]))
         self._directions = bool(unit)
+        if unit:
+            _check_directions(values)
         ends = [(k, np.zeros(values.shape[1:])) for k in (1, 2)]
         self._spline = make_interp_spline(self.times, values, k=5, bc_type=(ends, ends))
         self._rates = self._spline.derivative(), self._spline.derivative(2)
@@ -204,6 +209,15 @@ class Waypoints:
         if self._directions:
             return Target(*_on_sphere(y, ydot, yddot))
         return Reference(y, ydot, yddot) if y.shape == (3,) else Target(y, ydot, yddot)
+
+
+def _check_directions(values: np.ndarray) -> None:
+    """Refuse directions that are zero, or opposite to the one before: no path between is unique."""
+    sizes = np.linalg.norm(values, axis=-1)
+    cosines = (values[1:] * values[:-1]).sum(-1) / np.maximum(sizes[1:] * sizes[:-1], 1e-300)
+    if not (sizes > 1e-9).all() or (cosines < OPPOSITE).any():
+        expected = "directions that are not zero, nor opposite to the one before"
+        raise InputError("values", expected, repr(values.tolist()))
 
 
 def _on_sphere(
@@ -305,6 +319,19 @@ def exp3(turn: np.ndarray) -> np.ndarray:
     return rotation
 
 
+def turned(name: str, turn: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) of a user's rotation vector (3,).
+
+    Raises
+    ------
+    InputError
+        For a vector longer than a full turn, which is probably in degrees.
+    """
+    if not np.abs(turn).max() <= FULL_TURN:
+        raise InputError(name, "a rotation vector in rad, at most a full turn", repr(turn.tolist()))
+    return exp3(turn)
+
+
 def _times(times: Any) -> np.ndarray:
     found = array("times", times, (length("times", times),))
     if len(found) < 2 or not (np.diff(found) > 0).all():
@@ -348,12 +375,19 @@ def _paths(
             if task and set(parts) == set(wanted):
                 break
         else:
-            expected = f"{task}.x .y .z, .rx .ry .rz, all six, .dx .dy .dz or .0 .1 …"
+            expected = f"{task or 'NAME'}.x .y .z, .rx .ry .rz, all six, .dx .dy .dz or .0 .1 …"
             raise InputError(file, expected, ", ".join(parts))
         values = np.column_stack([parts[part] for part in wanted])
-        turns = Turns(times, [exp3(turn) for turn in values[:, -3:]]) if "rx" in parts else None
-        if turns is None:
-            found[task] = Waypoints(times, values, unit=wanted[0] == "dx")
-        else:
-            found[task] = turns if wanted == TURN else Poses(Waypoints(times, values[:, :3]), turns)
+        with errors_in(f"{file}: {task}"):
+            found[task] = _path(wanted, times, values)
     return found
+
+
+def _path(parts: list[str], times: np.ndarray, values: np.ndarray) -> Waypoints | Turns | Poses:
+    """The path of the numbers (N, parts) of one task."""
+    if not np.abs(values).max() <= LARGEST:
+        raise InputError("numbers", f"within ±{LARGEST:g}", np.abs(values).max())
+    if "rx" not in parts:
+        return Waypoints(times, values, unit=parts[0] == "dx")
+    turns = Turns(times, [turned("rotation", turn) for turn in values[:, -3:]])
+    return turns if parts == TURN else Poses(Waypoints(times, values[:, :3]), turns)

@@ -508,6 +508,55 @@ def test_ctrl_c_is_no_fault_of_a_user_s_code(call, folder):
     assert (code, err.splitlines()[-1:]) == (130, ["error: interrupted"])  # it may compile first
 
 
+WAY = '<task frame="tip"/><task frame="tip" name="way" kind="axis" direction="1 0 0"/>'
+TURN = '<task frame="tip"/><task frame="tip" name="turn" kind="orientation"/>'
+TIP, FINE = "t,tip.x,tip.y,tip.z", ["0.1,0,-0.1", "0.1,0,-0.1"]
+
+
+def table(header, *cells):
+    """A CSV of two rows, with a place of the tip in each."""
+    rows = [f"{k},{FINE[k]},{cell}" for k, cell in enumerate(cells)]
+    return "\n".join([f"{TIP},{header}", *rows])
+
+
+@pytest.mark.parametrize(("tasks", "text", "expected"), [
+    (WAY, table("wya.dx,wya.dy,wya.dz", "1,0,0", "1,0,0"),
+     "paths.csv: wya: expected one of the tasks tip, way, got 'wya'; did you mean 'way'?"),
+    (WAY, table("way.x,way.y,way.z", "1,0,0", "1,0,0"),
+     "paths.csv: way: expected columns way.dx, way.dy, way.dz, got position"),
+    (WAY, f"{TIP.replace('tip.', 'tip.r')}\n0,0,0,0\n1,0,1,0",
+     "paths.csv: tip: expected columns tip.x, tip.y, tip.z, got orientation"),
+    (TURN, f"{TIP}\n0,{FINE[0]}\n1,{FINE[1]}", "paths.csv: expected columns of task 'turn'"),
+    (WAY, "t,way.dx,way.dy,way.dz\n0,1,0,0\n1,1,0,0", "paths.csv: expected columns of task 'tip'"),
+    (WAY, f"{TIP}\n0,0.1,0,-0.1\n1,120,0,-130",
+     "paths.csv: tip at 1 s: target: expected three finite numbers in m, within the robot's reach"),
+    (WAY, f"{TIP}\n0,0.1,0,-0.1\n1,1e300,0,0", "paths.csv: tip: numbers: expected within ±1e+06"),
+    (WAY, f"{TIP}\n-3,0.1,0,-0.1\n-1,0.1,0,0", "paths.csv: t: expected times from 0 on"),
+    (WAY, table("way.dx,way.dy,way.dz", "0,0,0", "1,0,0"),
+     "paths.csv: way: values: expected directions that are not zero"),
+    (WAY, table("way.dx,way.dy,way.dz", "1,0,0", "-1,0,0"),
+     "paths.csv: way: values: expected directions that are not zero, nor opposite"),
+    (TURN, table("turn.rx,turn.ry,turn.rz", "90,0,0", "0,0,0"),
+     "paths.csv: turn: rotation: expected a rotation vector in rad, at most a full turn"),
+    (TURN, table("turn.rx,turn.ry,turn.rz", "1e300,0,0", "0,0,0"),
+     "paths.csv: turn: numbers: expected within ±1e+06, got 1e+300"),
+    ('<task frame="tip"/><task frame="tip" name="low" level="1"/>',
+     table("low.x,low.y,low.z", *FINE), "two.urdf: tasks: expected weighted tasks of one level"),
+    (WAY.replace('frame="tip" name', 'frame="base" name'), "",
+     '<softdyn><task name="way">: expected a link that a joint moves, got \'base\''),
+])  # fmt: skip
+def test_misuses_of_tasks_are_one_line_and_leave_nothing(tmp_path, tasks, text, expected):
+    urdf = (ROOT / "urdf/finger.urdf").read_text("utf-8")
+    (tmp_path / "two.urdf").write_text(urdf.replace('<task frame="tip"/>', tasks), "utf-8")
+    (tmp_path / "paths.csv").write_text(text, "utf-8")
+    given = [str(tmp_path / "two.urdf"), "mpc", "--targets", str(tmp_path / "paths.csv")]
+    code, out, error = command("run", *given, "--log", str(tmp_path / "run.npz"))
+    assert (code, out) == (2, "")
+    assert expected in error
+    assert of_itself(error).count("\n") == 1
+    assert {file.name for file in tmp_path.iterdir()} == {"two.urdf", "paths.csv"}
+
+
 def test_targets_of_the_files_tasks(tmp_path):
     text = (ROOT / "urdf/finger.urdf").read_text("utf-8")
     way = '<task frame="tip"/><task frame="tip" name="way" kind="axis" direction="1 0 0"/>'
@@ -529,7 +578,3 @@ def test_targets_of_the_files_tasks(tmp_path):
     # the straight finger, 24 cm long, points at a target in its plane
     assert 18.3 < nearest["tip"]["error"] < 25
     assert 0 <= nearest["way"]["error"] < 46
-    (tmp_path / "paths.csv").write_text("t,way.dx,way.dy,way.dz\n0,1,0,0\n1,1,0,0", "utf-8")
-    code, _, error = command("run", *given)
-    assert (code, error.count("\n")) == (2, 1)
-    assert "a target with a position" in error

@@ -482,6 +482,8 @@ INPUTS = [
            "<softdyn><task>", "the name of a link", "'spin'", row=False),
     Misuse("task without a frame", ('<task frame="wheel"/>', "<task/>"), "<softdyn><task>",
            'attribute frame="…"', "none", row=False),
+    Misuse("task of a link fixed to the base", ('<task frame="wheel"/>', '<task frame="base"/>'),
+           "<softdyn><task>", "a link that a joint moves", "'base'"),
     Misuse("second task of one name", inside('<task frame="wheel"/>'), "<softdyn><task>",
            "a unique task name", "a second 'wheel'"),
     Misuse("unknown kind of task", inside('<task frame="pad" kind="twist"/>'), "<softdyn><task>",

@@ -44,11 +44,15 @@ class Draft:
     links: list[str] = field(default_factory=list)
     moving: list[tuple[str, str]] = field(default_factory=list)  # (joint, kind)
     armatures: list[str] = field(default_factory=list)
+    still: set[str] = field(default_factory=set)  # links that no joint moves
+    last: str = ""  # the last link with a joint of its own
 
     def link(self, body: str = "") -> str:
         """Add a link; names are drawn so that alphabetical order is not the file's."""
         name = f"{self.rng.choice(list('zyxabc'))}_{len(self.links)}"
         self.links.append(name)
+        if len(self.links) == 1:
+            self.still.add(name)
         self.parts.append(f'<link name="{name}">{body}</link>')
         return name
 
@@ -64,6 +68,8 @@ class Draft:
     def weld(self, parent: str, body: str) -> str:
         """Add a link fixed to `parent`."""
         child = self.link(body)
+        if parent in self.still:
+            self.still.add(child)
         self.parts.append(
             f'<joint name="{self.rng.choice(list("kpf"))}{child}" type="fixed">{self.origin()}'
             f'<parent link="{parent}"/><child link="{child}"/></joint>'
@@ -102,6 +108,7 @@ class Draft:
             value = 10.0 ** rng.uniform(-3, -1.5)
             self.armatures.append(f'<joint name="{name}" armature="{numbers(value)}"/>')
         self.moving.append((name, kind))
+        self.last = child
         return child
 
 
@@ -175,7 +182,10 @@ def draft_text(draft: Draft, seed: int) -> str:
         f' lower="{numbers(-rng.uniform(0, 2))}" upper="{numbers(rng.uniform(0, 2))}"/>'
         for k in range(int(rng.integers(0, 4)) if names else 0)
     ]
-    task = f'<task frame="{rng.choice(draft.links)}"/>' if rng.random() < 0.7 else ""
+    task = ""
+    if rng.random() < 0.7:
+        frame = str(rng.choice(draft.links))
+        task = f'<task frame="{draft.last if frame in draft.still else frame}"/>'
     block = "\n".join([*draft.armatures, *tendons, *actuators, task])
     body = "\n".join(draft.parts)
     head = f'<robot name="random_{seed}">'
