@@ -25,7 +25,12 @@ ROOT = Path(__file__).resolve().parents[1]
 WHEEL = {"softdyn": "softdyn", "controllers": "softdyn.controllers",
          "validation": "softdyn.validation", "scripts": "softdyn.commands"}  # fmt: skip
 PROOF = "tests/proof"
-HELPERS = ("__init__", "__main__", "cli")  # modules of scripts/ that are no commands
+HELPERS = (
+    "__init__",
+    "__main__",
+    "cli",
+    "study_options",
+)  # modules of scripts/ that are no commands
 MOST_LINES, MOST_MODULES, MOST_COMMANDS = 400, 15, 24
 # It finds a command by its name, so it alone may import by a string.
 COMMAND_TABLE = "scripts/__main__.py"

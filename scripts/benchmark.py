@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from time import perf_counter
 
-from softdyn.commands import cli
+from softdyn.commands import cli, study_options
 
 ROBOTS = ("finger", "helix", "spirob")
 CONTROLLERS = ("clf-qp", "soft-id-clf-qp", "id-clf-qp", "ic", "uic", "ic-qp", "best")
@@ -39,7 +39,7 @@ parser.add_argument(
 )
 parser.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 parser.add_argument("--out", default="results", metavar="DIR", help="default: results")
-cli.add_ensemble_options(parser)
+study_options.add_ensemble_options(parser)
 figures = parser.add_mutually_exclusive_group()
 figures.add_argument(
     "--plots",
@@ -80,7 +80,7 @@ def command(arguments: cli.Arguments) -> int:
     executors.follow(benchmark.store(out).run(wanted, executors.strict(jobs)), wanted)
     kept = benchmark.committed()
     if arguments.ensemble:
-        kept = {**kept, **cli.distributions(arguments, benchmark.labelled(cases))}
+        kept = {**kept, **study_options.distributions(arguments, benchmark.labelled(cases))}
     report = benchmark.benchmark_report(cases, out, kept)
     write_benchmark(report["rows"], out)
     where = f"Table, figures and logs: {out}/"

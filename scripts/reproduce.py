@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from softdyn.commands import cli
+from softdyn.commands import cli, study_options
 
 EPILOG = """\
 An EXPERIMENT applies one change (see --list) to the controller or the plant. Names joined by +
@@ -44,7 +44,7 @@ parser.add_argument("--records", metavar="DIR", help="one-step table of the runs
 parser.add_argument(
     "--files", metavar="DIR", help="folder of the reference implementation, for hulls"
 )
-cli.add_ensemble_options(parser)
+study_options.add_ensemble_options(parser)
 cli.add_json(parser)
 
 
@@ -79,9 +79,11 @@ def command(arguments: cli.Arguments) -> int:
         from softdyn.validation.studies.engine.distribution import pivot
 
         cli.make_folder(Path(arguments.out))
-        found = cli.distributions(arguments, reproduction.labelled(wanted, files(arguments)))
+        found = study_options.distributions(
+            arguments, reproduction.labelled(wanted, files(arguments))
+        )
         table = pivot(found, ["experiment", "robot", "controller"])
-        cli.write_report(cli.summaries(found), arguments.json, table)
+        cli.write_report(study_options.summaries(found), arguments.json, table)
         return cli.PASSED
     out, grid, jobs = Path(arguments.out), Path(arguments.grid), arguments.jobs or -1
     for folder in (out, grid):

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softdyn.commands import cli
+from softdyn.commands import cli, study_options
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
@@ -78,7 +78,7 @@ parser.option(
     "of --observer: file, or a list",
     "lengths=0.0005@1000,tip=0.001@60+0.03",
 )
-cli.add_own_options(parser)
+study_options.add_own_options(parser)
 cli.add_json(parser)
 parser.moved("--scaling", "python -m tests.proof scaling")
 
@@ -94,7 +94,7 @@ def command(arguments: cli.Arguments) -> int:
 
     names = arguments.controllers or (EVERY if arguments.hostile else CONTROLLERS)
     makes: dict[str, Any] = {name: find_controller(name) for name in names}
-    table = cli.own_gains(arguments)
+    table = study_options.own_gains(arguments)
     if table is not None:
         makes = {name: partial(make_controller, name, parameters=table) for name in makes}
     models = {

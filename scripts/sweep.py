@@ -8,7 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from softdyn.commands import cli
+from softdyn.commands import cli, study_options
 
 if TYPE_CHECKING:
     from softdyn.validation.studies.engine.worker import CaseJob, CaseResult
@@ -46,7 +46,7 @@ instead = "instead of the file's"
 parser.add_argument("--robots", nargs="+", metavar="ROBOT", help=instead)
 parser.add_argument("--controllers", nargs="+", metavar="CONTROLLER", help=instead)
 parser.add_argument("--period", type=cli.positive, metavar="S", help=f"control period, {instead}")
-cli.add_own_options(parser)
+study_options.add_own_options(parser)
 where = parser.add_mutually_exclusive_group()
 where.add_argument("--jobs", type=cli.count, metavar="N", help="processes (default: one per core)")
 where.add_argument(
@@ -54,7 +54,7 @@ where.add_argument(
 )
 parser.add_argument("--out", metavar="DIR", help="default: results/ and FILE's name")
 parser.add_argument("--dry-run", action="store_true", help="only list the cases that would run")
-cli.add_ensemble_options(parser)
+study_options.add_ensemble_options(parser)
 cli.add_json(parser)
 
 
@@ -94,12 +94,12 @@ def command(arguments: cli.Arguments) -> int:
     rows, table = sweep_report.sweep_rows(jobs, store), ""
     report = sweep_report.report(wanted, rows, ran)
     if wanted.rows:
-        cells = cli.distributions(
+        cells = study_options.distributions(
             arguments, wanted.cells, store, execute, wanted.folder,
             lambda ran: sweep_report.missed(wanted, ran),
         )  # fmt: skip
         table = sweep_report.cell_tables(wanted, cells)
-        report |= cli.summaries(cells)
+        report |= study_options.summaries(cells)
     report["files"] = sweep_report.write_sweep(wanted, rows, out, table)
     report["wall_s"] = perf_counter() - began
     text = f"{table}\n" if table else sweep_report.summary(report)

@@ -13,7 +13,7 @@ from softdyn.commands import __main__ as softdyn_command
 from softdyn.commands.__main__ import MOVED, NAMES, main
 from tests.support import ROOT, SCRIPTS
 
-HELPERS = {"__init__", "__main__", "cli"}
+HELPERS = {"__init__", "__main__", "cli", "study_options"}
 
 
 def test_every_script_is_a_command_and_listed(capsys):
