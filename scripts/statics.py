@@ -25,6 +25,8 @@ has the tip's drift.
 
 --inputs raises the given input slowly from rest instead, and shows the resulting equilibrium.
 --pose searches the equilibria nearest to a pose of the tip.
+--axis samples stable equilibria and reports, for each cell of tip positions, the cone in which this
+axis of the tip's link lies. More samples (--rays, --spread) may widen the cones. --map draws them.
 --friction is for cables that rub: the robot rests anywhere between two shapes, after its cables
 were pulled in and after they were paid out. With --map it draws the tip while the inputs rise
 slowly, fall to zero and rise again.
@@ -57,6 +59,14 @@ goal.add_argument(
     metavar=("X", "Y", "Z", "RX", "RY", "RZ"),
     help="a pose of the tip: a point in m and a rotation vector in rad",
 )
+goal.add_argument(
+    "--axis", type=cli.finite, nargs=3, metavar=("X", "Y", "Z"),
+    help="map the directions that this axis of the tip's link can have",
+)  # fmt: skip
+parser.add_argument(
+    "--cell", type=cli.positive, metavar="M",
+    help="with --axis: side of a cell in m (default: a tenth of the robot's length)",
+)  # fmt: skip
 parser.add_argument(
     "--friction", action="store_true", help="with --inputs: the rests with friction of cables"
 )
@@ -88,9 +98,11 @@ def command(arguments: cli.Arguments) -> int:
             parser.error(f"argument --map: not allowed with --{name}")
     if arguments.map is not None:
         check_path(arguments.map)
+    if arguments.cell is not None and arguments.axis is None:
+        parser.error("argument --cell: only with --axis")
     model = cli.load_robot(arguments)
     answer = lead if arguments.inputs else search if arguments.pose is None else hold_pose
-    answer = rub if arguments.friction else answer
+    answer = rub if arguments.friction else answer if arguments.axis is None else directions
     report, text = answer(model, arguments)
     cli.write_report(report, arguments.json, text)
     return cli.PASSED
@@ -180,6 +192,38 @@ def hold_pose(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any
     head = f"{robot}: {len(found.found)} equilibria found near the pose"
     report["equilibria"] = len(found.found)
     return report, "\n".join([head, *lines])
+
+
+def directions(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+    """Sample equilibria and find the cone of directions in each cell of tip positions."""
+    import numpy as np
+
+    from softdyn import statics
+    from softdyn.validation.report import statics_figure
+    from softdyn.validation.tables import Table
+
+    side = arguments.cell or model.robot.length / 10
+    rests = list(statics.sample_rests(model, arguments.rays, arguments.seed))
+    rests += statics.sample_between(rests, arguments.spread, arguments.seed)
+    cells = statics.reach_by_direction(rests, arguments.axis, side)
+    if arguments.map is not None:
+        statics_figure.draw_directions(arguments.map, cells)
+    rows: list[dict[str, Any]] = [
+        {"centre": cell.centre.tolist(), "rests": len(cell.rests),
+         "direction": cell.direction.tolist(), "cone_deg": float(np.rad2deg(cell.cone))}
+        for cell in cells
+    ]  # fmt: skip
+    robot = model.bundled or model.name
+    shown = [
+        [" ".join(f"{x:.3f}" for x in row["centre"]), row["rests"],
+         " ".join(f"{x:+.2f}" for x in row["direction"]), f"{row['cone_deg']:.1f}"]
+        for row in rows if row["rests"] > 1
+    ]  # fmt: skip
+    titles = ["cell (m)", "equilibria", "mean direction", "cone (degrees)"]
+    head = f"{robot}: {len(rests)} stable equilibria in {len(rows)} cells of {side:.4g} m; "
+    head += f"those with several, of {len(shown)} cells:"
+    report = {"robot": robot, "axis": arguments.axis, "cell_m": side, "cells": rows}
+    return report, f"{head}\n{Table(titles, shown).text()}"
 
 
 def search(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:

@@ -35,7 +35,7 @@ tip_solver
 samples
     Random inputs and shapes, and stable equilibria from them.
 reachable
-    Targets that a robot can reach: points, paths, rates.
+    Targets that a robot can reach: points, paths, rates; directions of the tip in each cell.
 task_search
     `inputs_for_tasks`: inputs that hold a pose or several points; residuals by task.
 tip_search
@@ -55,7 +55,13 @@ from softdyn.statics.equilibria import balance, ramp, rest, settle
 from softdyn.statics.equilibrium import Equilibrium, StaticsError, potential, residual
 from softdyn.statics.explore import explore
 from softdyn.statics.friction import StuckRest, follow, rest_after, rest_interval
-from softdyn.statics.reachable import Loop, loop_around, spread_rests
+from softdyn.statics.reachable import (
+    Loop,
+    ReachCell,
+    loop_around,
+    reach_by_direction,
+    spread_rests,
+)
 from softdyn.statics.samples import random_inputs, random_shapes, sample_between, sample_rests
 from softdyn.statics.stops import HardStops, SoftStops
 from softdyn.statics.task_search import TaskSearch, inputs_for_tasks
@@ -63,11 +69,10 @@ from softdyn.statics.tip_search import TipSearch, inputs_for_tip
 from softdyn.statics.zero_dynamics import zero_spectrum
 
 __all__ = [
-    "Diagnosis", "Equilibrium", "HardStops", "Loop", "SoftStops", "StaticsError", "StuckRest",
-    "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore", "follow",
-    "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip",
-    "loop_around", "potential", "ramp", "random_inputs", "random_shapes", "residual", "rest",
-    "rest_after", "rest_interval",
-    "sample_between", "sample_rests", "settle", "spread_rests", "stiffness",
-    "zero_spectrum",
+    "Diagnosis", "Equilibrium", "HardStops", "Loop", "ReachCell", "SoftStops", "StaticsError",
+    "StuckRest", "TaskSearch", "TipSearch", "approach", "balance", "diagnose", "explore",
+    "follow", "gravity_stiffness", "inputs_for_tasks", "inputs_for_tip", "loop_around",
+    "potential", "ramp", "random_inputs", "random_shapes", "reach_by_direction", "residual",
+    "rest", "rest_after", "rest_interval", "sample_between", "sample_rests", "settle",
+    "spread_rests", "stiffness", "zero_spectrum",
 ]  # fmt: skip

@@ -1,13 +1,14 @@
-"""Targets that a robot can reach: points, paths and rates, computed from its statics only."""
+"""What a robot can reach by its statics: points, paths and rates, directions of its tip."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from softdyn.checks import array, instance, number, whole
+from softdyn.checks import array, instance, instances, number, whole
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
@@ -15,6 +16,8 @@ from softdyn.statics.branch import approach, input_scale
 from softdyn.statics.equilibria import rest
 from softdyn.statics.equilibrium import Equilibrium
 from softdyn.statics.samples import sample_between, sample_rests
+from softdyn.tasks.link_motion import LinkKinematics
+from softdyn.tasks.task import unit
 
 RAYS, BETWEEN = 20, 30  # numbers of sampled random inputs, and of sampled points in the gaps
 ROOM = 0.95  # largest share of the bounds for a target's input; a controller needs the rest
@@ -62,6 +65,63 @@ def spread_rests(model: SoftModel, count: int, seed: int = 0) -> tuple[Equilibri
         expected = f"two stable equilibria of {model.robot.path} with different tips"
         raise InputError("robot", expected, "fewer")
     return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class ReachCell:
+    """A cube of tip positions, and the directions of the tip's link at equilibria in it.
+
+    Attributes
+    ----------
+    centre : ndarray, (3,)
+        Centre of the cube (m).
+    rests : tuple of Equilibrium
+        The equilibria with their tips in it.
+    direction : ndarray, (3,)
+        Mean direction in the world, a unit vector.
+    cone : float
+        Angle (rad) from it to the farthest of the directions. More samples may widen the cone.
+    """
+
+    centre: np.ndarray
+    rests: tuple[Equilibrium, ...]
+    direction: np.ndarray
+    cone: float
+
+
+def reach_by_direction(
+    rests: Iterable[Equilibrium], axis: np.ndarray, side: float
+) -> tuple[ReachCell, ...]:
+    """Cells of tip positions with the cone of directions in each, the widest first.
+
+    Parameters
+    ----------
+    rests : iterable of Equilibrium
+        Equilibria, for example from `sample_rests` and `sample_between`.
+    axis : array_like, (3,)
+        A direction in the frame of the tip's link.
+    side : float
+        Side of a cell (m).
+
+    Raises
+    ------
+    InputError
+        For an axis of zero, or a side that is not positive.
+    """
+    axis, side = unit("axis", axis), number("side", side, above=0.0)
+    cells: dict[tuple[int, ...], list[Equilibrium]] = {}
+    for one in instances("rests", rests, Equilibrium, "an Equilibrium"):
+        cells.setdefault(tuple(np.floor(one.y / side).astype(int).tolist()), []).append(one)
+    found = []
+    for index, members in cells.items():
+        at = [LinkKinematics.of(one.model)(one.state, one.model.robot.task) for one in members]
+        directions = np.array([motion.rotation @ axis for motion in at])
+        mean = directions.sum(axis=0)
+        # directions that cancel have no mean: any of them stands for it
+        mean = unit("mean", mean if np.linalg.norm(mean) > 1e-9 else directions[0])
+        cone = float(np.arccos(np.clip(directions @ mean, -1.0, 1.0)).max())
+        found.append(ReachCell((np.array(index) + 0.5) * side, tuple(members), mean, cone))
+    return tuple(sorted(found, key=lambda cell: -cell.cone))
 
 
 def _has_room(one: Equilibrium) -> bool:

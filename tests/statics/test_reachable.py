@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import math
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ import softdyn
 from softdyn import InputError, statics
 from softdyn.statics.reachable import APART, AXIS, ROOM
 from softdyn.validation import StateMap, Twin
+from tests.support.command import command
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +65,33 @@ def test_a_robot_that_cannot_be_moved_is_told(tmp_path):
     (tmp_path / "weak.urdf").write_text(weak)
     with pytest.raises(InputError, match=r"two stable equilibria of .* with different tips"):
         statics.spread_rests(softdyn.load(tmp_path / "weak.urdf"), 4)
+
+
+def test_cells_hold_the_directions_of_their_rests():
+    finger = softdyn.load("finger")
+    rests = list(statics.sample_rests(finger, 4, 0))
+    cells = statics.reach_by_direction(rests, [2, 0, 0], 0.03)
+    assert sorted(id(one) for cell in cells for one in cell.rests) == sorted(map(id, rests))
+    assert len(cells) > 3
+    assert [cell.cone for cell in cells] == sorted((cell.cone for cell in cells), reverse=True)
+    for cell in cells:
+        ahead = np.array([finger.link_poses(one.q)["tip"][:3, 0] for one in cell.rests])
+        assert all(np.abs(one.y - cell.centre).max() <= 0.015 for one in cell.rests)
+        np.testing.assert_allclose(np.cross(cell.direction, ahead.mean(axis=0)), 0, atol=1e-12)
+        angles = [math.atan2(np.linalg.norm(np.cross(a, cell.direction)), a @ cell.direction)
+                  for a in ahead]  # fmt: skip
+        assert cell.cone == pytest.approx(max(angles), abs=1e-7)
+    with pytest.raises(InputError, match="axis"):
+        statics.reach_by_direction(rests, [0, 0, 0], 0.03)
+
+
+def test_the_command_maps_directions(tmp_path):
+    done = command("statics", "finger", "--axis", 1, 0, 0, "--cell", 0.05, "--rays", 4,
+                   "--spread", 3, "--map", tmp_path / "map.png", "--json", "-")  # fmt: skip
+    assert done.code == 0, done.err
+    assert (tmp_path / "map.png").stat().st_size > 1000
+    report = json.loads(done.out)
+    assert report["cell_m"] == 0.05
+    assert sum(cell["rests"] for cell in report["cells"]) > 20
+    assert 0 < report["cells"][0]["cone_deg"] <= 180
+    assert command("statics", "finger", "--cell", 0.1).code == 2

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 
-from softdyn.statics import Equilibrium, StuckRest
+from softdyn.statics import Equilibrium, ReachCell, StuckRest
 from softdyn.validation.crosschecks.rest_report import RestReport
 from softdyn.validation.report.plot_style import (
     BLACK,
@@ -128,6 +128,45 @@ def draw(path: str | Path, report: RestReport, curve: np.ndarray | None = None) 
                 axis.annotate(target.name, at, (5, 4), textcoords="offset points", fontsize=7)
             axis.set_aspect("equal")
         figure.legend(handles=_handles(), loc="outside upper center", ncols=4)
+        write_figure(figure, path)
+
+
+def draw_directions(path: str | Path, cells: Sequence[ReachCell]) -> None:
+    """Draw each cell's mean direction as an arrow, coloured by the cone of directions in it.
+
+    Cells stand at their mean distance from the z axis and height, or in the robot's plane.
+
+    Parameters
+    ----------
+    path : str or Path
+        Output file, .png or .pdf.
+    cells : sequence of ReachCell
+        The cells, at least one.
+    """
+    path = check_path(path)
+    model = cells[0].rests[0].model
+    centres = np.array([np.mean([one.y for one in cell.rests], axis=0) for cell in cells])
+    ahead = np.array([cell.direction for cell in cells])
+    plane = Plane.of(centres)
+    planar = plane.holds(centres)
+    across, upward = (plane.flat if planar else around_z)(centres).T
+    if planar:
+        ways = plane.flat(ahead) / 100
+    else:  # out of the page are the parts around the z axis
+        radial = centres[:, :2] / np.maximum(np.linalg.norm(centres[:, :2], axis=1), 1e-12)[:, None]
+        ways = np.column_stack(((ahead[:, :2] * radial).sum(axis=1), ahead[:, 2]))
+    with style():
+        figure, panel = panels(1, 1, 0.6 * PAGE, 3.4)
+        axis = panel[0][0]
+        cones = np.rad2deg([cell.cone for cell in cells])
+        drawn = axis.quiver(
+            across, upward, *ways.T, cones, angles="xy", width=0.004, clim=(0, None)
+        )
+        letter(axis, 0, robot_title(model.bundled or model.name))
+        axis.set_xlabel(plane.titles[0] if planar else "distance from the z axis (cm)")
+        axis.set_ylabel(plane.titles[1])
+        axis.set_aspect("equal")
+        figure.colorbar(drawn, label="cone of directions (degrees)")
         write_figure(figure, path)
 
 
