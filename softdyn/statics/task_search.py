@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -14,14 +14,18 @@ from softdyn.checks import instances, number, whole
 from softdyn.dynamics.model import SoftModel, check_model
 from softdyn.exceptions import InputError
 from softdyn.references import Reference
-from softdyn.statics.branch import REACHED, descend
-from softdyn.statics.equilibria import rest
-from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria
+from softdyn.statics.branch import REACHED, descend, input_scale
+from softdyn.statics.equilibria import rest, settle
+from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria, StaticsError
 from softdyn.statics.samples import sample_rests
 from softdyn.tasks.task import Task
 
 SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
 TRIED = 10  # number of sampled equilibria from which a branch is followed
+KICKS = 20  # and of equilibria beside the nearest ends, under other inputs
+FREE = 2  # number of sampled equilibria from which a branch is followed beyond its stability
+SIZES = (0.05, 0.15, 0.4)  # of an input's scale: standard deviations of these other inputs
+BASES = 8  # number of ends beside which they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +74,16 @@ def inputs_for_tasks(
     reference: Reference,
     starts: Iterable[Equilibrium] = (),
     *,
-    rays: int = 8,
+    rays: int = 32,
     seed: int = 0,
     seconds: float = math.inf,
 ) -> TaskSearch:
     """Inputs within their bounds that hold all tasks, or come as near as was found.
 
-    It follows branches of equilibria, from rest, from `starts` and from the best of sampled ones.
-    Every equilibrium that it returns exists, but it may miss some.
+    It follows branches of equilibria, from rest, from `starts` and from the best of sampled ones,
+    which are kept for the model. Where none of them holds the targets, inputs of the nearest stable
+    ends are changed at random (basin hopping, Wales and Doye 1997). It ends at the first stable
+    equilibrium that holds them. Every equilibrium that it returns exists, but it may miss some.
 
     Parameters
     ----------
@@ -115,20 +121,72 @@ def inputs_for_tasks(
     search = TaskSearch(chosen, reference, ())
     known = [rest(model), *instances("starts", starts, Equilibrium, "an Equilibrium")]
     search.measure(known[0])  # a missing target is an error before the samples cost time
-    sampled = sorted(sample_rests(model, whole("rays", rays), whole("seed", seed)),
-                     key=search.distance)  # fmt: skip
+    sampled = sorted(_map(model, whole("rays", rays), whole("seed", seed)), key=search.distance)
     ends = list[Equilibrium]()
-    for one in (*known, *sampled[:TRIED]):
-        if ends and perf_counter() > latest:
-            break
-        ends.append(descend(one, search.measure, stay_stable=one.stable))
-        if one.stable and search.distance(ends[-1]) > REACHED:
-            ends.append(descend(one, search.measure))
-        elif ends[-1].stable:
+    rng = np.random.default_rng(seed)
+    for start, stay in _starts(known, sampled, ends, search, rng):
+        ends.append(descend(start, search.measure, stay_stable=stay))
+        holds = ends[-1].stable and search.distance(ends[-1]) <= REACHED
+        if holds or perf_counter() > latest:
             break
     found = list[Equilibrium]()
     for one in sorted(ends, key=lambda one: max(search.distance(one), REACHED)):
-        q = model.coordinates(one.q)
-        if all(np.abs(q - model.coordinates(other.q)).max() >= SAME for other in found):
+        if not any(_same(one, other) for other in found):
             found.append(one)
     return TaskSearch(chosen, reference, tuple(found))
+
+
+def _starts(
+    known: Sequence[Equilibrium],
+    sampled: Sequence[Equilibrium],
+    ends: Sequence[Equilibrium],
+    search: TaskSearch,
+    rng: np.random.Generator,
+) -> Iterator[tuple[Equilibrium, bool]]:
+    """Starts, and whether their branches end before they lose stability; `ends` grows meanwhile."""
+    given = (*known, *sampled[:TRIED])
+    for one in given:
+        yield one, one.stable
+    for _ in range(KICKS):
+        beside = _beside(ends, search, rng)
+        if beside is not None:
+            yield beside, True
+    for one in given[: len(known) + FREE]:
+        if one.stable:
+            yield one, False
+
+
+def _beside(
+    ends: Sequence[Equilibrium], search: TaskSearch, rng: np.random.Generator
+) -> Equilibrium | None:
+    """A stable equilibrium under other inputs, beside one of the nearest stable ends.
+
+    None if there is no such end, or no equilibrium under these inputs.
+    """
+    distinct = list[Equilibrium]()
+    for one in sorted((one for one in ends if one.stable), key=search.distance):
+        if len(distinct) < BASES and not any(_same(one, other) for other in distinct):
+            distinct.append(one)
+    if not distinct:
+        return None
+    base = distinct[min(int(rng.exponential()), len(distinct) - 1)]
+    model = base.model
+    change = rng.choice(SIZES) * input_scale(model, base) * rng.normal(size=model.nu)
+    try:
+        return settle(model, np.clip(base.u + change, model.u_min, model.u_max), base.q)
+    except StaticsError:
+        return None
+
+
+def _same(one: Equilibrium, other: Equilibrium) -> bool:
+    coordinates = one.model.coordinates
+    return bool(np.abs(coordinates(one.q) - coordinates(other.q)).max() < SAME)
+
+
+def _map(model: SoftModel, rays: int, seed: int) -> tuple[Equilibrium, ...]:
+    """Sampled equilibria, which the model keeps, because all its searches begin there."""
+    known: dict[tuple[int, int], tuple[Equilibrium, ...]]
+    known = vars(model).setdefault("_sampled_rests", {})
+    if (rays, seed) not in known:
+        known[rays, seed] = tuple(sample_rests(model, rays, seed))
+    return known[rays, seed]

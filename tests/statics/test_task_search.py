@@ -84,3 +84,19 @@ def test_the_command_holds_a_pose() -> None:
 def test_every_misuse_is_one_line(tasks, reference, expected) -> None:
     with pytest.raises(InputError, match=expected):
         statics.inputs_for_tasks(FINGER, tasks, reference)
+
+
+def test_a_pose_far_from_the_branch_of_rest_is_held() -> None:
+    helix = softdyn.load("helix")
+    known = statics.settle(helix, [-0.15, 0.31, 0.43, 0.16, 0.64, 0.69, -0.26, -0.1, 0.35])
+    tip = helix.robot.task
+    tasks = [PointTask(tip), AxisTask(tip, [0, 0, 1], weight=0.02)]
+    ahead = helix.link_poses(known.q)[tip][:3, 2]
+    goal = StackedReference({tip: SetPoint(known.y), f"{tip}.axis": Target(ahead)})
+    alone = statics.inputs_for_tasks(helix, tasks, goal, seconds=0.0)  # from rest alone
+    assert alone.distance(alone.nearest) > 0.01
+    found = statics.inputs_for_tasks(helix, tasks, goal)
+    best = found.nearest_stable
+    assert best is not None
+    assert found.distance(best) < 1e-6
+    assert best.stable
