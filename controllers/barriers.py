@@ -23,7 +23,9 @@ Stops of joints make q̈ piecewise linear in u (`qps.stopped_step`). An input ha
 its own mode. The rows of every mode that an answer has, and that it breaks, are added to the QP, so
 the search ends at such an input, or at an input that meets the rows of several modes. If it finds
 none, it drops the rows over the horizon, and asks s⁺ ≥ 0 instead of (1 + β τ) s⁺ ≥ s where s > 0.
-That is all that the next state needs; always asked alone, it makes inputs chatter.
+That is all that the next state needs; always asked alone, it makes inputs chatter. Rows are linear,
+and large inputs can meet them by motions for which this is wrong. So where there are rows, no joint
+may move by more than 0.1 rad or 10 mm in a period, unless it is as fast already.
 """
 
 from __future__ import annotations
@@ -46,6 +48,8 @@ from softdyn.controllers.qps.stopped_step import StoppedStep
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE, KeepOutSphere
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
+
+LEAP = 10.0  # of these units, a joint's largest motion in a period
 
 
 class ControlBarrier(Protocol):
@@ -136,7 +140,7 @@ class BarrierRows:
     braked : int
         Number of steps at which the rows over the horizon were dropped.
     relaxed : int
-        Number of steps at which rows were relaxed.
+        Number of steps at which rows were relaxed by more than 0.02 of their units.
     relaxation : float
         The largest relaxation, as the mm or 0.01 rad by which b may fall.
     least : int
@@ -217,13 +221,16 @@ class BarrierRows:
         if solution is None or not solution.solved:
             return solution
         steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
-        search = ModeSearch(steps, partial(_rows, state, seen), stopped=stopped, relax=not stopped)
+        unit = LEAP * _joint_units(self._model)
+        rows_of = partial(_rows, state, seen, leap=unit, period=self._period)
+        search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
         if search.sunk(solution.x[:nu]) <= ROOM + 2 * NEGLIGIBLE:
             return solution
         best = search.best(self._qp, problem, solution, nu)
         if stopped and best.sunk > 2 * ROOM:
-            rows = partial(_rows, state, seen, braking=True)
-            search = ModeSearch(steps[-1:], rows, stopped=True, relax=True)
+            search = ModeSearch(
+                steps[-1:], partial(rows_of, braking=True), stopped=True, relax=True
+            )
             best = search.best(self._qp, problem, solution, nu)
             self.braked += 1
         if best.sunk > 2 * ROOM:
@@ -248,12 +255,15 @@ def _rows(
     step: StoppedStep,
     mode: np.ndarray,
     *,
+    leap: np.ndarray | None = None,
+    period: float = 0.0,
     braking: bool = False,
 ) -> Rows:
     """A row for every barrier over a step in a mode.
 
     An excess of its unit lets b decrease by one of the barrier's. Braking rows ask s⁺ ≥ 0 where
-    s > 0. Limits of joints keep them from their stops, so their rows are those of free joints.
+    s > 0. Limits of joints keep them from their stops, so their rows are those of free joints. Over
+    a period no joint moves by more than `leap` (n,), or faster than it does.
     """
     parts, tau, inverse = [], step.tau, step.response(mode)
     free = step.response(step.free)
@@ -268,4 +278,8 @@ def _rows(
             unit = np.where(late, reach / (share * both) * unit, unit)
         response = G @ (free if limits else inverse)
         parts.append(Rows(-response[:, :-1], affordable + drift - response[:, -1], unit))
+    if leap is not None and tau == period and any(len(part.upper) for part in parts):
+        bound = np.maximum(leap, tau * np.abs(state.v))
+        way, moved = tau * (state.v - tau * inverse[:, -1]), tau**2 * inverse[:, :-1]
+        parts += [Rows(moved, bound - way, leap / LEAP), Rows(-moved, bound + way, leap / LEAP)]
     return Rows.joined(parts)

@@ -42,6 +42,7 @@ def _warm(robot: str, name: str) -> None:
 
     import softdyn
     from softdyn.commands.observe import sensors_of
+    from softdyn.controllers import SoftIdClfQp
     from softdyn.controllers.registry import make_controller
     from softdyn.estimation import Ekf
     from softdyn.safety import KeepOutBox
@@ -49,7 +50,10 @@ def _warm(robot: str, name: str) -> None:
     model = softdyn.load(robot)
     if name == OBSTACLE:  # a box, whose distance from round links is refined
         state = model.state(model.q0, np.zeros(model.nv))
-        KeepOutBox(state.y, np.full(3, 0.01), links="all").reserve(state)
+        box = KeepOutBox(state.y + 0.02, np.full(3, 0.01), links="all")
+        law = SoftIdClfQp.among([box], model)
+        law.reset(0.01)
+        law(state, softdyn.SetPoint(state.y))
         return
     if name != OBSERVER:
         make_controller(name, model, {"friction": 0.1} if name == "mpc" else None)

@@ -70,6 +70,10 @@ class RelaxedRows:
 
         None if rows would have to be relaxed and `relax` is false.
         """
+        room = np.full(len(rows.upper), ROOM)
+        found = self._restricted(problem, rows.matrix, rows.upper + rows.unit * room)
+        if found is not None and found.solved:
+            return RelaxedAnswer(found, room, False)
         excess, nearest = self.least_excess(rows, wanted)
         if not relax and excess.max(initial=0.0) > ROOM:
             return None

@@ -15,6 +15,8 @@ from __future__ import annotations
 import numpy as np
 
 from softdyn import State
+from softdyn.compiled import compiled
+from softdyn.controllers.qps.linear_algebra import lu_solve
 
 PATIENCE = 3  # rounds without progress, before one joint changes at a time
 ROUNDS = 100
@@ -69,30 +71,61 @@ class StoppedStep:
 
         It is -1 for joints (n,) that their lower stops hold, 1 for upper stops, else 0.
         """
+        mode = start.copy()
         free = self._moved[:, : len(u)] @ u - self._moved[:, len(u)]
-        slight, mode = SLIGHT / self.tau**2, start.copy()
-        fewest, patience = len(mode) + 1, PATIENCE
-        for _ in range(ROUNDS):
-            held = np.flatnonzero(mode)
-            missing = self._stopped(mode, held) - free[held]
-            force = np.linalg.solve(self._pushed[np.ix_(held, held)], missing)
-            qdd = free + self._pushed[:, held] @ force
-            better = np.where(
-                qdd < self._low - slight, -1.0, np.where(qdd > self._high + slight, 1.0, 0.0)
-            )
-            better[held] = np.where(mode[held] * force > 0, 0.0, mode[held])
-            wrong = np.flatnonzero(better != mode)
-            if not wrong.size:
-                break
-            if wrong.size < fewest:
-                fewest, patience = wrong.size, PATIENCE
-            elif patience:
-                patience -= 1
-            else:
-                wrong = wrong[-1:]
-            mode[wrong] = better[wrong]
+        _settle(self._pushed, free, self._low, self._high, SLIGHT / self.tau**2, mode)
         return mode
 
     def _stopped(self, mode: np.ndarray, held: np.ndarray) -> np.ndarray:
         """q̈ of the joints `held` in a mode: they end the step at their stops."""
         return np.where(mode[held] < 0, self._low[held], self._high[held])
+
+
+@compiled
+def _settle(pushed, free, low, high, slight, mode):
+    """Pivot `mode` in place to that under the q̈ of free joints; `pushed` (n, n) maps λ to q̈."""
+    n = len(free)
+    held, better = np.empty(n, np.int64), np.empty(n)
+    fewest, patience = n + 1, PATIENCE
+    for _ in range(ROUNDS):
+        count = 0
+        for i in range(n):
+            if mode[i] != 0:
+                held[count] = i
+                count += 1
+        system, force = np.empty((count, count)), np.empty(count)
+        for k in range(count):
+            i = held[k]
+            force[k] = (low[i] if mode[i] < 0 else high[i]) - free[i]
+            for x in range(count):
+                system[k, x] = pushed[i, held[x]]
+        if not lu_solve(system, force):
+            return
+        wrong, last, k = 0, 0, 0
+        for i in range(n):
+            better[i] = mode[i]
+            if mode[i] != 0:
+                if mode[i] * force[k] > 0:
+                    better[i] = 0.0
+                k += 1
+            else:
+                qdd = free[i]
+                for x in range(count):
+                    qdd += pushed[i, held[x]] * force[x]
+                if qdd < low[i] - slight:
+                    better[i] = -1.0
+                elif qdd > high[i] + slight:
+                    better[i] = 1.0
+            if better[i] != mode[i]:
+                wrong, last = wrong + 1, i
+        if wrong == 0:
+            return
+        if wrong < fewest:
+            fewest, patience = wrong, PATIENCE
+        elif patience > 0:
+            patience -= 1
+        else:
+            mode[last] = better[last]
+            continue
+        for i in range(n):
+            mode[i] = better[i]
