@@ -149,7 +149,7 @@ class BarrierRows:
 
     def __init__(self, model: SoftModel, barriers: Sequence[ControlBarrier], tau: float) -> None:
         self._model, self._barriers, self._tau = model, tuple(barriers), tau
-        self._qp = RelaxedRows(model.u_min, model.u_max)
+        self._qp, self._leap = RelaxedRows(model.u_min, model.u_max), LEAP * _joint_units(model)
         self.reset()
 
     def reset(self, period: float = 0.0) -> None:
@@ -221,8 +221,7 @@ class BarrierRows:
         if solution is None or not solution.solved:
             return solution
         steps, nu, stopped = self._steps(state, M, h), state.B.shape[1], self._hold is not None
-        unit = LEAP * _joint_units(self._model)
-        rows_of = partial(_rows, state, seen, leap=unit, period=self._period)
+        rows_of = partial(_rows, state, seen, leap=self._leap, period=self._period)
         search = ModeSearch(steps, rows_of, stopped=stopped, relax=not stopped)
         if search.sunk(solution.x[:nu]) <= ROOM + 2 * NEGLIGIBLE:
             return solution
