@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
-from softdyn.checks import number
+from softdyn.checks import number, vector
 from softdyn.controllers.controller import (
     SILENT,
     Command,
@@ -312,8 +312,15 @@ class Mpc(GuardedController):
 
     @SILENT
     def applied(self, u: np.ndarray) -> None:
-        """The input u (nu,) was sent instead of the last command's."""
-        self._expect(self.actuation.send_instead(self._pulls.inputs(u)))
+        """The input u (nu,) was sent instead of the last command's.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or a number that is not finite.
+        """
+        sent = vector("u", u, self._model.nu)
+        self._expect(self.actuation.send_instead(self._pulls.inputs(sent)))
 
     def _expect(self, mean: np.ndarray) -> None:
         """Predict the next state from the mean input (nu,) of this period."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softdyn import InputError, Reference, SetPoint, SoftModel, State
+from softdyn.checks import vector
 from softdyn.controllers.controller import SILENT, Command, WrappingController
 from softdyn.controllers.predictive.actuation import Actuation
 from softdyn.controllers.predictive.prediction import ahead
@@ -97,8 +98,14 @@ class Compensated(WrappingController):
         return replace(command, u=self._pulls(command.u, state)) if self._pulls.rubs else command
 
     def applied(self, u: np.ndarray) -> None:
-        """The input u (nu,) was sent instead of the last command's."""
-        self.actuation.send_instead(self._pulls.inputs(u))
+        """The input u (nu,) was sent instead of the last command's.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or a number that is not finite.
+        """
+        self.actuation.send_instead(self._pulls.inputs(vector("u", u, self._model.nu)))
 
     def _predicted(self, state: State) -> tuple[State, np.ndarray]:
         """The state and the acting input (nu,) after the delay."""
