@@ -28,7 +28,7 @@ parser = cli.Parser(__doc__, EPILOG)
 parser.add_argument("cases", nargs="*", metavar="CASE", help=f"{', '.join(CASES)} (default: all)")
 parser.add_argument("--count", type=int, default=20, metavar="N", help="targets (default: 20)")
 parser.add_argument("--apart", type=int, default=5, metavar="N", help="out of reach (default: 5)")
-parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="default: 10")
+parser.add_argument("--seconds", type=float, default=15.0, metavar="S", help="default: 15")
 
 
 def command(arguments: cli.Arguments) -> int:
