@@ -42,9 +42,9 @@ def command(arguments: cli.Arguments) -> int:
         if case not in CASES:
             raise InputError("CASE", f"one of {', '.join(CASES)}", case)
         name, what = CASES[case]
+        found = list(runs(loaded(name), what, arguments))
         rows = read_json(path, "rows of a table")["rows"] if path.exists() else []
         rows = [row for row in rows if row["case"] != case]
-        found = runs(loaded(name), what, arguments)
         write_json(path, {"rows": rows + [{"case": case, **row} for row in found]})
     return cli.PASSED
 
