@@ -45,6 +45,7 @@ from softdyn.controllers.qps.mode_search import NEGLIGIBLE, ModeSearch
 from softdyn.controllers.qps.qp import QpProblem, QpSolution
 from softdyn.controllers.qps.relaxed_rows import ROOM, RelaxedRows, Rows
 from softdyn.controllers.qps.stopped_step import StoppedStep
+from softdyn.description.robot import sliding
 from softdyn.safety.clearance import CENTIRADIAN, MILLIMETRE, Values
 from softdyn.safety.obstacles import RATE, KeepOutSphere
 from softdyn.safety.obstacles import HalfSpace as HalfSpace
@@ -100,8 +101,7 @@ class JointLimits:
 
 def _joint_units(model: SoftModel) -> np.ndarray:
     """The unit (n,) of each joint: a slide's is a length."""
-    sliding = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
-    return np.array([MILLIMETRE if n in sliding else CENTIRADIAN for n in model.joint_names])
+    return np.where(sliding(model.robot, model.joint_names), MILLIMETRE, CENTIRADIAN)
 
 
 def __getattr__(name: str) -> Any:

@@ -354,6 +354,12 @@ def from_driven_end(robot: Robot, tendon: Tendon) -> tuple[JointTerm, ...] | tup
     return path if end is PathEnd.FIRST else path[::-1]
 
 
+def sliding(robot: Robot, names: Iterable[str]) -> list[bool]:
+    """Whether each of these joints is prismatic; a floating base's coordinates are no joints."""
+    slides = {joint.name for joint in robot.joints if joint.kind == "prismatic"}
+    return [name in slides for name in names]
+
+
 def sums_angles(robot: Robot, tendon: Tendon) -> bool:
     """Whether a fixed tendon's coefficients are factors of angles, not moment arms (m).
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softdyn.description.rig import Actuator, CommandKind
-from softdyn.description.robot import Robot
+from softdyn.description.robot import Robot, sliding
 
 if TYPE_CHECKING:
     from softdyn.dynamics.model import SoftModel, State
@@ -98,8 +98,7 @@ def short(texts: Sequence[str]) -> str:
 
 
 def _units(model: SoftModel) -> list[str]:
-    kinds = {joint.name: joint.kind for joint in model.robot.moving_joints}
-    units = ["m" if kinds.get(name) == "prismatic" else "rad" for name in model.joint_names]
+    units = ["m" if slides else "rad" for slides in sliding(model.robot, model.joint_names)]
     return ["m"] * 3 + units[3:] if model.robot.floating else units
 
 

@@ -26,6 +26,7 @@ import numpy as np
 import pinocchio as pin
 
 from softdyn.compiled import compiled
+from softdyn.description.robot import sliding
 from softdyn.dynamics.engine import memory
 from softdyn.dynamics.model import SoftModel
 from softdyn.dynamics.projection import Projection, underlying_tree
@@ -46,9 +47,7 @@ class Disturbance(Enum):
 
     def size(self, model: SoftModel) -> int:
         """The number of its components."""
-        if self is Disturbance.JOINT_OFFSETS:
-            return model.nv
-        return 3 if self is Disturbance.TIP_FORCE else 1
+        return len(self.units(model))
 
     def units(self, model: SoftModel) -> dict[str, str]:
         """The units of its components by their names, e.g. ``tip_force.x`` in N."""
@@ -58,9 +57,9 @@ class Disturbance(Enum):
         elif self is Disturbance.PAYLOAD:
             parts = {"": "kg"}
         elif self is Disturbance.JOINT_OFFSETS:
-            slides = {j.name for j in model.robot.moving_joints if j.kind == "prismatic"}
-            names = model.joint_names
-            parts = {f".{name}": "m" if name in slides else "rad" for name in names}
+            slide = sliding(model.robot, names := model.joint_names)
+            units = ("m" if slides else "rad" for slides in slide)
+            parts = {f".{name}": unit for name, unit in zip(names, units, strict=True)}
         return {self.value + part: unit for part, unit in parts.items()}
 
 

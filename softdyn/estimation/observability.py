@@ -20,6 +20,7 @@ from scipy.linalg import eigh
 from softdyn.actuation import Winches
 from softdyn.checks import number
 from softdyn.description.rig import CommandKind, Sensor
+from softdyn.description.robot import sliding
 from softdyn.dynamics.model import SoftModel, State
 from softdyn.estimation.arrivals import sensor_channels
 from softdyn.estimation.balance import Disturbance
@@ -214,8 +215,7 @@ def observe_run(
 
 def _wrong(model: SoftModel, q: np.ndarray) -> np.ndarray:
     """The configuration with every joint displaced by `WRONG`, within its limits."""
-    slides = {joint.name for joint in model.robot.joints if joint.kind == "prismatic"}
-    span = np.array([name in slides for name in model.joint_names]) * (model.upper - model.lower)
+    span = np.array(sliding(model.robot, model.joint_names)) * (model.upper - model.lower)
     turns = np.where(span > 0, WRONG * np.minimum(span, 1.0), WRONG)
     at = model.coordinates(q)
     away = np.where(at + turns <= model.upper, turns, -turns)

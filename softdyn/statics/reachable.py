@@ -1,4 +1,4 @@
-"""What a robot can reach by its statics: points, paths and rates, directions of its tip."""
+"""Points, paths with their rates, and directions of the tip that a robot's statics reach."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class LinkKinematics:
         return LinkMotion(rotation, position, six, rates[0], rates[1])
 
     def place(self, link: str, point: tuple[float, ...]) -> FramePlace:
-        """Where a frame of a link, moved to `point` (m) of it, is in the body that carries it.
+        """The place of a link's frame, moved to `point` (m) of it, in the body that carries it.
 
         Raises
         ------

@@ -22,13 +22,16 @@ from softdyn.tasks.task import Task, unit
 def marks_of(tasks: Sequence[Task]) -> tuple[TaskMark, ...]:
     """The marks of the tasks of links' frames; other tasks have none."""
     found = []
-    for task in tasks:
-        if isinstance(task, FrameTask) and task.stated is not None:
-            x, y, z = getattr(task, "axis", getattr(task, "point", (0.0, 0.0, 0.0)))
-            found.append(
-                TaskMark(task.name, task.link, task.stated, (float(x), float(y), float(z)))
-            )
+    for task, kind in _marked(tasks):
+        x, y, z = getattr(task, "axis", task.point)
+        found.append(TaskMark(task.name, task.link, kind, (float(x), float(y), float(z))))
     return tuple(found)
+
+
+def _marked(tasks: Sequence[Task]) -> list[tuple[FrameTask, TaskKind]]:
+    """The tasks that have marks, with their kinds."""
+    framed = [task for task in tasks if isinstance(task, FrameTask)]
+    return [(task, task.stated) for task in framed if task.stated is not None]
 
 
 def target_row(tasks: Sequence[Task], reference: Any) -> np.ndarray:
@@ -39,8 +42,7 @@ def target_row(tasks: Sequence[Task], reference: Any) -> np.ndarray:
     InputError
         If a target is missing.
     """
-    marked = (task for task in tasks if isinstance(task, FrameTask) and task.stated is not None)
-    found = [numbers(task.target_in(reference).y) for task in marked]
+    found = [numbers(task.target_in(reference).y) for task, _ in _marked(tasks)]
     return np.concatenate(found) if found else np.zeros(0)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softdyn.description.robot import sliding
 from softdyn.dynamics.model import SoftModel
 from softdyn.view.page import Page, PlayedRun, Track, frames
 from softdyn.view.scene import Figure
@@ -132,8 +133,7 @@ def _peaks(model: SoftModel, q: np.ndarray) -> np.ndarray:
 
 def _turning(model: SoftModel) -> np.ndarray:
     """Whether each coordinate is an angle, (nv,) bool."""
-    kinds = {joint.name: joint.kind for joint in model.robot.joints}
-    return np.array([kinds.get(name) != "prismatic" for name in model.joint_names])
+    return ~np.array(sliding(model.robot, model.joint_names))
 
 
 def _joints(model: SoftModel) -> RestSweep:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softdyn.description.robot import sliding
 from softdyn.dynamics.model import SoftModel
 
 SLOW = 0.01  # 1/s, rate over the joint's range at which friction has 76 % of its full size
@@ -33,9 +34,8 @@ class Friction(NamedTuple):
 def friction_of(model: SoftModel) -> Friction:
     """The file's friction; a joint without limits has one turn, or one metre, as its range."""
     sizes = {joint.name: joint.friction for joint in model.robot.moving_joints}
-    turns = {joint.name: joint.kind != "prismatic" for joint in model.robot.moving_joints}
     range_ = model.upper - model.lower
-    free = [2 * np.pi if turns[name] else 1.0 for name in model.joint_names]
+    free = np.where(sliding(model.robot, model.joint_names), 1.0, 2 * np.pi)
     return Friction(
         np.array([sizes[name] for name in model.joint_names]),
         SLOW * np.where(np.isfinite(range_) & (range_ > 0), range_, free),
