@@ -46,10 +46,6 @@ class Parser(argparse.ArgumentParser):
         shown = f"{help} (default: %(default)s)"
         self.add_argument(name, type=kind, metavar=metavar, default=default, help=shown)
 
-    def moved(self, name: str, now: str) -> None:
-        """Add an option of earlier versions; one line names its replacement."""
-        self.add_argument(name, action=_Moved, const=now, nargs="*", help=argparse.SUPPRESS)
-
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; for a misspelt option, name the nearest one before other errors."""
         known = self._option_string_actions
@@ -71,13 +67,6 @@ class Parser(argparse.ArgumentParser):
         from softdyn.exceptions import one_line
 
         self.exit(BAD_INPUT, f"error: {one_line(message, 1000)}\n")
-
-
-class _Moved(argparse.Action):
-    """Ends the command with the line from `Parser.moved`."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
-        parser.error(f"argument {self.option_strings[0]}: now `{self.const}`")
 
 
 def finite(text: str) -> float:

@@ -80,7 +80,6 @@ parser.option(
 )
 study_options.add_own_options(parser)
 cli.add_json(parser)
-parser.moved("--scaling", "python -m tests.proof scaling")
 
 
 def command(arguments: cli.Arguments) -> int:
