@@ -185,7 +185,7 @@ class Page:
             "rows": self.rows,
             "sliders": self.sliders,
         }
-        script = asset("figure.js") + asset("player.js")
+        script = asset("figure.js") + asset("chart.js") + asset("player.js")
         return scene_page(asset("page.html"), asset("style.css"), script, scene, library)
 
     def save(self, path: str | Path) -> None:

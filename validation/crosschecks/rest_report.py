@@ -6,6 +6,7 @@ print(report)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -201,8 +202,9 @@ def rests_at(
     for name, target in _shown(targets.items(), len(targets), "targets"):
         nearest = sorted(samples, key=lambda one: _distance(one, target))
         search = inputs_for_tip(
-            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, seed=seed
-        )
+            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, seed=seed,
+            seconds=math.inf,
+        )  # fmt: skip
         best = (search.nearest, search.nearest_stable, search.most_stable)
         closest, stable, firmest = map(judged, best)
         closest_sample = _distance(nearest[0], target) if nearest else np.nan
