@@ -15,7 +15,7 @@ help:
 	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
 	@echo "make lint   ruff, mypy, that imports point one way, and the plan of the house"
 	@echo "make docs   the documentation as a site: open build/docs/index.html"
-	@echo "make count  lines of code, folder by folder"
+	@echo "make count  what the wheel and the proof hold: lines, kernels, constants, commands, names"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
 run: $(READY)

@@ -253,7 +253,6 @@ def check(env: Path, folder: Path, everything: bool) -> int:
     for name in names:
         wheel.run([name, "--help"], (0,))
     wheel.refuses(["tune", "finger"], "softdyn[tune]")
-    wheel.refuses(["worst-step"], "softdyn step-time --hostile")
     pip = [env / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "--quiet"]
     subprocess.run([*pip, "install", "cma>=4,<5"], check=True, env=wheel.environment)
     code = [env / "bin" / "python", "-c", DATA]

@@ -48,7 +48,6 @@ parser.add_argument(
 )
 cli.add_server_options(parser)
 cli.add_json(parser)
-parser.moved("--catalogue", "python -m tests.proof pairs DIR …")
 
 
 def command(arguments: cli.Arguments) -> int:

@@ -20,8 +20,6 @@ parser.add_argument(
 )  # fmt: skip
 parser.option("--tolerance", cli.positive, "X", "allowed relative error", 1e-3)
 cli.add_json(parser)
-parser.moved("--closed-forms", "python -m tests.proof closed-forms")
-parser.moved("--peer", "python -m tests.proof peer")
 
 
 def command(arguments: cli.Arguments) -> int:

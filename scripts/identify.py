@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from softdyn import SoftModel
-    from softdyn.identification import DesignFile, Identified, Parameter
+    from softdyn.identification import DesignFile, Parameter
 
 EPILOG = """\
 ROBOT is a URDF, a bundled name, or the TOML file of an arm, as `softdyn new` reads it.
@@ -41,8 +41,7 @@ up to its first stop.
 
 Static rows: --free cable_friction (the file has a first guess), input_loss (the part of an input
 that friction at the motor takes). direction.INPUT is the last direction, 1 pulled in, -1 paid out;
-without it the order of the rows says so. --discrepancy adds missing joint forces, a ridge function
-of inputs and strains, and states its gain on rows left out.
+without it the order of the rows says so.
 
 Of a TOML file, KIND is any key of a number without its unit, such as youngs_modulus, density or
 offset. offset.2 means second entries, offset.left those of the [[cable]] called left.
@@ -74,7 +73,6 @@ parser.add_argument(
     "--camera", nargs="+", metavar="X", help="fit, or X Y Z RX RY RZ; default: the world's frame"
 )
 parser.add_argument("--folds", type=cli.count, metavar="N", help="test on N parts of static rows")
-parser.output("--discrepancy", "FILE", "of static rows: fit missing joint forces too; write JSON")
 parser.add_argument(
     "--hints", action="store_true", help="what the model may lack: try extensions on unseen data"
 )
@@ -119,8 +117,7 @@ def command(arguments: cli.Arguments) -> int:
     import numpy as np
 
     from softdyn import InputError, identification
-    from softdyn.identification.model_errors.discrepancy import FOLDS, left_out
-    from softdyn.identification.model_errors.hints import hints, where, where_text
+    from softdyn.identification.hints import FOLDS, hints, left_out, where, where_text
     from softdyn.identification.result import distance
     from softdyn.validation.files import write_text
     from softdyn.validation.report.identification_page import page
@@ -174,8 +171,6 @@ def command(arguments: cli.Arguments) -> int:
     if arguments.folds:
         unseen = distance(found.names, left_out(found.fit, arguments.folds))
         lines.append(f"rms on rows left out, in {arguments.folds} parts: {unseen:.3g}")
-    if arguments.discrepancy:
-        lines.append(missing_forces(arguments.discrepancy, found))
     places = where(found)
     if arguments.hints:
         lines += [where_text(places)]
@@ -218,17 +213,6 @@ def robot_of(arguments: cli.Arguments) -> tuple[DesignFile | None, SoftModel]:
         markers = identification.read_points(arguments.points)
         model = build(identification.marked(model.robot, markers))
     return None, model
-
-
-def missing_forces(path: str, found: Identified) -> str:
-    """Fit the discrepancy model, write it with its gain, and state the gain."""
-    from softdyn.identification.model_errors.discrepancy import fit_discrepancy, gain_of
-    from softdyn.validation.files import write_json
-
-    model = fit_discrepancy(found.fit)
-    gain = gain_of(found.fit, model)
-    write_json(path, {**model.report(), "fitted": gain.fitted, "unseen": gain.unseen})
-    return str(gain)
 
 
 def camera_of(arguments: cli.Arguments) -> tuple[np.ndarray | None, bool]:

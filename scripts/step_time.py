@@ -80,7 +80,6 @@ parser.option(
 )
 study_options.add_own_options(parser)
 cli.add_json(parser)
-parser.moved("--scaling", "python -m tests.proof scaling")
 
 
 def command(arguments: cli.Arguments) -> int:
@@ -93,10 +92,11 @@ def command(arguments: cli.Arguments) -> int:
     from softdyn.controllers.registry import make_controller
 
     names = arguments.controllers or (EVERY if arguments.hostile else CONTROLLERS)
-    makes: dict[str, Any] = {name: find_controller(name) for name in names}
     table = study_options.own_gains(arguments)
-    if table is not None:
-        makes = {name: partial(make_controller, name, parameters=table) for name in makes}
+    makes: dict[str, Any] = {
+        name: partial(make_controller, name, parameters=table, cls=find_controller(name))
+        for name in names
+    }
     models = {
         name: softdyn.load(name, annotations=arguments.annotations)
         for name in dict.fromkeys(arguments.robots)

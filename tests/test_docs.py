@@ -34,8 +34,6 @@ NAMES = {name.replace("_", "-") for names in COMMANDS.values() for name in names
 BLOCK = re.compile(
     r"^(?P<mark><!-- not run: [^\n]+ -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
 )
-GENERATED = re.compile(r"^<!-- (?!not run|end)[^\n]*-->$.*?^<!-- end[^\n]*-->$", re.M | re.S)
-WHOLLY_GENERATED = {"catalogue.md", "pairs.md"}
 # the text around a block names the file for its content
 SAVE, APPEND = re.compile(r"Save as\s+`([^`]+)`"), re.compile(r"Append it to\s+`([^`]+)`")
 
@@ -225,12 +223,3 @@ def test_files_that_the_readme_names_exist() -> None:
     names = re.findall(r"\]\(([\w./]+)\)", text) + re.findall(r"`(scripts/\w+\.py)", text)
     assert names
     assert [name for name in names if not (ROOT / name).exists()] == []
-
-
-def test_the_documents_stay_short() -> None:
-    """Counts hand-written words, without code and generated text."""
-    texts = [page.read_text("utf-8") for page in PAGES if page.name not in WHOLLY_GENERATED]
-    by_hand = [BLOCK.sub("", GENERATED.sub("", text)) for text in texts]
-    words = [word for text in by_hand for word in text.split() if re.search(r"\w", word)]
-    assert len(words) <= 18_000
-    assert len(texts[0].splitlines()) <= 120

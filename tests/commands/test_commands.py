@@ -10,7 +10,7 @@ from contextlib import suppress
 import pytest
 
 from softdyn.commands import __main__ as softdyn_command
-from softdyn.commands.__main__ import MOVED, NAMES, main
+from softdyn.commands.__main__ import NAMES, main
 from tests.support import ROOT, SCRIPTS
 
 HELPERS = {"__init__", "__main__", "cli", "study_options"}
@@ -72,24 +72,6 @@ def test_examples_are_copied_whole_or_not_at_all(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("line", "now"),
-    [
-        ("crosscheck --catalogue --floating", "python -m tests.proof robots"),
-        ("crosscheck --random 3", "python -m tests.proof robots --random N"),
-        ("compare --catalogue a b", "python -m tests.proof pairs DIR …"),
-        ("converge --closed-forms", "python -m tests.proof closed-forms"),
-        ("converge --peer --json -", "python -m tests.proof peer"),
-    ],
-)
-def test_an_option_that_moved_names_the_new_command(line, now, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(line.split())
-    assert stop.value.code == 2
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", f"error: argument {line.split()[1]}: now `{now}`\n")
-
-
-@pytest.mark.parametrize(
     ("line", "said"),
     [
         ("run finger ic --theta 0.5 --gians x", "got '--gians'; did you mean '--gains'?"),
@@ -111,15 +93,6 @@ def test_what_begins_with_a_dash_is_not_always_an_option(capsys):
         with suppress(SystemExit):
             assert main(line.split()) == 2
         assert "option:" not in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", sorted(MOVED))
-def test_an_old_spelling_names_the_new_one(name, capsys):
-    assert not set(MOVED) & set(NAMES)
-    spelt = name.replace("_", "-")
-    assert main([spelt, "--count", "3"]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err) == ("", f"error: command: {spelt} is now {MOVED[name]}\n")
 
 
 @pytest.mark.parametrize(

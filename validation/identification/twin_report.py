@@ -34,8 +34,7 @@ def of_excitations(
     found = excitations.compared(model, unknowns, outputs, excitation, noise, jobs=jobs)
     rows = [
         {"amplitude": one.excitation.amplitude, "knots": one.excitation.knots,
-         "relative": one.relative.tolist(), "refused": one.refused,
-         "reach": one.excitation.amplitude}  # the former key
+         "relative": one.relative.tolist(), "refused": one.refused}
         for one in found
     ]  # fmt: skip
     report = {"labels": [one.label for one in unknowns], "excitations": rows}

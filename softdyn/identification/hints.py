@@ -14,18 +14,41 @@ import numpy as np
 
 from softdyn.dynamics.model import SoftModel
 from softdyn.exceptions import InputError, SoftdynError
+from softdyn.identification.data import Measurements
 from softdyn.identification.design import DesignFile
 from softdyn.identification.markers.camera import CAMERA
-from softdyn.identification.model_errors.discrepancy import cubes, left_out
+from softdyn.identification.output_error import fit
 from softdyn.identification.parameters import Parameter, parameters
-from softdyn.identification.problem import Fit
+from softdyn.identification.problem import Fit, FitProblem
 from softdyn.identification.result import Identified, distance, rms
-from softdyn.identification.unknowns.kinds import CABLE_FRICTION, INPUT_LOSS, KINDS
+from softdyn.identification.unknowns.kinds import (
+    CABLE_FRICTION,
+    INPUT_LOSS,
+    KINDS,
+    Kind,
+    MotionSample,
+)
 
 ONE_EACH = ("q", "length", "measured")  # outputs of one number; the others are points and poses
 PARTS = 4  # of the time, or of the rows
 SLIGHT = 0.05  # of a joint's stiffness times 1 rad: a first guess of dry friction
 GUESS = 0.1  # a first guess of a cable's friction
+FEWEST = 3  # rows of a fit
+FOLDS = 11  # largest number of parts of static rows, if the user states none
+
+
+def cubes(sample: MotionSample) -> np.ndarray:
+    """Joint forces (n, 1) of the springs' stiffness times the cubes of their deflections."""
+    model = sample.state.model
+    deflection = model.coordinates(sample.state.q) - model.rest
+    return np.asarray(model.stiffness * deflection**3)[:, None]
+
+
+STIFFENING = Kind(
+    "stiffening", "1/rad^2, 1/m^2", lambda model: ("all",), lambda model: np.zeros(1), cubes,
+    lambda robot, values: robot, -np.inf, about_zero=True,
+)  # fmt: skip
+"""Springs with the stiffness k (1 + θ e²) at the deflection e, near θ = 0: no model has them."""
 
 
 @dataclass(frozen=True)
@@ -121,18 +144,18 @@ def hints(
     made : DesignFile, optional
         The design that was fitted.
     """
-    fit, names = found.fit, found.names
-    unknowns, base = fit.problem.unknowns, fit.problem.base
+    names, unknowns = found.names, found.fit.problem.unknowns
+    base = found.fit.problem.base
     if found.static:
-        before = distance(names, left_out(fit, folds))
-        strained = distance(names, left_out(fit, folds, cubes))
+        before = distance(names, left_out(found.fit, folds))
+        strained = distance(names, left_out(found.fit, folds, stiffened))
         yield Hint("a stiffness that depends on strain", before, strained)
     else:
         before = found.rms_held_out
     for name, more in extensions(base, unknowns, found.static, made):
         try:
             if found.static:
-                after = distance(names, left_out(_extended(fit, more), folds))
+                after = distance(names, left_out(_extended(found.fit, more), folds))
             else:
                 after = again(more).rms_held_out
         except SoftdynError:
@@ -144,3 +167,73 @@ def _extended(found: Fit, more: tuple[Parameter, ...]) -> Fit:
     """The fit with more unknowns, at their first guesses."""
     problem = replace(found.problem, unknowns=found.problem.unknowns + more)
     return replace(found, problem=problem, theta=np.append(found.theta, [x.nominal for x in more]))
+
+
+Forecast = Callable[[Fit, FitProblem], np.ndarray]
+
+
+def as_fitted(found: Fit, rows: FitProblem) -> np.ndarray:
+    """Outputs (N, outputs) of static rows by the fitted model."""
+    return rows.outputs(found.theta, rows.firsts())[0]
+
+
+def stiffened(found: Fit, rows: FitProblem) -> np.ndarray:
+    """Outputs (N, outputs) of static rows if the springs stiffen.
+
+    θ of `STIFFENING` is fitted together with the unknowns by one linear step from the fit found.
+    """
+    theta = np.append(found.theta, 0.0)
+    stiffening = Parameter(STIFFENING, "stiffening, all", np.ones(1), 0.0)
+
+    def near(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
+        wide = replace(problem, unknowns=(*problem.unknowns, stiffening))
+        (run,) = wide.simulated(theta, wide.firsts())
+        return run.out, run.by_theta
+
+    out, slope = near(found.problem)
+    known = np.isfinite(found.problem.data.outputs)
+    left = ((found.problem.data.outputs - out) / found.noise)[known]
+    A = (slope / found.noise[:, None])[known]
+    scale = np.maximum(np.linalg.norm(A, axis=0), np.finfo(float).tiny)
+    step = np.linalg.lstsq(A / scale, left)[0] / scale
+    out, slope = near(rows)
+    return np.asarray(out + slope @ step)
+
+
+def left_out(found: Fit, folds: int, forecast: Forecast = as_fitted) -> np.ndarray:
+    """Residuals (N, outputs) of static rows that are left out of the fit, in parts.
+
+    Each fit of the others starts from the values found.
+
+    Parameters
+    ----------
+    found : Fit
+    folds : int
+        Number of parts; 3 rows or more are left in.
+    forecast : callable
+        (fit of the others, problem of all rows) → outputs (N, outputs).
+
+    Raises
+    ------
+    InputError
+        For data over time, and another number of parts.
+    """
+    begin = [
+        replace(one, nominal=float(value))
+        for one, value in zip(found.problem.unknowns, found.theta, strict=True)
+    ]
+    problem = replace(found.problem, unknowns=tuple(begin))
+    data, rows = problem.data, np.arange(len(problem.data.t))
+    if not (problem.taken.static and 2 <= folds <= len(rows) and len(rows) > FEWEST):
+        expected = f"2 to {len(rows)} parts of static rows, {FEWEST + 1} or more"
+        raise InputError("folds", expected, folds if problem.taken.static else "data over time")
+    residuals = np.full(data.outputs.shape, np.nan)
+    for k in range(folds):
+        held = rows % folds == k
+        own = fit(_on(problem, data.rows(rows[~held])))
+        residuals[held] = (data.outputs - forecast(own, _on(own.problem, data)))[held]
+    return residuals
+
+
+def _on(problem: FitProblem, data: Measurements) -> FitProblem:
+    return replace(problem, data=data, runs=((0, len(data.t)),))
