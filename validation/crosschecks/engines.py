@@ -31,6 +31,7 @@ from softdyn.validation.mjcf.scene import Scene
 SORTS = mujoco.mjtTrn
 TENDON = ("tendon_armature", "tendon_stiffness", "tendon_stiffnesspoly", "tendon_damping",
           "tendon_dampingpoly")  # fmt: skip
+SPRINGS = ("stiffness", "damping")
 SAME = 1e-9  # relative, of an engine against the neutral form
 Answer = tuple[np.ndarray, np.ndarray, np.ndarray]  # M, bias, g, in the neutral form's order
 
@@ -156,10 +157,10 @@ def _settle_one_sided(scene: Scene) -> None:
             for field, value in zip(sorts[cause.kind], (first, powers or 0.0), strict=False):
                 getattr(model, field)[index] = value
             _silence_drives(model, joint, (SORTS.mjTRN_JOINT, SORTS.mjTRN_JOINTINPARENT), cause)
-        elif cause.kind == "tendon" and cause.detail in ("stiffness", "damping"):
+        elif cause.kind == "tendon" and (name := cause.detail.partition(":")[0]) in SPRINGS:
             index = scene.tendons[tendons.index(cause.where)]
-            getattr(model, f"tendon_{cause.detail}")[index] = np.atleast_1d(cause.a)[0]
-            getattr(model, f"tendon_{cause.detail}poly")[index] = 0.0
+            getattr(model, f"tendon_{name}")[index] = np.atleast_1d(cause.a)[0]
+            getattr(model, f"tendon_{name}poly")[index] = 0.0
             _silence_drives(model, index, (SORTS.mjTRN_TENDON,), cause)
         elif cause.kind in ("armature", "tendon") and cause.where not in matched:
             numbers = [k for k in range(model.ntendon) if model.tendon(k).name == cause.where]
