@@ -128,9 +128,7 @@ def test_bad_input_from_a_shell(folder):
     assert done.stderr == "error: argument --theta: expected a finite number, got 'nan'\n"
 
 
-@pytest.mark.parametrize(
-    "name", ["run", "benchmark", "crosscheck", "reproduce", "step_time", "sweep"]
-)
+@pytest.mark.parametrize("name", ["run", "benchmark", "crosscheck", "step_time", "sweep"])
 def test_help_imports_nothing_heavy(name):
     code = (
         f"import sys; from softdyn.commands import {name}\n"
