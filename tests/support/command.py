@@ -6,6 +6,7 @@ A new process takes seconds to start.
 from __future__ import annotations
 
 import io
+import signal
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
@@ -33,7 +34,11 @@ def left_as_it_was() -> Iterator[None]:
         patch.object(cli, "one_thread"),
         patch.object(warnings, "formatwarning", warnings.formatwarning),
     ):
-        yield
+        hears = signal.getsignal(signal.SIGINT)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, hears)
 
 
 def of_itself(err: str) -> str:
