@@ -218,6 +218,7 @@ class Chart {
       pen.textAlign = "center";
       pen.textBaseline = "bottom";
       for (const t of roundNumbers(this.from, this.to, this.width / 60)) {
+        if (t < 0) continue;  // before the run
         const x = Math.round(this.x(t)) + 0.5;
         line(x, 0, x, this.height);
         pen.fillText(String(Number(t.toFixed(6))), x, this.height + this.bottom);

@@ -263,6 +263,7 @@ def test_a_watched_run_leaves_a_page_that_replays_it(other, tmp_path):
     plots, (panel,) = other.run(right % ".plot canvas"), other.run(right % "#side")
     assert len(plots) > 4
     assert max(plots) < panel  # the newest part is not cut off
+    assert other.console == []
 
 
 def test_sliders_explore_rests(other, tmp_path):
