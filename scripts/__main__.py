@@ -17,7 +17,7 @@ COMMANDS = {
     "examine a robot": ("check", "view", "statics", "observe", "plan", "converge"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "run one closed loop and look at it": ("run", "rollout", "play", "replay", "obstacle"),
-    "choose a controller and its gains": ("sweep", "tune"),
+    "choose a controller and its gains": ("sweep",),
     "repeat the paper and go beyond it": ("benchmark", "reproduce", "certify"),
     "time the control step": ("step_time",),
 }
