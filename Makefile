@@ -35,7 +35,7 @@ $(UV): $(READY)
 
 test-oldest: $(UV)
 	$(UV) venv --quiet --clear --python 3.11 .venv-oldest
-	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster,tune]"
+	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster]"
 	.venv-oldest/bin/python -m pytest -n auto
 
 test-pythons: $(UV)

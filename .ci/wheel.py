@@ -56,7 +56,6 @@ JOBS = {
     "play": ("{robot} --target {target} --no-open",),
     "replay": ("run.npz --html replay.html --plot replay.png",),
     "sweep": ("sweep.toml --jobs 1 --out sweep",),
-    "tune": ("arm.urdf --seconds 5 --jobs 1",),
     "benchmark": (
         "--robots finger --controllers ic --thetas 0.5 --omegas --no-plots --out results",
     ),
@@ -246,9 +245,6 @@ def check(env: Path, folder: Path, everything: bool) -> int:
         print(f"FAIL jobs of {sorted(set(names) ^ set(JOBS))}")
     for name in names:
         wheel.run([name, "--help"], (0,))
-    wheel.refuses(["tune", "finger"], "softdyn[tune]")
-    pip = [env / "bin" / "python", "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    subprocess.run([*pip, "install", "cma>=4,<5"], check=True, env=wheel.environment)
     code = [env / "bin" / "python", "-c", DATA]
     subprocess.run(code, check=True, cwd=folder, env=wheel.environment)
     robots = ROBOTS if everything else {"arm.urdf": ROBOTS["arm.urdf"]}

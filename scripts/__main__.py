@@ -17,8 +17,8 @@ COMMANDS = {
     "examine a robot": ("check", "view", "statics", "observe", "plan"),
     "compare it with another engine or file": ("crosscheck", "compare", "export"),
     "run one closed loop and look at it": ("run", "rollout", "play", "replay"),
-    "choose a controller and its gains": ("sweep", "tune"),
-    "repeat the paper and go beyond it": ("benchmark",),
+    "run many": ("sweep",),
+    "repeat the paper": ("benchmark",),
     "time the control step": ("step_time",),
 }
 NAMES = [name for names in COMMANDS.values() for name in names]

@@ -5,7 +5,7 @@
 - `rollouts`: motions under given inputs, without a controller
 - `mjcf`: MJCF files: compared with a URDF, written, used as the plant
 - `crosschecks`: the model's terms, trajectories and equilibria against MuJoCo's
-- `studies`: many closed loops: the paper's grid, sweeps, tuning
+- `studies`: many closed loops: the paper's grid, sweeps
 - `paper`: the paper's experiments
 - `identification`: what a fit finds in data of twins with known parameters
 - `rods`: how many joints an arm needs

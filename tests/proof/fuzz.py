@@ -28,7 +28,7 @@ that is killed after 5 s of processor time. A finding is
 --arguments damages command lines instead. A command must succeed and write every requested file, or
 report the error in one line and write no file (tests/proof/fuzzing/arguments.py).
 
---data damages logs, a store's results, a tuning's summary, a sweep and a schedule instead, and
+--data damages logs, a store's results, a sweep and a schedule instead, and
 reads them as their commands do. Lost content then is accepted content in which json, tomllib or
 numpy.load differ from the reader (tests/proof/fuzzing/data.py).
 
@@ -84,7 +84,6 @@ READ = {
     "view": "finger --html page.html --port 7000",
     "sweep": "robustness --robots finger helix --controllers best --period 0.01 --jobs 2 "
     "--out folder --dry-run --ensemble 3 --seed 2 --keep kept.json --json out.json",
-    "tune": "finger --gains a.toml --population 4 --seed 1 --out b.toml --summary c.json",
     "benchmark": "--robots finger --controllers ic uic --theta 0 1 --omega 0.1 --jobs 2",
     "step_time": "finger ic --theta 0.5 --seconds 0.1 --json out.json",
 }
