@@ -225,16 +225,6 @@ class Wheel:
             print(f"     exit code {process.returncode}: {err[-2000:]}")
         return out
 
-    def refuses(self, words: list[str], said: str) -> None:
-        """Run one command that must end with code 2 and the expected message."""
-        done = subprocess.run(
-            [self.softdyn, *words], cwd=self.folder, env=self.environment, capture_output=True,
-            text=True,
-        )  # fmt: skip
-        if done.returncode != 2 or said not in done.stderr:
-            self.failures.append(words)
-            print(f"FAIL {' '.join(words)}: expected {said!r}, got {done.stderr!r}")
-
 
 def check(env: Path, folder: Path, everything: bool) -> int:
     """Run every command's help, then its jobs; print a line each."""
