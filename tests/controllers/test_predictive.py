@@ -13,7 +13,7 @@ from softdyn.controllers.predictive.rest_target import RestTarget, RestTargets
 from softdyn.controllers.predictive.state_filter import StateFilter
 from softdyn.validation import paper, simulate
 from softdyn.validation.twin.rig import Rig
-from tests.support import predictive
+from tests.support import PATIENCE, predictive
 from tests.support.control_cases import robot
 from tests.support.predictive import KNOTS
 
@@ -161,6 +161,6 @@ def test_targets_are_found_once_the_same_in_a_thread() -> None:
     here, there = RestTargets(model), RestTargets(model, background=True)
     first = here.ask(y)
     assert first is here.ask(y.copy())
-    (one, *_), (other, *_) = first.result(), there.ask(y).result(timeout=60)
+    (one, *_), (other, *_) = first.result(), there.ask(y).result(PATIENCE)
     np.testing.assert_array_equal(one.u, other.u)
     assert one.distance == pytest.approx(0.0023, abs=2e-4)  # out of reach
