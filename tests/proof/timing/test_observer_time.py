@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ import pytest
 import softdyn
 from softdyn.controllers import SoftIdClfQp
 from softdyn.validation import Rig
+from tests.proof import observer_time
 from tests.proof.observer_time import observed_loop, observer_row
 from tests.proof.timing.step_time import WARM_UP
 from tests.support.command import proof
@@ -29,16 +29,16 @@ class Observer(Slow):
 
 
 class Recorder:
-    """It takes the more time the later a reading is."""
+    """It takes 2 ms by its clock when a late reading arrives, and 1 µs otherwise."""
 
-    def __init__(self):
-        self.taken = []
+    def __init__(self, clock):
+        self.taken, self.clock = [], clock
 
     def step(self, t, measurements, u):
         self.taken.append((t, measurements, u))
         camera = [z[2:] for _, z, _ in self.taken[-2:]]
-        if len(camera) == 2 and not np.array_equal(*camera):
-            time.sleep(1e-3)
+        late = len(camera) == 2 and not np.array_equal(*camera)
+        self.clock.append(2_000_000 if late else 1_000)
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +58,15 @@ def test_steps_are_those_of_the_loop(loop):
     assert not np.array_equal(loop.steps[40][2], loop.steps[41][2])  # commands vary
 
 
-def test_late_steps_have_their_own_times(loop):
-    row = observer_row("finger", softdyn.load("finger"), [Recorder(), Recorder()], loop)
+def test_late_steps_have_their_own_times(loop, monkeypatch):
+    clock = []
+    monkeypatch.setattr(observer_time, "perf_counter_ns", lambda: sum(clock))
+    observers = [Recorder(clock), Recorder(clock)]
+    row = observer_row("finger", softdyn.load("finger"), observers, loop)
     assert row["samples"] == 2 * (len(loop.steps) - WARM_UP)
     assert row["late_samples"] == 2 * loop.late[WARM_UP:].sum() > 0
-    assert row["late_median_us"] > 1000 > row["median_us"]
+    assert row["late_median_us"] == pytest.approx(2000)
+    assert row["median_us"] == pytest.approx(1)
     assert row["median_us"] <= row["p99_us"] <= row["p999_us"]
 
 

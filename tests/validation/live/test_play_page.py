@@ -18,7 +18,7 @@ from softdyn.validation import Rig, paper, play
 from softdyn.validation.live.watching import open_watch_page, watch
 from softdyn.validation.loop.closed_loop import ClosedLoop
 from softdyn.validation.report.replay import replay
-from tests.support import SCRIPTS, micro, winched
+from tests.support import PATIENCE, SCRIPTS, micro, winched
 from tests.support.browser import Browser, required
 
 pytestmark = required()
@@ -42,7 +42,7 @@ def url(tmp_path_factory):
     try:
         yield process.stdout.readline().strip()
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 
@@ -298,7 +298,7 @@ def test_sliders_explore_rests(other, tmp_path):
         assert lengths == [241, 241, 241, 12, 399]
         assert page.console == []
         process.terminate()
-        assert process.wait(120) == 0
+        assert process.wait(PATIENCE) == 0
     finally:
         process.kill()
 

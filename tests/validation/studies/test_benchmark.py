@@ -19,7 +19,7 @@ from softdyn.validation.processes import WorkerKilled, in_processes
 from softdyn.validation.studies import benchmark
 from softdyn.validation.studies.engine import sources, store
 from softdyn.validation.studies.engine.case import Case, number_text
-from tests.support import ROOT, SCRIPTS
+from tests.support import PATIENCE, ROOT, SCRIPTS
 from tests.support.command import command, of_itself
 
 SCRIPT = SCRIPTS / "benchmark.py"
@@ -79,7 +79,6 @@ ARM = """<robot name="finger">
 GRID = ["--robots", "finger", "--thetas", "--omegas", "20", "25", "40"]
 CONTROLLERS = ["--controllers", "soft-id-clf-qp", "own.py:Push"]
 CASES = 6
-PATIENCE = 300.0  # s, on a busy machine
 
 
 @pytest.fixture
