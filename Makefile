@@ -15,7 +15,7 @@ help:
 	@echo "make mutants  a seeded sample of planted faults, each against its tests; goes on where it was"
 	@echo "make lint   ruff, mypy, that imports point one way, and the plan of the house"
 	@echo "make docs   the documentation as a site: open build/docs/index.html"
-	@echo "make count  lines of code, folder by folder"
+	@echo "make count  what the wheel and the proof hold: lines, kernels, constants, commands, names"
 	@echo "make clean  remove the virtual environment and build leftovers"
 
 run: $(READY)
@@ -35,7 +35,7 @@ $(UV): $(READY)
 
 test-oldest: $(UV)
 	$(UV) venv --quiet --clear --python 3.11 .venv-oldest
-	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster,tune]"
+	$(UV) pip install --quiet --python .venv-oldest --resolution lowest-direct --editable ".[test,bench,cluster]"
 	.venv-oldest/bin/python -m pytest -n auto
 
 test-pythons: $(UV)

@@ -18,7 +18,6 @@ from softdyn import Ellipse, InputError, Reference, SetPoint, SoftdynError, Soft
 from softdyn.controllers import (
     BEYOND,
     CONTROLLERS,
-    Certified,
     Command,
     Gains,
     InputGuard,
@@ -268,15 +267,10 @@ def test_any_gains_keep_the_contract(name: str, gains: Gains) -> None:
             ask(controller, robot(which), state, reference)
 
 
-@pytest.mark.parametrize("name", [*CLASSES, "best", "mpc", "certified"])
+@pytest.mark.parametrize("name", [*CLASSES, "best", "mpc"])
 def test_the_guard_is_the_only_way_in(name: str) -> None:
     """With a State of another robot, compiled kernels would read beyond their arrays."""
-    if name == "mpc":
-        controller = BEYOND[name](robot("spirob"))
-    else:
-        controller = build("best" if name == "certified" else name, "spirob")
-    if name == "certified":
-        controller = Certified(controller)
+    controller = BEYOND[name](robot("spirob")) if name == "mpc" else build(name, "spirob")
     other, goal = drawn("finger")[4]
     parts = (*getattr(controller, "stages", ()), *vars(controller).values())
     for one in (controller, *(part for part in parts if isinstance(part, GuardedController))):

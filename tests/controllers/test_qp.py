@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softdyn.controllers.qps.qp import ACCEPTED, DenseQp, QpProblem, QpSolution, polish, residuals
-from softdyn.validation.paper.solvers import SymbolicQp, Term, unknowns
+from tests.proof.paper.solvers import SymbolicQp, Term, unknowns
 from tests.support.printed import solve_daqp, solve_quadprog
 
 PATIENCE = 10.0  # s, on a busy machine; a hang takes at least 25 s
