@@ -7,10 +7,11 @@ const THICK = 1.3;  // pixels of a curve
 const NUMBER = 10;  // least distance (pixels) of two numbers of the vertical axis
 
 /**
- * Columns of numbers over the last seconds, in slots of time: of all rows within a slot it keeps the
- * time of the first one and the extremes of each column. A drawing therefore costs the same for
- * seconds and for minutes. Slots begin at multiples of their length, so a curve that moves to the
- * left keeps its shape.
+ * Columns of numbers over the last seconds, in slots of time.
+ *
+ * A slot keeps the time of its first row and the extremes of each column. A drawing therefore costs
+ * the same for seconds and for minutes. Slots begin at multiples of their length, so a curve that
+ * moves to the left keeps its shape.
  */
 class Slots {
   /**

@@ -20,7 +20,7 @@ const [viewer, stage] = openViewer(document.getElementById("pane"));
 const target = new T.Mesh(new T.SphereGeometry(0.02), new T.MeshBasicMaterial());
 stage.add(target);
 const handle = new Handle(viewer, target, 1);
-handle.enabled = true;
+handle.enable(true);
 function look(from, place, axis, angle, turns) {
   target.position.set(...place);
   target.quaternion.setFromAxisAngle(new T.Vector3(...axis), angle);
@@ -174,10 +174,10 @@ def test_a_finger_grasps_what_is_further_away_than_a_mouse(browser):
 def test_a_handle_that_is_not_enabled_is_not_grasped_and_not_shown(browser):
     look(browser, "front")
     start = seen(browser, PLACE)
-    browser.run("(handle.enabled = false, handle.show(), 1)")
+    browser.run("(handle.enable(false), 1)")
     assert browser.run(js("drag($start, $start)", start=start)) is None
     assert not browser.run("target.children.some(shape => shape.visible)")
-    browser.run("(handle.enabled = true, handle.show(), 1)")
+    browser.run("(handle.enable(true), 1)")
     assert browser.run("target.children.filter(shape => shape.visible).length") == 6
 
 

@@ -160,12 +160,8 @@ class Live {
   command(can) {
     for (const set of document.querySelectorAll(".command")) set.disabled = !can;
     if (!can) this.held = null;
-    this.handle.enabled = can && this.aims;
-    if (!this.handle.enabled) {  // the drag has ended, even if the button is still down
-      this.handle.release();
-      this.pending.delete("target");
-    }
-    this.handle.show();
+    this.handle.enable(can && this.aims);
+    if (!this.handle.enabled) for (const name of ["target", "targets"]) this.pending.delete(name);
   }
   get aims() { return this.scene.mode == "play" && this.state.law != this.scene.open; }
 
