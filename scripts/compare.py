@@ -34,6 +34,13 @@ parser.add_argument("--map", metavar="FILE", help="TOML: joints of A = joints of
 parser.add_argument(
     "--strict", action="store_true", help="also fail for properties that only one file states"
 )
+parser.add_argument(
+    "--tolerance",
+    type=cli.finite,
+    metavar="R",
+    help="values within this relative difference count as equal (default: 0; 1e-5 if a file prints "
+    "at most six digits and no difference is larger)",
+)
 cli.add_repair_option(parser)
 parser.add_argument(
     "--engines",
@@ -67,12 +74,13 @@ def command(arguments: cli.Arguments) -> int:
         *sides,
         mapping=mapping,
         strict=arguments.strict,
+        tolerance=arguments.tolerance,
         samples=arguments.samples,
         seed=arguments.seed,
     )
     report, said, passed = result.to_dict(), str(result), result.passed
     if arguments.engines:
-        figures, text = engines(*sides, arguments)
+        figures, text = engines(*sides, arguments, result.tolerance)
         report["engines"] = figures
         passed = passed and figures["passed"]
         said += f"\n\n{text}"
@@ -99,7 +107,9 @@ def show(result: Comparison, a: Side, b: Side, arguments: cli.Arguments) -> None
             cli.serve_until(over)
 
 
-def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any], str]:
+def engines(
+    a: Side, b: Side, arguments: cli.Arguments, tolerance: float
+) -> tuple[dict[str, Any], str]:
     """Compare each file with its engine, and the two engines."""
     from softdyn import InputError
     from softdyn.validation.crosschecks.engines import SAME, differing, engine_errors, side_by_side
@@ -121,7 +131,7 @@ def engines(a: Side, b: Side, arguments: cli.Arguments) -> tuple[dict[str, Any],
     else:
         report["pair"] = pair.to_dict()
         said.append(f"the URDF in Pinocchio against the MJCF in MuJoCo:\n{pair}")
-        if wrong := differing(pair):
+        if wrong := differing(pair, tolerance):
             failed.append(f"the two engines disagree in {', '.join(wrong)}")
     report["passed"] = not failed
     return report, "\n".join([*said, *(f"FAILED: {text}" for text in failed)])

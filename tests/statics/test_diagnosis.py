@@ -230,6 +230,26 @@ def test_how_dense_a_body_may_be(tmp_path: Path) -> None:
         assert any("kg/m³" in found for found in suspicious_values(parse(path))) is wrong, density
 
 
+def test_a_robot_whose_tip_is_its_only_joint_has_no_length(tmp_path: Path) -> None:
+    """The body's centre tells its size, so that its inertia is not called too wide."""
+    path = tmp_path / "one.urdf"
+    text = (
+        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 {}"/>'
+        '<mass value="0.2"/><inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="hinge" type="revolute"><parent link="base"/>'
+        '<child link="arm"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    for com, moment in ((-0.1, 1e-4), (0, 1e-4)):
+        path.write_text(text.format(com, *[moment] * 3))
+        (line,) = suspicious_values(parse(path))
+        assert line.startswith("the tip 'arm' sits at the base, no joint offset is on the way")
+    path.write_text(text.format(-0.1, *[0.2] * 3))
+    assert any("the robot is 0.1 m long" in line for line in suspicious_values(parse(path)))
+    path.write_text(text.format(-100, *[1e-4] * 3))
+    assert any("100 m away from its joint" in line for line in suspicious_values(parse(path)))
+
+
 @pytest.mark.parametrize("name", softdyn.bundled_names())
 def test_bundled_robots_look_right(name: str) -> None:
     assert suspicious_values(robot(name).robot) == ()

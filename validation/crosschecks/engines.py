@@ -117,12 +117,13 @@ def side_by_side(
     return replace(found, checks=checks)
 
 
-def differing(pair: CrossCheck) -> list[str]:
-    """Terms in which two files differ by more than rounding; motions are left out."""
+def differing(pair: CrossCheck, tolerance: float = 0.0) -> list[str]:
+    """Terms that differ by more than rounding or a relative tolerance; motions are left out."""
     return [
         check.quantity
         for check in pair.checks
-        if check.quantity not in ("qdd", "trajectory") and not check.max_error <= NAMED
+        if check.quantity not in ("qdd", "trajectory")
+        and not check.max_error <= max(NAMED, tolerance)
     ]
 
 

@@ -50,6 +50,9 @@ class Finding:
         Relative difference of the values, for kinds that affect neither M nor g nor the tip.
     one_sided : bool
         Whether only one file, or only its format, states it.
+    printed : float or None
+        Relative difference of the numbers as files print them: lengths relative to the part's
+        extent, angles to 1 rad. None if it is `size`.
     """
 
     kind: str
@@ -59,6 +62,7 @@ class Finding:
     repair: Repair = field(repr=False)
     size: float = 0.0
     one_sided: bool = False
+    printed: float | None = None
 
 
 def with_urdf(a: Neutral, b: Neutral) -> bool:
@@ -72,6 +76,11 @@ def differ(a: float, b: float) -> float:
         return 0.0
     size = max(abs(a), abs(b))
     return abs(a - b) / size if math.isfinite(size) else 1.0
+
+
+def share(gap: float, extent: float) -> float:
+    """A distance relative to an extent; infinite where the extent is zero."""
+    return gap / extent if extent > 0 else math.inf if gap else 0.0
 
 
 def apart(ours: Numbers, theirs: Numbers) -> float:
