@@ -227,7 +227,7 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
-        with own_code_errors():
+        with own_code_errors(program=command.__module__.partition(".")[0]):
             check_outputs(parser, arguments)
             return command(arguments)
     except OwnCodeError as error:
