@@ -20,6 +20,7 @@ from softdyn.files import read_toml as read_toml  # for the commands
 
 if TYPE_CHECKING:
     from softdyn import SoftModel
+    from softdyn.validation import Log
 
 PASSED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 Arguments = argparse.Namespace
@@ -214,13 +215,21 @@ def one_thread() -> None:
 
 
 def run(command: Command, arguments: Arguments, parser: Parser) -> int:
-    """Call `command`, and turn its exceptions into an exit code and one line on stderr."""
+    """Call `command`, and turn its exceptions into an exit code and one line on stderr.
+
+    For an error in a user's own code, the text on stderr is the traceback from the user's file on.
+    """
     from softdyn import InputError, SoftdynError, UrdfError
+    from softdyn.exceptions import OwnCodeError, own_code_errors
 
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
-        check_outputs(parser, arguments)
-        return command(arguments)
+        with own_code_errors():
+            check_outputs(parser, arguments)
+            return command(arguments)
+    except OwnCodeError as error:
+        print(error.trace, end="", file=sys.stderr)
+        return FAILED
     except SoftdynError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, InputError | UrdfError) else FAILED
@@ -232,8 +241,8 @@ def run(command: Command, arguments: Arguments, parser: Parser) -> int:
         return INTERRUPTED
 
 
-class _Ended(BaseException):
-    """SIGINT or SIGTERM; not an Exception, so that no code handles it as an error."""
+class _Ended(KeyboardInterrupt):
+    """SIGINT or SIGTERM, which no code handles as an error."""
 
 
 @contextmanager
@@ -278,6 +287,38 @@ def write_report(report: dict[str, Any], target: str | None, summary: str) -> No
     if target is not None:
         write_json(target, report)
     say(summary)
+
+
+def save_log(log: Log, path: str) -> None:
+    """Write a log as CSV if `path` ends in .csv, else as NPZ."""
+    (log.to_csv if path.endswith(".csv") else log.save)(path)
+
+
+@contextmanager
+def saved_in_errors(path: str | None) -> Iterator[None]:
+    """Save the log that an exception of the block carries; a line on stderr says so.
+
+    Bad input that shows at the first step leaves no file.
+
+    Parameters
+    ----------
+    path : str, optional
+        The file; without one nothing is saved.
+    """
+    from softdyn import SoftdynError
+    from softdyn.exceptions import own_frames
+
+    try:
+        yield
+    except BaseException as error:
+        log = getattr(error, "log", None)
+        if path is not None and log is not None and (log.steps or own_frames(error)):
+            try:
+                save_log(log, path)
+                print(f"wrote {path}: the run up to t = {log.t[-1]:.4g} s", file=sys.stderr)
+            except SoftdynError as fault:  # the error that ended the run matters more
+                print(f"warning: {fault}", file=sys.stderr)
+        raise
 
 
 def say(text: str) -> None:

@@ -190,7 +190,9 @@ def hold_pose(model: SoftModel, arguments: cli.Arguments) -> tuple[dict[str, Any
             words = f"{away:.3f} cm and {angle:.3f} deg away, {rest}"
             lines.append(f"  {name.replace('_', ', '):<16} {words}")
     head = f"{robot}: {len(found.found)} equilibria found near the pose"
-    report["equilibria"] = len(found.found)
+    if found.timed_out:
+        head += "; the time of the search was used up"
+    report |= {"equilibria": len(found.found), "timed_out": found.timed_out}
     return report, "\n".join([head, *lines])
 
 

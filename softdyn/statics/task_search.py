@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -20,6 +19,7 @@ from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria, StaticsEr
 from softdyn.statics.samples import sample_rests
 from softdyn.tasks.task import Task
 
+SECONDS = 60.0  # the usual limit of a search
 SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
 TRIED = 10  # number of sampled equilibria from which a branch is followed
 KICKS = 20  # and of equilibria beside the nearest ends, under other inputs
@@ -40,11 +40,14 @@ class TaskSearch(RankedEquilibria):
         Their targets.
     found : tuple of Equilibrium
         Distinct equilibria, stable or not; at least one.
+    timed_out : bool
+        Whether the limit of time ended the search before all starts were tried.
     """
 
     tasks: tuple[Task, ...]
     reference: Reference
     found: tuple[Equilibrium, ...]
+    timed_out: bool = False
 
     def errors(self, equilibrium: Equilibrium) -> dict[str, float]:
         """The residual ‖e‖ of each task at an equilibrium (m, rad; unweighted), by name."""
@@ -76,7 +79,7 @@ def inputs_for_tasks(
     *,
     rays: int = 32,
     seed: int = 0,
-    seconds: float = math.inf,
+    seconds: float = SECONDS,
 ) -> TaskSearch:
     """Inputs within their bounds that hold all tasks, or come as near as was found.
 
@@ -100,7 +103,9 @@ def inputs_for_tasks(
     seed : int
         Their seed.
     seconds : float
-        Time after which no further start is tried.
+        Time (s) after which no further sample is taken and no further start is tried; `timed_out`
+        says whether that happened. With ``math.inf`` the result depends on the robot, the targets
+        and the seed alone.
 
     Raises
     ------
@@ -121,19 +126,23 @@ def inputs_for_tasks(
     search = TaskSearch(chosen, reference, ())
     known = [rest(model), *instances("starts", starts, Equilibrium, "an Equilibrium")]
     search.measure(known[0])  # a missing target is an error before the samples cost time
-    sampled = sorted(_map(model, whole("rays", rays), whole("seed", seed)), key=search.distance)
+    samples = _samples(model, whole("rays", rays), whole("seed", seed), latest)
+    sampled = sorted(samples, key=search.distance)
     ends = list[Equilibrium]()
     rng = np.random.default_rng(seed)
+    timed_out = False
     for start, stay in _starts(known, sampled, ends, search, rng):
+        timed_out = bool(ends) and perf_counter() > latest
+        if timed_out:
+            break
         ends.append(descend(start, search.measure, stay_stable=stay))
-        holds = ends[-1].stable and search.distance(ends[-1]) <= REACHED
-        if holds or perf_counter() > latest:
+        if ends[-1].stable and search.distance(ends[-1]) <= REACHED:
             break
     found = list[Equilibrium]()
     for one in sorted(ends, key=lambda one: max(search.distance(one), REACHED)):
         if not any(_same(one, other) for other in found):
             found.append(one)
-    return TaskSearch(chosen, reference, tuple(found))
+    return TaskSearch(chosen, reference, tuple(found), timed_out)
 
 
 def _starts(
@@ -183,10 +192,19 @@ def _same(one: Equilibrium, other: Equilibrium) -> bool:
     return bool(np.abs(coordinates(one.q) - coordinates(other.q)).max() < SAME)
 
 
-def _map(model: SoftModel, rays: int, seed: int) -> tuple[Equilibrium, ...]:
-    """Sampled equilibria, which the model keeps, because all its searches begin there."""
+def _samples(model: SoftModel, rays: int, seed: int, latest: float) -> tuple[Equilibrium, ...]:
+    """Sampled equilibria, which the model keeps, because all its searches begin there.
+
+    If the time `latest` passes meanwhile, they are those up to then, and the model keeps none.
+    """
     known: dict[tuple[int, int], tuple[Equilibrium, ...]]
     known = vars(model).setdefault("_sampled_rests", {})
-    if (rays, seed) not in known:
-        known[rays, seed] = tuple(sample_rests(model, rays, seed))
+    if (rays, seed) in known:
+        return known[rays, seed]
+    found = list[Equilibrium]()
+    for one in sample_rests(model, rays, seed):
+        found.append(one)
+        if perf_counter() > latest:
+            return tuple(found)
+    known[rays, seed] = tuple(found)
     return known[rays, seed]

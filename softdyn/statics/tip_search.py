@@ -9,10 +9,10 @@ slowly raised input never reaches. `approach` then follows the branch of exact e
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -27,6 +27,7 @@ from softdyn.statics.equilibrium import Equilibrium, RankedEquilibria, StaticsEr
 from softdyn.statics.explore import explore
 from softdyn.statics.samples import random_shapes
 
+SECONDS = 60.0  # the usual limit of a search
 SAME = 1e-3  # equilibria whose joints are this close count as one (rad, m)
 SADDLES = 4  # unstable equilibria, the closest, from which stable ones are sought downhill
 ASIDE = 0.1  # of a joint, out of an unstable equilibrium (rad, m)
@@ -46,10 +47,13 @@ class TipSearch(RankedEquilibria):
         The target in the world (m).
     found : tuple of Equilibrium
         Distinct equilibria, stable or not; at least one.
+    timed_out : bool
+        Whether the limit of time ended the search before all starts were tried.
     """
 
     target: np.ndarray
     found: tuple[Equilibrium, ...]
+    timed_out: bool = False
 
     @property
     def most_stable(self) -> Equilibrium | None:
@@ -78,7 +82,7 @@ def inputs_for_tip(
     guesses: Iterable[tuple[np.ndarray, np.ndarray]] = (),
     shapes: int = 16,
     seed: int = 0,
-    seconds: float = math.inf,
+    seconds: float = SECONDS,
 ) -> TipSearch:
     """Inputs within their bounds that hold the tip at `target`, or as near as was found.
 
@@ -99,7 +103,8 @@ def inputs_for_tip(
     seed : int
         Seed of the shapes.
     seconds : float
-        Time after which no further start is tried.
+        Time (s) after which no further start is tried; `timed_out` says whether that happened. With
+        ``math.inf`` the result depends on the arguments alone.
 
     Raises
     ------
@@ -118,27 +123,45 @@ def inputs_for_tip(
     for pair in pairs:
         if length("guesses", pair) != 2:
             raise InputError("guesses", "pairs (q, u)", repr(pair))
-    ends = [approach(one, target) for one in known]
-    ends += [approach(one, target, stay_stable=True) for one in known if one.stable]
-    for q, u in pairs:
-        with suppress(StaticsError):
-            ends.append(approach(balance(model, u, q), target))
-        with suppress(StaticsError):
-            ends.append(explore(model, target, q, u))
-    explored = [(one.q, one.u) for one in known[: 1 + EXPLORED]]
-    for q, u in (*explored, *random_shapes(model, shapes, seed)):
-        if perf_counter() > latest:
+    ends = [approach(known[0], target)]
+    timed_out = False
+    for attempt in _attempts(model, target, known, pairs, shapes, seed):
+        timed_out = perf_counter() > latest
+        if timed_out:
             break
         with suppress(StaticsError):
-            ends.append(explore(model, target, q, u))
+            ends.append(attempt())
     found = _distinct(ends, target)
     sides = list[Equilibrium]()
     for one in [one for one in found if not one.stable][:SADDLES]:
         for side in _downhill(one):
-            if perf_counter() <= latest and not any(_same(side, other) for other in sides):
+            timed_out = timed_out or perf_counter() > latest
+            if not timed_out and not any(_same(side, other) for other in sides):
                 sides.append(side)
                 ends.append(approach(side, target, stay_stable=True))
-    return TipSearch(target, tuple(_distinct(ends, target) if sides else found))
+    return TipSearch(target, tuple(_distinct(ends, target) if sides else found), timed_out)
+
+
+def _attempts(
+    model: SoftModel,
+    target: np.ndarray,
+    known: Sequence[Equilibrium],
+    guesses: Sequence[tuple[np.ndarray, np.ndarray]],
+    shapes: int,
+    seed: int,
+) -> Iterator[Callable[[], Equilibrium]]:
+    """The attempts of a search, one for each start and solver; they may raise a StaticsError."""
+    for one in known[1:]:
+        yield partial(approach, one, target)
+    for one in known:
+        if one.stable:
+            yield partial(approach, one, target, stay_stable=True)
+    for q, u in guesses:
+        yield lambda q=q, u=u: approach(balance(model, u, q), target)  # type: ignore[misc]
+        yield partial(explore, model, target, q, u)
+    explored = [(one.q, one.u) for one in known[: 1 + EXPLORED]]
+    for q, u in (*explored, *random_shapes(model, shapes, seed)):
+        yield partial(explore, model, target, q, u)
 
 
 def _order(one: Equilibrium, target: np.ndarray) -> tuple[float, float]:

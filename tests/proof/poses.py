@@ -105,7 +105,7 @@ def runs(model: Any, what: str, arguments: cli.Arguments) -> Iterator[dict[str, 
         if not left[possible]:
             continue
         goal = goal_of(tasks, pair)
-        search = statics.inputs_for_tasks(model, tasks, goal(0.0))
+        search = statics.inputs_for_tasks(model, tasks, goal(0.0), seconds=math.inf)
         rest = search.nearest_stable
         errors = [] if rest is None else list(search.errors(rest).values())
         if rest is None or within(errors, units, HELD) != possible:

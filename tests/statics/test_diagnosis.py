@@ -145,15 +145,34 @@ def test_where_the_robot_rests_is_said(tmp_path: Path) -> None:
     found, there = diagnose(model, 1).to_dict()["equilibrium"], rest(model)
     assert abs(there.y[0]) > 0.1  # it falls to one side
     np.testing.assert_allclose(found["tip"], there.y)
-    unheld = (
+    # a slide without a spring falls to its limit
+    slide = (
         links(1, False, STIFFNESS)
         .replace('"revolute"', '"prismatic"')
         .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
         .replace("stiffness", "friction")
     )
-    found = diagnose(load(tmp_path, unheld), 1)
+    found = diagnose(load(tmp_path, slide), 1)
+    there = found.to_dict()["equilibrium"]
+    assert there["stable"]
+    assert there["tip"] == pytest.approx([0.0, 0.0, -3.0])
+
+
+def test_not_all_is_well_with_a_robot_that_nothing_stops(tmp_path: Path) -> None:
+    wheel = (
+        links(1, False, STIFFNESS, actuated=(1,))
+        .replace('"revolute"', '"continuous"')
+        .replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>')
+        .replace(f' stiffness="{STIFFNESS}"', ' friction="0"')
+        .replace('iyy="0"', 'iyy="1e-3"')
+        .replace('ixx="0"', 'ixx="1e-3"')
+        .replace('izz="0"', 'izz="1e-3"')
+        .replace('lower="-1" upper="1"/>', 'lower="0.5" upper="1"/>')
+    )
+    found = diagnose(load(tmp_path, wheel), 1)
     assert found.to_dict()["equilibrium"] is None
-    assert "no equilibrium was found" in str(found)
+    assert "NO equilibrium was found" in str(found)
+    assert "nothing looks wrong" not in str(found)
 
 
 def test_joints_without_limits_are_tried_half_a_turn_either_way() -> None:

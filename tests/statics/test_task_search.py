@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
 
 import softdyn
 from softdyn import InputError, SetPoint, statics
+from softdyn.statics import task_search, tip_search
 from softdyn.tasks import AxisTask, OrientationTask, PointTask, PoseTask, StackedReference, Target
 from tests.support.command import command
 
@@ -94,9 +96,50 @@ def test_a_pose_far_from_the_branch_of_rest_is_held() -> None:
     ahead = helix.link_poses(known.q)[tip][:3, 2]
     goal = StackedReference({tip: SetPoint(known.y), f"{tip}.axis": Target(ahead)})
     alone = statics.inputs_for_tasks(helix, tasks, goal, seconds=0.0)  # from rest alone
+    assert alone.timed_out
     assert alone.distance(alone.nearest) > 0.01
-    found = statics.inputs_for_tasks(helix, tasks, goal)
+    found = statics.inputs_for_tasks(helix, tasks, goal, seconds=math.inf)
+    assert not found.timed_out
     best = found.nearest_stable
     assert best is not None
     assert found.distance(best) < 1e-6
     assert best.stable
+
+
+def test_the_limit_of_time_holds_for_the_samples_too(monkeypatch) -> None:
+    model = softdyn.load("finger")  # its own samples
+    clock = [0.0]
+    monkeypatch.setattr(task_search, "perf_counter", lambda: clock[0])
+    sample = task_search.sample_rests
+    taken = []
+
+    def slow(*given):
+        for one in sample(*given):
+            clock[0] += 1.0
+            taken.append(one)
+            yield one
+
+    monkeypatch.setattr(task_search, "sample_rests", slow)
+    tasks, goal = [PointTask(TIP)], SetPoint([0, 0, 1.0])  # out of reach
+    found = statics.inputs_for_tasks(model, tasks, goal, seconds=4.5)
+    assert len(taken) == 5
+    assert found.timed_out
+    assert len(found.found) == 1
+    statics.inputs_for_tasks(model, tasks, goal, rays=1)  # nothing was kept of the first
+    assert len(taken) > 5
+
+
+def test_the_search_for_the_tip_has_a_limit_too(monkeypatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(tip_search, "perf_counter", lambda: clock[0])
+    explored = tip_search.explore
+
+    def slow(*given):
+        clock[0] += 1.0
+        return explored(*given)
+
+    monkeypatch.setattr(tip_search, "explore", slow)
+    search = statics.inputs_for_tip(FINGER, [0.0, 0.0, 1.0], shapes=6, seconds=1.5)
+    assert search.timed_out
+    assert clock[0] == 2.0
+    assert not statics.inputs_for_tip(FINGER, [0.0, 0.0, 1.0], shapes=1).timed_out

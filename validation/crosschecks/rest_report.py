@@ -6,6 +6,7 @@ print(report)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -57,6 +58,7 @@ class HeldRest:
             **{key: getattr(rest, key).tolist() for key in ("y", "u", "q", "tip_compliance")},
             "residual": rest.residual,
             "stable": rest.stable,
+            "neutral": rest.neutral,
             "smallest_eigenvalue": float(rest.eigenvalues[0]) if rest.eigenvalues.size else None,
             "rightmost_pole": float(rest.poles[0].real) if rest.poles.size else None,
             "joints_at_limits": [name for name, at_limit in held if at_limit],
@@ -72,7 +74,7 @@ class HeldRest:
             firm = f"eigenvalue {rest.eigenvalues[0]:.4g}, pole {rest.poles[0].real:.3g} /s"
         stops = f", {rest.held.sum()} joints at limits" if rest.held.any() else ""
         return (
-            f"{'stable' if rest.stable else 'unstable'} ({firm}){stops}, "
+            f"{rest.firmness} ({firm}){stops}, "
             f"drift {CM * self.drift.final:.2g} cm in {self.seconds:g} s, "
             f"nudged {CM * self.nudged.final:.2g} cm, u = {' '.join(f'{x:.3f}' for x in rest.u)}"
         )
@@ -201,8 +203,9 @@ def rests_at(
     for name, target in _shown(targets.items(), len(targets), "targets"):
         nearest = sorted(samples, key=lambda one: _distance(one, target))
         search = inputs_for_tip(
-            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, seed=seed
-        )
+            model, target, nearest[:STARTS], guesses=guesses, shapes=shapes, seed=seed,
+            seconds=math.inf,
+        )  # fmt: skip
         best = (search.nearest, search.nearest_stable, search.most_stable)
         closest, stable, firmest = map(judged, best)
         closest_sample = _distance(nearest[0], target) if nearest else np.nan

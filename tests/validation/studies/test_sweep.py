@@ -57,18 +57,17 @@ def test_results_are_those_of_simulate(folder, call):
 
 def test_a_failing_case_is_recorded_and_stops_nothing(folder, call):
     (folder / "sweep.toml").write_text(OWN_SWEEP.format(stiffness="[1, 13, 2, 3, 66, -2]"))
-    code, out, _ = call(folder / "sweep.toml", "--out", "out", "--jobs", 2, "--json", "-")
-    assert code == 1  # one could not be run
+    code, out, err = call(folder / "sweep.toml", "--out", "out", "--jobs", 2, "--json", "-")
+    assert code == 1  # one raised, and one could not be run
     report = json.loads(out)
     assert report["outcomes"]["raised"] == report["outcomes"]["not_run"] == 1
     found = {r["inputs"]["gains"]["stiffness"]: r for r in results(Path("out"))}
     assert len(found) == 6
     assert found[13.0]["outcome"] == "raised"
     line = 1 + OWN.splitlines().index('            raise ZeroDivisionError("thirteen")')
-    assert (
-        f"own.py:Spring: expected a command, got ZeroDivisionError in line {line}: thirteen"
-        in (found[13.0]["reason"])
-    )
+    assert found[13.0]["reason"] == f"own.py:{line}: ZeroDivisionError: thirteen"
+    assert f'Traceback (most recent call last):\n  File "{folder}/own.py", line {line}, in' in err
+    assert err.endswith("\nZeroDivisionError: thirteen\n")
     assert (found[66.0]["outcome"], found[66.0]["reason"]) == ("not_run", executors.DIED)
     assert {found[k]["outcome"] for k in (1.0, 2.0, 3.0)} == {"done"}
     assert found[-2.0]["outcome"] == "failed"

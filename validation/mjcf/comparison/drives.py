@@ -16,8 +16,6 @@ from softdyn.validation.mjcf.comparison.finding import (
     apart,
     curves,
     differ,
-    one_sided,
-    shown,
     told_apart,
     with_urdf,
 )
@@ -91,12 +89,15 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
                 _with_tendon(other.name, armature=one.armature), size,
                 urdf or not (one.armature and other.armature),
             )  # fmt: skip
-        for name, p, q, size in curves(one, other):
+        reach = _stretch(one, ours[one.name])
+        for gap in curves(one, other, reach, _units(one, a), urdf=urdf):
             repair = _with_tendon(
-                other.name, **{n: getattr(one, n) for n in (name, f"{name}_curve")}
+                other.name, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")}
             )
-            alone = one_sided(p, q, urdf=urdf)
-            yield Finding("tendon", one.name, (shown(p), shown(q)), name, repair, size, alone)
+            detail = ": ".join(filter(None, (gap.name, gap.words)))
+            yield Finding(
+                "tendon", one.name, gap.values, detail, repair, gap.size, gap.one_sided
+            )  # fmt: skip
         sprung = all(t.stiffness or any(t.stiffness_curve) for t in (one, other))
         if sprung and max(abs(p - q) for p, q in zip(one.rest, other.rest, strict=True)) > FRAMES:
             yield Finding(
@@ -117,12 +118,26 @@ def _tendons(a: Neutral, b: Neutral, turns: Turns, states: States) -> Iterator[F
             yield Finding("tendon", one.name, values, field, repair, size, urdf)
 
 
+def _stretch(tendon: NeutralTendon, lengths: np.ndarray) -> float:
+    """The farthest that some lengths are outside the tendon's rest (m, rad); 1 if none is."""
+    low, high = tendon.rest
+    far = float(np.maximum(lengths - high, low - lengths).max())
+    return far if far > 0 else 1.0
+
+
+def _units(tendon: NeutralTendon, robot: Neutral) -> tuple[str, str]:
+    """Units of a tendon's tension and length; a sum over hinges is an angle."""
+    kinds = {part.kind for part in robot.parts if part.name in tendon.terms}
+    return ("N m", "rad") if kinds == {"hinge"} else ("N", "m")
+
+
 def _drives(tendon: NeutralTendon | None, robot: Neutral) -> bool:
     """Whether a tendon adds nothing to its actuators: it is plain, and over one joint."""
     if tendon is None or len(tendon.terms) != 1:
         return False
     plain = NeutralTendon(tendon.name, tendon.terms, (), rest=tendon.rest)
-    own = (tendon.armature, tendon.more, tendon.friction[0], *curves(tendon, plain))
+    springs = curves(tendon, plain, 1.0, ("", ""), urdf=False)
+    own = (tendon.armature, tendon.more, tendon.friction[0], *springs)
     return not any(own) and any(m.target == f"tendon:{tendon.name}" for m in robot.motors)
 
 

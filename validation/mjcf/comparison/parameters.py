@@ -25,8 +25,6 @@ from softdyn.validation.mjcf.comparison.finding import (
     apart,
     curves,
     differ,
-    one_sided,
-    shown,
     told_apart,
     with_urdf,
 )
@@ -71,17 +69,17 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
         if (size := differ(p, q)) > SAME:
             detail = f"{100 * (q / p - 1):+.3g} %" if p and q else "none in one file"
             yield Finding(name, one.name, (p, q), detail, _set(k, **{name: p}), size, not (p and q))
-    for name, ours, theirs, size in curves(one, other, sense):
-        alone = one_sided(ours, theirs, urdf=with_urdf(a, b))
-        detail = "none in one file" if alone else ""
-        if len(ours) == len(theirs) == 1 and not alone:
-            detail = f"{100 * (theirs[0] / ours[0] - 1):+.3g} %"
-        repair = _set(k, **{n: getattr(one, n) for n in (name, f"{name}_curve")})
-        yield Finding(name, one.name, (shown(ours), shown(theirs)), detail, repair, size, alone)
+    units = ("N", "m") if one.kind == "slide" else ("N m", "rad")
+    for gap in curves(one, other, _reach(one), units, urdf=with_urdf(a, b), sense=sense):
+        detail = gap.words or "none in one file"
+        if not gap.words and not gap.one_sided:
+            detail = f"{100 * (gap.values[1] / gap.values[0] - 1):+.3g} %"
+        repair = _set(k, **{n: getattr(one, n) for n in (gap.name, f"{gap.name}_curve")})
+        yield Finding(gap.name, one.name, gap.values, detail, repair, gap.size, gap.one_sided)
     rests = other.rest, sense * other.rest, sense * other.rest + zero
     poses = (part.more.get("qpos_spring", (0.0,)) for part in (one, other))  # of free bodies
-    gap = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
-    if _springs(one) and _springs(other) and gap > REST:
+    away = max(min(abs(one.rest - rest) for rest in rests), apart(*poses))
+    if _springs(one) and _springs(other) and away > REST:
         yield Finding("rest", one.name, (one.rest, other.rest), "", _set(k, rest=one.rest), 1.0)
     span, others = [one.lower, one.upper], [other.lower, other.upper]
     readings = [others, sorted(sense * v for v in others), sorted(sense * v + zero for v in others)]
@@ -101,6 +99,12 @@ def _joint(a: Neutral, b: Neutral, k: int, turn: tuple[float, float]) -> Iterato
             yield Finding(
                 kind, where, values, detail, _set(k, more=one.more), size, with_urdf(a, b)
             )
+
+
+def _reach(part: Part) -> float:
+    """The farthest displacement from the spring's rest within the limits (rad, m), at most π."""
+    far = max(abs(part.lower - part.rest), abs(part.upper - part.rest))
+    return min(far, math.pi if part.kind == "hinge" else 1.0) or 1.0
 
 
 def _springs(part: Part) -> bool:
