@@ -56,6 +56,8 @@ def command(arguments: cli.Arguments) -> int:
             with naming(model):
                 controller = make_controller(model, name, arguments.gains)
             with one_line_errors(name, "a command"):
+                if hasattr(controller, "prepare"):  # else its first step would wait for a search
+                    controller.prepare(experiment.reference)
                 log = simulate(model, controller, experiment, duration=seconds, name=name)
     finally:
         gc.enable()
