@@ -14,6 +14,7 @@ import numpy as np
 from softdyn.exceptions import InputError
 
 FLOAT = np.dtype(float)
+ROUNDING = 1e-9  # of a limit
 Kind = TypeVar("Kind")
 
 
@@ -62,6 +63,14 @@ def number(
     bound += f" > {above:g}" if above > -math.inf else ""
     bound += f" and <= {upper:g}" if upper < math.inf else ""
     raise InputError(name, f"a {'finite ' if finite else ''}number{bound}", got)
+
+
+def beyond(value: float, limit: float) -> bool:
+    """Whether a value exceeds a limit by more than the rounding of sums and of units.
+
+    0.13 + 0.11 + 0.09 is less than 0.33.
+    """
+    return value > limit + ROUNDING * abs(limit)
 
 
 def whole(name: str, value: Any, lower: int = 0) -> int:

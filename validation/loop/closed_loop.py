@@ -13,7 +13,7 @@ import numpy as np
 from tqdm.auto import tqdm
 
 from softdyn import InputError, SoftModel, State
-from softdyn.checks import array
+from softdyn.checks import array, beyond
 from softdyn.controllers.controller import guard_of, waiting
 from softdyn.description.robot import input_unit
 from softdyn.dynamics.model import check_model
@@ -186,7 +186,7 @@ class ClosedLoop:
             timestep,
             MAX_TIMESTEP if own is None else own.timestep,
         )
-        if self.grid.period > self.grid.duration and period is not None:
+        if period is not None and beyond(self.grid.period, self.grid.duration):
             expected = f"at most the run's {self.grid.duration:g} s"
             raise InputError("period", expected, f"{self.grid.period:g} s")
         check_controller(controller)
